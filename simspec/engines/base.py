@@ -1,0 +1,232 @@
+"""What an engine is: files in, arrays out. The same small contract for all, so that nothing above knows an engine's name.
+
+Engine modules import numpy and, inside ``load``, the engine; nothing heavier: they run in the engine's own process, which
+may be another Python with another version of the engine. They compute no metrics: a difference between engines must not
+come from a difference in how something was computed.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.errors import EngineError, Problem
+from simspec.features import Table, check_total
+from simspec.world.types import ReadBack, World
+
+CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
+    "body": (2,),
+    "position": (3,),
+    "normal": (3,),
+    "distance": (),
+    "normal_force": (),
+}
+"""The arrays of ``Engine.contacts`` and the shape of one row. ``body``: indices into the world's bodies; ``position``: in
+the world (m); ``normal``: unit vector in the world, pointing from the second body to the first; ``distance``: gap in m,
+negative when the bodies overlap; ``normal_force``: N, ≥ 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One solver setting of an engine: its default, what is allowed, what it does and why the default is what it is."""
+
+    default: bool | int | float | str
+    meaning: str
+    choices: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+
+
+class Engine:
+    """A live simulation of one world.
+
+    States are generalised coordinates (q, v) as in ``world/kinematics.py``, float64, in the order of the world's bodies,
+    whatever the engine's own order and conventions are. Life: create, ``load``, the rest, ``close``.
+    """
+
+    NAME: ClassVar[str]
+    FORMAT: ClassVar[str]
+    """The format it reads."""
+    DISTRIBUTION: ClassVar[str]
+    """The package whose version is the engine's version."""
+    EXTRA: ClassVar[str]
+    """The extra of simspec that installs it."""
+    SUPPORT: ClassVar[Table]
+    SETTINGS: ClassVar[Mapping[str, Setting]]
+    FRICTION_RULE: ClassVar[str]
+    """How it combines the friction numbers of two shapes: max, min or product."""
+    RESTITUTION_RULE: ClassVar[str]
+    UNREADABLE: ClassVar[Mapping[str, str]] = {}
+    """Fields that it cannot be asked for, with the reason."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        check_total(f"engine {cls.NAME}", cls.SUPPORT)
+
+    @classmethod
+    def version(cls) -> str | None:
+        """The installed version; None when the engine is not installed. Does not import the engine."""
+        try:
+            return importlib.metadata.version(cls.DISTRIBUTION)
+        except importlib.metadata.PackageNotFoundError:
+            return None
+
+    # --- to be written by each engine -------------------------------------------------------------------------
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        """Load the artifacts in ``folder`` and put the simulation into the world's initial state.
+
+        ``sidecar`` is the parsed ``sidecar.json``. Raises EngineError when the engine refuses a file.
+        """
+        raise NotImplementedError
+
+    def read_back(self) -> ReadBack:
+        """The model as the engine holds it (asked from the engine, never from the request), in the world's frames."""
+        raise NotImplementedError
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into state (q (nq,), v (nv,)), with derived quantities updated and no memory of before
+        (warm starts, contact caches) as far as the engine allows."""
+        raise NotImplementedError
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The state (q (nq,), v (nv,))."""
+        raise NotImplementedError
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (bodies, 7) x y z w x y z of the *world's* body frames, and velocities (bodies, 6): linear of the
+        body frame's origin, then angular, both in world axes."""
+        raise NotImplementedError
+
+    def mass_matrix(self) -> np.ndarray:
+        """M (nv, nv) at the present state, armature included."""
+        raise NotImplementedError
+
+    def bias_force(self) -> np.ndarray:
+        """h (nv,) at the present state, in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
+        raise NotImplementedError
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
+        raise NotImplementedError
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
+        raise NotImplementedError
+
+    def detect_contacts(self) -> np.ndarray:
+        """Pairs (n, 2) of indices of bodies that touch at the present state, by the engine's own collision detection
+        with its filters; does not advance time. Rows are sorted (smaller index first), each pair once."""
+        raise NotImplementedError
+
+    def disable_contact(self) -> None:
+        """Switch all contact off, for contact-free motion probes."""
+        raise NotImplementedError
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J) from the engine's own masses; gravity's potential is zero at the origin,
+        springs' at rest."""
+        raise NotImplementedError
+
+    def log(self) -> list[str]:
+        """What the engine had to say (warnings) since loading."""
+        return []
+
+    def close(self) -> None:
+        """Free what the engine holds."""
+
+
+def empty_contacts() -> dict[str, np.ndarray]:
+    """Contact arrays with no rows."""
+    return {
+        name: np.zeros((0, *shape), dtype=np.int64 if name == "body" else np.float64)
+        for name, shape in CONTACT_FIELDS.items()
+    }
+
+
+def resolve_settings(engine: type[Engine], world: World) -> dict[str, bool | int | float | str]:
+    """The engine's solver settings: its defaults, with those of the world's options over them.
+
+    The options were checked by :func:`check_settings`.
+    """
+    return {name: setting.default for name, setting in engine.SETTINGS.items()} | dict(
+        world.options(engine.NAME).settings
+    )
+
+
+def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:
+    """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range."""
+    import difflib
+
+    problems = []
+    for name, value in settings:
+        path = f"engines.{engine.NAME}.settings.{name}"
+        setting = engine.SETTINGS.get(name)
+        if setting is None:
+            near = difflib.get_close_matches(name, engine.SETTINGS, 1)
+            problems.append(
+                Problem(
+                    f"{engine.NAME} has no setting {name!r}",
+                    path,
+                    found=name,
+                    allowed=", ".join(engine.SETTINGS),
+                    hint=f"did you mean {near[0]!r}?" if near else None,
+                )
+            )
+        elif wrong := _wrong_value(setting, value):
+            problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong))
+    return problems
+
+
+def _wrong_value(setting: Setting, value: Any) -> str | None:
+    kind = type(setting.default)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        return {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}[kind]
+    if setting.choices and value not in setting.choices:
+        return ", ".join(setting.choices)
+    if setting.minimum is not None and value < setting.minimum:
+        return f"at least {setting.minimum}"
+    if setting.maximum is not None and value > setting.maximum:
+        return f"at most {setting.maximum}"
+    return None
+
+
+def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From states of the *file's* body frames to states of the world's: origin p − R c, velocity v − ω × R c.
+
+    ``poses`` (bodies, 7), ``velocities`` (bodies, 6), ``offsets`` (bodies, 3) the file frame's position in the world's
+    body frame. Returns new arrays.
+    """
+    poses, velocities = poses.copy(), velocities.copy()
+    moved = np.flatnonzero(offsets.any(axis=1))
+    if len(moved):
+        q = poses[moved, 3:7]
+        c = offsets[moved]
+        uv = np.cross(q[:, 1:], c)
+        lever = c + 2.0 * (q[:, :1] * uv + np.cross(q[:, 1:], uv))
+        poses[moved, :3] -= lever
+        velocities[moved, :3] -= np.cross(velocities[moved, 3:], lever)
+    return poses, velocities
+
+
+@functools.cache
+def engines() -> Mapping[str, type[Engine]]:
+    """Every known engine by name (entry points ``simspec.engines``), installed or not."""
+    points = importlib.metadata.entry_points(group="simspec.engines")
+    return {point.name: point.load() for point in sorted(points, key=lambda p: p.name)}
+
+
+def find_engine(name: str) -> type[Engine]:
+    """The engine called ``name``. Raises EngineError naming the known ones."""
+    found = engines().get(name)
+    if found is None:
+        raise EngineError(name, f"no such engine; known: {', '.join(engines())}")
+    return found

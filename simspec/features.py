@@ -1,0 +1,326 @@
+"""The closed list of things a spec can say, what formats and engines declare about each, and the negotiation.
+
+Every format and every engine declares every feature (a missing declaration is an error at import). Negotiation finds
+*all* features a world needs, holds them against a target's declarations, and returns the decisions or raises one error
+with all problems. An approximation happens only where the spec accepts it by name; a computation outside the engine only
+where the spec asks for it by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from simspec.errors import Location, Problem, UnsupportedError
+from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.types import World
+
+
+class Feature(StrEnum):
+    """One thing a spec can say."""
+
+    JOINT_FIXED = "joint.fixed"
+    JOINT_HINGE = "joint.hinge"
+    JOINT_SLIDE = "joint.slide"
+    JOINT_BALL = "joint.ball"
+    JOINT_FREE = "joint.free"
+    LIMIT_POSITION = "joint.limits.position"
+    LIMIT_VELOCITY = "joint.limits.velocity"
+    LIMIT_EFFORT = "joint.limits.effort"
+    DAMPING = "joint.damping"
+    BALL_DAMPING = "joint.ball.damping"
+    DRY_FRICTION = "joint.dry_friction"
+    ARMATURE = "joint.armature"
+    SPRING = "joint.spring"
+    BALL_SPRING = "joint.ball.spring"
+    INITIAL_POSITION = "joint.position"
+    INITIAL_VELOCITY = "joint.velocity"
+    INERTIA = "body.inertia"
+    INERTIA_FULL = "body.inertia.full"
+    TREE_SIZE = "tree.size"
+    TREE_DEPTH = "tree.depth"
+    SHAPE_SPHERE = "shape.sphere"
+    SHAPE_BOX = "shape.box"
+    SHAPE_CYLINDER = "shape.cylinder"
+    SHAPE_CAPSULE = "shape.capsule"
+    SHAPE_ELLIPSOID = "shape.ellipsoid"
+    SHAPE_PLANE = "shape.plane"
+    SHAPE_VISUAL = "shape.visual"
+    SHAPES_PER_BODY = "shape.several"
+    MATERIALS_PER_BODY = "material.several"
+    FRICTION = "material.friction"
+    FRICTION_PAIRS = "material.friction.pairs"
+    RESTITUTION = "material.restitution"
+    RESTITUTION_PAIRS = "material.restitution.pairs"
+    CONE_ELLIPTIC = "contact.cone.elliptic"
+    CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
+    CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
+    COLLISION_GROUPS = "contact.groups"
+    EXCLUDED_PAIRS = "contact.exclude"
+    GRAVITY = "physics.gravity"
+    TIMESTEP = "physics.timestep"
+
+
+MEANING: Mapping[Feature, str] = {
+    Feature.JOINT_FIXED: "two bodies joined rigidly, kept as two bodies",
+    Feature.JOINT_HINGE: "rotation about one axis",
+    Feature.JOINT_SLIDE: "translation along one axis",
+    Feature.JOINT_BALL: "rotation about a point",
+    Feature.JOINT_FREE: "a root body that moves freely",
+    Feature.LIMIT_POSITION: "a hard, inelastic stop at the position limits",
+    Feature.LIMIT_VELOCITY: "the velocity rating, held but not enforced",
+    Feature.LIMIT_EFFORT: "the effort rating, held but not enforced",
+    Feature.DAMPING: "effort −d v, explicit in time",
+    Feature.BALL_DAMPING: "torque −d ω on a ball joint",
+    Feature.DRY_FRICTION: "dry friction of at most f at a hinge or slide",
+    Feature.ARMATURE: "inertia added to a joint's diagonal of the mass matrix",
+    Feature.SPRING: "effort −k (q − rest) at a hinge or slide",
+    Feature.BALL_SPRING: "torque −k log R at a ball joint",
+    Feature.INITIAL_POSITION: "joint positions at time zero",
+    Feature.INITIAL_VELOCITY: "joint velocities at time zero",
+    Feature.INERTIA: "mass, centre of mass and principal moments",
+    Feature.INERTIA_FULL: "an inertia tensor with products of inertia",
+    Feature.TREE_SIZE: "a tree of more than 127 bodies",
+    Feature.TREE_DEPTH: "a chain of more than 400 bodies",
+    Feature.SHAPE_SPHERE: "sphere",
+    Feature.SHAPE_BOX: "box",
+    Feature.SHAPE_CYLINDER: "cylinder",
+    Feature.SHAPE_CAPSULE: "capsule",
+    Feature.SHAPE_ELLIPSOID: "ellipsoid",
+    Feature.SHAPE_PLANE: "infinite plane",
+    Feature.SHAPE_VISUAL: "visual shapes apart from collision shapes",
+    Feature.SHAPES_PER_BODY: "several collision shapes on one body",
+    Feature.MATERIALS_PER_BODY: "shapes of different materials on one body",
+    Feature.FRICTION: "sliding friction of materials",
+    Feature.FRICTION_PAIRS: "pair frictions that the engine's combination rule does not give",
+    Feature.RESTITUTION: "restitution above zero",
+    Feature.RESTITUTION_PAIRS: "pair restitutions that the engine's combination rule does not give",
+    Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
+    Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
+    Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
+    Feature.COLLISION_GROUPS: "collision groups that ignore each other",
+    Feature.EXCLUDED_PAIRS: "pairs of bodies that do not touch",
+    Feature.GRAVITY: "gravity, any direction",
+    Feature.TIMESTEP: "the length of one step",
+}
+
+
+class Level(StrEnum):
+    """How well a feature is supported, best first."""
+
+    EXACT = "exact"
+    VIA_API = "via_api"
+    OUTSIDE = "outside"
+    APPROXIMATE = "approximate"
+    UNSUPPORTED = "unsupported"
+
+
+_ORDER = list(Level)
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """One declaration: the level, how (or why not), and for OUTSIDE a test that the world must pass.
+
+    ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
+    unsupported for it).
+    """
+
+    level: Level
+    how: str = ""
+    only_if: Callable[[World], str | None] | None = None
+
+
+EXACT = Support(Level.EXACT)
+
+
+def via_api(how: str) -> Support:
+    """Exact, but set through the engine's API (the file cannot carry it; it goes into the sidecar)."""
+    return Support(Level.VIA_API, how)
+
+
+def outside(how: str, only_if: Callable[[World], str | None] | None = None) -> Support:
+    """Exact, computed outside the engine at every step, where the spec asks for it by name."""
+    return Support(Level.OUTSIDE, how, only_if)
+
+
+def approximate(how: str) -> Support:
+    """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size."""
+    return Support(Level.APPROXIMATE, how)
+
+
+def unsupported(why: str) -> Support:
+    """Cannot be had."""
+    return Support(Level.UNSUPPORTED, why)
+
+
+Table = Mapping[Feature, Support]
+
+
+def check_total(owner: str, table: Table) -> None:
+    """Raise TypeError unless ``table`` declares every feature and no other."""
+    missing = [feature.value for feature in Feature if feature not in table]
+    unknown = [str(feature) for feature in table if not isinstance(feature, Feature)]
+    if missing or unknown:
+        raise TypeError(f"{owner} must declare every feature: missing {missing}, unknown {unknown}")
+
+
+def combine(file: Table, engine: Table) -> dict[Feature, Support]:
+    """What a format and an engine reading it support together: for each feature the weaker declaration."""
+    return {
+        feature: max(file[feature], engine[feature], key=lambda support: _ORDER.index(support.level))
+        for feature in Feature
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """A feature that a world uses, and the places that use it (``bodies.NAME.joint.damping``; the first is shown)."""
+
+    feature: Feature
+    paths: tuple[str, ...]
+
+
+_NUMERIC_JOINT_FEATURES = (
+    ("damping", Feature.DAMPING, Feature.BALL_DAMPING),
+    ("dry_friction", Feature.DRY_FRICTION, Feature.DRY_FRICTION),
+    ("armature", Feature.ARMATURE, Feature.ARMATURE),
+    ("spring_stiffness", Feature.SPRING, Feature.BALL_SPRING),
+)
+_LIMIT_FEATURES = (
+    ("position_limits", Feature.LIMIT_POSITION),
+    ("velocity_limit", Feature.LIMIT_VELOCITY),
+    ("effort_limit", Feature.LIMIT_EFFORT),
+)
+LARGE_TREE = 127
+DEEP_TREE = 400
+
+
+def needs(world: World) -> list[Need]:
+    """Every feature that ``world`` uses, with the paths that use it."""
+    found: dict[Feature, list[str]] = {Feature.GRAVITY: ["physics.gravity"], Feature.TIMESTEP: ["physics.timestep"]}
+
+    def note(feature: Feature, path: str) -> None:
+        found.setdefault(feature, []).append(path)
+
+    groups = rigid_groups(world)
+    depth: dict[str, int] = {}
+    for body in world.bodies:
+        path, joint = f"bodies.{body.name}", body.joint
+        depth[body.name] = 1 + (depth[joint.parent] if joint.parent is not None else 0)
+        if depth[body.name] == DEEP_TREE + 1:
+            note(Feature.TREE_DEPTH, path)
+        note(Feature(f"joint.{joint.kind}"), f"{path}.joint")
+        for name, feature, ball_feature in _NUMERIC_JOINT_FEATURES:
+            if getattr(joint, name):
+                note(ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}")
+        for name, feature in _LIMIT_FEATURES:
+            if getattr(joint, name) is not None:
+                note(feature, f"{path}.joint.limits.{name.split('_')[0]}")
+        if any(joint.velocity):
+            note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
+        if joint.kind in ("hinge", "slide") and any(joint.position) or joint.kind == "ball" and any(joint.position[1:]):
+            note(Feature.INITIAL_POSITION, f"{path}.joint.position")
+        if groups[body.name] != "world":
+            note(Feature.INERTIA, f"{path}.mass")
+            if any(body.inertial.inertia[3:]):
+                note(Feature.INERTIA_FULL, f"{path}.inertia")
+        for index, shape in enumerate(body.shapes):
+            note(Feature(f"shape.{shape.kind}"), f"{path}.shapes.{index}")
+            if not (shape.collision and shape.visual):
+                note(Feature.SHAPE_VISUAL, f"{path}.shapes.{index}")
+        solid = [shape for shape in body.shapes if shape.collision]
+        if len(solid) > 1:
+            note(Feature.SHAPES_PER_BODY, f"{path}.shapes")
+        if len({shape.material for shape in solid}) > 1:
+            note(Feature.MATERIALS_PER_BODY, f"{path}.shapes")
+    for root, bodies in trees(world).items():
+        if len(bodies) > LARGE_TREE:
+            note(Feature.TREE_SIZE, f"bodies.{root}")
+    _contact_needs(world, note)
+    return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
+
+
+def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
+    if any(shape.collision for body in world.bodies for shape in body.shapes):
+        note(Feature(f"contact.cone.{world.contact.friction_cone}"), "contact.friction_cone")
+    for material in world.contact.materials:
+        if material.friction:
+            note(Feature.FRICTION, f"contact.materials.{material.name}.friction")
+        if material.restitution:
+            note(Feature.RESTITUTION, f"contact.materials.{material.name}.restitution")
+    if world.contact.ignored_groups:
+        note(Feature.COLLISION_GROUPS, "contact.groups")
+    parents = {tuple(sorted((body.name, body.joint.parent))) for body in world.bodies if body.joint.parent is not None}
+    if any(pair not in parents for pair in world.contact.excluded_bodies):
+        note(Feature.EXCLUDED_PAIRS, "contact.exclude")
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """How a needed feature is realised in one target."""
+
+    feature: Feature
+    level: Level
+    how: str
+    paths: tuple[str, ...]
+
+
+def negotiate(
+    world: World,
+    target: str,
+    table: Table,
+    locate: Callable[[str], Location | None] = lambda path: None,
+    extra_needs: Iterable[Need] = (),
+) -> list[Decision]:
+    """Hold what ``world`` needs against what ``target`` declares.
+
+    ``locate`` gives the place in the spec of a path. Returns one decision per needed feature; raises UnsupportedError
+    with every problem found.
+    """
+    options = world.options(target)
+    decisions: list[Decision] = []
+    problems: list[Problem] = []
+    for need in [*needs(world), *extra_needs]:
+        support = table[need.feature]
+        level, how = support.level, support.how
+        if level is Level.OUTSIDE and support.only_if is not None and (reason := support.only_if(world)):
+            level, how = Level.UNSUPPORTED, reason
+        name, path = need.feature.value, need.paths[0]
+        more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""
+        if level is Level.UNSUPPORTED:
+            problems.append(
+                Problem(
+                    f"{target} cannot have {name}: {how}{more}",
+                    path,
+                    locate(path),
+                    found=f"{name}: {MEANING[need.feature]}",
+                    hint=f"leave it out of the spec, or run without --engine {target}",
+                )
+            )
+        elif level is Level.APPROXIMATE and name not in options.accept:
+            problems.append(
+                Problem(
+                    f"{target} has {name} only approximately: {how}{more}",
+                    path,
+                    locate(path),
+                    found=f"{name}: {MEANING[need.feature]}",
+                    hint=f"accept it by name: engines.{target}.accept: [{name}]",
+                )
+            )
+        elif level is Level.OUTSIDE and name not in options.outside:
+            problems.append(
+                Problem(
+                    f"{target} has no {name} of its own; simspec can compute it outside the engine: {how}{more}",
+                    path,
+                    locate(path),
+                    found=f"{name}: {MEANING[need.feature]}",
+                    hint=f"ask for it by name: engines.{target}.outside: [{name}]",
+                )
+            )
+        else:
+            decisions.append(Decision(need.feature, level, how, need.paths))
+    if problems:
+        raise UnsupportedError(problems)
+    return decisions

@@ -1,0 +1,90 @@
+"""One canonical JSON text for a world (or any of the frozen types), and its SHA-256.
+
+Keys are sorted, there is no white space, floats print as the shortest text that reads back to the same double,
+negative zero prints as zero, and NaN or infinity cannot be written.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import types
+import typing
+from typing import Any
+
+
+def to_plain(value: Any) -> Any:
+    """Dataclasses to dicts and tuples to lists, for JSON."""
+    if isinstance(value, float):
+        return value + 0.0 if value else 0.0
+    if value is None or isinstance(value, (str, int)):
+        return value
+    if isinstance(value, (tuple, list)):
+        return [to_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: to_plain(item) for key, item in value.items()}
+    return {name: to_plain(getattr(value, name)) for name in _field_names(type(value))}
+
+
+@functools.cache
+def _field_names(cls: type) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(cls))
+
+
+@functools.cache
+def _field_types(cls: type) -> tuple[tuple[str, Any], ...]:
+    hints = typing.get_type_hints(cls)
+    return tuple((field.name, hints[field.name]) for field in dataclasses.fields(cls))
+
+
+def from_plain(kind: Any, value: Any) -> Any:
+    """The inverse of :func:`to_plain`: rebuilds ``kind`` (a dataclass type or a typing annotation) from plain data.
+
+    Raises KeyError for a missing field and TypeError for a value of another type, so that a damaged file is noticed.
+    """
+    if dataclasses.is_dataclass(kind):
+        unknown = set(value) - set(_field_names(kind))
+        if unknown:
+            raise KeyError(f"{kind.__name__} has no field {sorted(unknown)}")
+        return kind(**{name: from_plain(hint, value[name]) for name, hint in _field_types(kind)})
+    origin = typing.get_origin(kind)
+    if origin is tuple:
+        items = typing.get_args(kind)
+        if len(items) == 2 and items[1] is Ellipsis:
+            return tuple(from_plain(items[0], item) for item in value)
+        if len(items) != len(value):
+            raise TypeError(f"expected {len(items)} values, found {len(value)}")
+        return tuple(from_plain(item_kind, item) for item_kind, item in zip(items, value, strict=True))
+    if origin is dict:
+        return dict(value)
+    if origin in (typing.Union, types.UnionType):
+        return _from_union(typing.get_args(kind), value)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, kind):
+        raise TypeError(f"expected {kind.__name__}, found {value!r}")
+    return value
+
+
+def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
+    if value is None and type(None) in kinds:
+        return None
+    for kind in kinds:
+        if kind in (bool, int, float, str) and type(value) is kind:
+            return value
+    for kind in kinds:
+        if kind is not type(None) and (typing.get_origin(kind) is tuple or dataclasses.is_dataclass(kind) or kind is float):
+            return from_plain(kind, value)
+    raise TypeError(f"{value!r} is none of {kinds}")
+
+
+def canonical_json(value: Any) -> str:
+    """The canonical JSON text of ``value``. Raises ValueError where a number is not finite."""
+    return json.dumps(to_plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def sha256(value: Any) -> str:
+    """Hexadecimal SHA-256 of the canonical JSON of ``value``."""
+    return hashlib.sha256(canonical_json(value).encode()).hexdigest()

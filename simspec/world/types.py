@@ -1,0 +1,237 @@
+"""The resolved world: frozen types, SI units, every default filled, nothing left to an engine.
+
+Frames. A body's frame coincides with its joint's frame when the joint is at zero. ``joint.origin`` is the pose of
+the joint's frame in the parent's body frame (in the world, when ``parent`` is None); the joint's axis is given in the
+joint's frame. Quaternions are w x y z, of unit length, first non-zero component positive.
+
+Order. ``World.bodies`` lists every parent before its children. Sequences that have no meaningful order are sorted.
+
+The read-back of an engine uses the same types, so that one comparator holds one against the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+JOINT_KINDS = ("fixed", "hinge", "slide", "ball", "free")
+SHAPE_KINDS = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
+FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
+
+POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
+"""Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
+VELOCITY_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}
+"""Numbers in a joint's velocity: ball = angular velocity; free = linear, then angular."""
+
+SHAPE_SIZE_NAMES = {
+    "sphere": ("radius",),
+    "box": ("x", "y", "z"),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "ellipsoid": ("x", "y", "z"),
+    "plane": (),
+}
+"""What ``Shape.size`` holds: box full edge lengths; ellipsoid semi-axes; cylinder along z, length between its flat
+ends; capsule along z, length of its cylindrical part; plane the x-y plane of the shape's frame, solid below."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Position (m) and orientation (w x y z) of one frame in another."""
+
+    position: Vector3 = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Inertial:
+    """Mass (kg), centre of mass in the body frame (m), and the inertia tensor about the centre of mass in axes
+    parallel to the body frame's, as (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) in kg m²; the products of inertia are the tensor's
+    own off-diagonal elements (as in URDF)."""
+
+    mass: float
+    centre_of_mass: Vector3 = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A collision and/or visual shape, with its pose in the body frame.
+
+    ``friction`` and ``restitution`` are None in a world (there they follow from ``material``); in a read-back they are
+    the numbers that the engine holds for this shape, to be combined by the engine's own rule, and ``material`` is "".
+    """
+
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    pose: Pose = Pose()
+    material: str = ""
+    collision: bool = True
+    visual: bool = True
+    colour: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
+    friction: float | None = None
+    restitution: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """The joint between a body and its parent.
+
+    kind            one of JOINT_KINDS; fixed and free may have parent None (the world), free must
+    origin          pose of the joint's frame in the parent's frame; for free the identity
+    axis            unit vector in the joint's frame (hinge, slide); (0, 0, 0) otherwise
+    position_limits (lower, upper) in rad or m, None = unlimited; hinge and slide only
+    velocity_limit  rating (rad/s, m/s), None = none: not enforced by engines; control and expectations obey it
+    effort_limit    rating (N m, N), None = none: not enforced by engines; control clips to it
+    damping         d ≥ 0: effort −d v (N m s/rad, N s/m); for a ball −d times the angular velocity
+    dry_friction    largest dry effort opposing motion (N m, N); hinge and slide
+    armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide
+    spring_stiffness k ≥ 0: effort −k (q − spring_rest); for a ball −k log R in the child's axes (N m/rad, N/m)
+    position        initial position: hinge/slide (q,), ball quaternion, free x y z w x y z of the *body frame*
+    velocity        initial velocity: hinge/slide (v,), ball angular velocity of the child relative to the parent in the
+                    child's axes, free linear velocity of the body frame's origin then angular velocity, both in
+                    world axes
+    """
+
+    name: str
+    kind: str
+    parent: str | None = None
+    origin: Pose = Pose()
+    axis: Vector3 = (0.0, 0.0, 0.0)
+    position_limits: tuple[float, float] | None = None
+    velocity_limit: float | None = None
+    effort_limit: float | None = None
+    damping: float = 0.0
+    dry_friction: float = 0.0
+    armature: float = 0.0
+    spring_stiffness: float = 0.0
+    spring_rest: float = 0.0
+    position: tuple[float, ...] = ()
+    velocity: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A rigid body. ``model`` is the name of the tree it belongs to (the tree's root body, or the model's name).
+
+    A body that cannot move (fixed to the world through fixed joints only) may have mass 0.
+    """
+
+    name: str
+    model: str
+    inertial: Inertial
+    joint: Joint
+    shapes: tuple[Shape, ...] = ()
+    collision_group: str = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A surface: sliding friction coefficient and restitution of the material against itself."""
+
+    name: str
+    friction: float = 0.0
+    restitution: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PairContact:
+    """The law between two materials (``first`` ≤ ``second``): friction coefficient, and restitution as the ratio of
+    separation to approach speed."""
+
+    first: str
+    second: str
+    friction: float
+    restitution: float
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Contact between bodies.
+
+    pairs            every unordered pair of materials, sorted; the numbers that must hold in every engine
+    ignored_groups   sorted pairs of collision groups (first ≤ second) whose bodies do not touch each other
+    excluded_bodies  sorted pairs of body names (first < second) that do not touch: those the spec names and every
+                     parent and child joined by a joint. Bodies joined rigidly (through fixed joints), and bodies that
+                     both cannot move, never touch by definition and are not listed.
+    """
+
+    friction_cone: str = "elliptic"
+    materials: tuple[Material, ...] = ()
+    pairs: tuple[PairContact, ...] = ()
+    ignored_groups: tuple[tuple[str, str], ...] = ()
+    excluded_bodies: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Physics:
+    """Gravity (m/s², world axes), timestep (s) and duration (s, a whole number of steps: ``steps``)."""
+
+    gravity: Vector3 = (0.0, 0.0, -9.81)
+    timestep: float = 0.001
+    steps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What a run records: every ``every_steps`` steps, the named channels."""
+
+    every_steps: int = 1
+    channels: tuple[str, ...] = ("contacts", "energy", "pose", "velocity")
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """A named expectation with its parameters as sorted (name, value) pairs; see ``run/expectations.py``."""
+
+    kind: str
+    parameters: tuple[tuple[str, float | str | tuple[float, ...]], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EngineOptions:
+    """What the spec says to one engine: solver settings (never the model), approximations accepted by name, and
+    features to be computed outside the engine because the engine has no native form of them."""
+
+    engine: str
+    settings: tuple[tuple[str, bool | int | float | str], ...] = ()
+    accept: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A resolved scenario; immutable. Its canonical JSON (``world/canonical.py``) gives its SHA-256."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    contact: Contact = Contact()
+    physics: Physics = Physics()
+    record: Record = Record()
+    expectations: tuple[Expectation, ...] = ()
+    engines: tuple[EngineOptions, ...] = ()
+
+    def options(self, engine: str) -> EngineOptions:
+        """The options given for ``engine``; empty ones when the spec gives none."""
+        for options in self.engines:
+            if options.engine == engine:
+                return options
+        return EngineOptions(engine)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBack:
+    """The world as an engine (or an independent reader of a file) says it holds it, in the world's frames and order.
+
+    ``unreadable`` maps the dotted name of a field that cannot be asked for (``joint.velocity_limit``,
+    ``shape.visual``, ``friction_cone``, ...) to the reason; such fields hold their type's default and are not compared.
+    """
+
+    bodies: tuple[Body, ...]
+    gravity: Vector3
+    timestep: float
+    friction_cone: str = "elliptic"
+    unreadable: dict[str, str] = field(default_factory=dict)
