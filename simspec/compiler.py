@@ -1,0 +1,153 @@
+"""World to artifacts: negotiate with an engine and its format, emit the files, write them whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from simspec.engines.base import Engine, check_settings, engines, find_engine, resolve_settings
+from simspec.errors import Location, Problem, SpecError, UnsupportedError
+from simspec.features import Decision, Feature, combine, negotiate
+from simspec.formats.base import Format, Target, formats
+from simspec.formats.passes import pair_needs
+from simspec.world.canonical import canonical_json
+from simspec.world.types import World
+
+WORLD_FILE = "world.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """The artifacts of one world for one engine: {relative path: text}, and how each needed feature is realised."""
+
+    engine: str
+    format: str
+    files: Mapping[str, str]
+    decisions: tuple[Decision, ...]
+
+    @property
+    def sha256(self) -> str:
+        """One hash over all files, their names included."""
+        digest = hashlib.sha256()
+        for path in sorted(self.files):
+            digest.update(f"{path}\0{len(self.files[path])}\0{self.files[path]}".encode())
+        return digest.hexdigest()
+
+
+def _nowhere(path: str) -> Location | None:
+    return None
+
+
+def compile_world(
+    world: World,
+    targets: Iterable[str],
+    locate: Callable[[str], Location | None] = _nowhere,
+) -> dict[str, Compiled]:
+    """Compile ``world`` for each target, in order; the result is keyed by engine.
+
+    A target is an engine's name, or a format's name, which stands for every engine that reads it. ``locate`` gives the place
+    in the spec of a dotted path, for errors. Raises UnsupportedError with every problem of every target together.
+    """
+    found: dict[str, Compiled] = {}
+    problems: list[Problem] = check_options(world, locate)
+    for name in _engine_names(targets):
+        try:
+            found[name] = _compile_engine(world, find_engine(name), locate)
+        except UnsupportedError as error:
+            problems.extend(error.problems)
+    if problems:
+        raise UnsupportedError(problems)
+    return found
+
+
+def _engine_names(targets: Iterable[str]) -> list[str]:
+    names: dict[str, None] = {}
+    for target in targets:
+        if target in formats() and target not in engines():
+            names.update(dict.fromkeys(name for name, engine in engines().items() if target == engine.FORMAT))
+        else:
+            names[find_engine(target).NAME] = None
+    return list(names)
+
+
+def _compile_engine(world: World, engine: type[Engine], locate: Callable[[str], Location | None]) -> Compiled:
+    file_format: Format = formats()[engine.FORMAT]
+    table = combine(file_format.SUPPORT, engine.SUPPORT)
+    extra = pair_needs(world, engine.FRICTION_RULE, engine.RESTITUTION_RULE)
+    decisions = negotiate(world, engine.NAME, table, locate, extra)
+    target = Target(engine.NAME, engine.FRICTION_RULE, engine.RESTITUTION_RULE, resolve_settings(engine, world))
+    return Compiled(engine.NAME, engine.FORMAT, file_format.emit(world, target), tuple(decisions))
+
+
+def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:
+    """The problems of what the spec says to engines: unknown engines, settings, and feature names."""
+    import dataclasses
+    import difflib
+
+    problems: list[Problem] = []
+    words = [feature.value for feature in Feature]
+    for options in world.engines:
+        path = f"engines.{options.engine}"
+        engine = engines().get(options.engine)
+        if engine is None:
+            near = difflib.get_close_matches(options.engine, engines(), 1)
+            problems.append(
+                Problem(
+                    f"no engine is called {options.engine!r}",
+                    path,
+                    allowed=", ".join(engines()),
+                    hint=f"did you mean {near[0]!r}?" if near else None,
+                )
+            )
+            continue
+        problems.extend(check_settings(engine, options.settings))
+        for key, names in (("accept", options.accept), ("outside", options.outside)):
+            for name in names:
+                if name not in words:
+                    near = difflib.get_close_matches(name, words, 1)
+                    problems.append(
+                        Problem(
+                            f"no feature is called {name!r}",
+                            f"{path}.{key}",
+                            allowed="the names of simspec's support matrix (simspec engines)",
+                            hint=f"did you mean {near[0]!r}?" if near else None,
+                        )
+                    )
+    return [dataclasses.replace(problem, location=locate(problem.path)) for problem in problems]
+
+
+def write_folder(files: Mapping[str, str], folder: Path) -> None:
+    """Write ``files`` as the whole content of ``folder``: into a temporary folder beside it, then renamed over it.
+
+    Raises SpecError when a path would leave the folder.
+    """
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as name:
+        fresh = Path(name) / "new"
+        fresh.mkdir()
+        for path, text in files.items():
+            place = (fresh / path).resolve()
+            if not place.is_relative_to(fresh.resolve()):
+                raise SpecError([Problem(f"the file name {path!r} leaves the output folder")])
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text, encoding="utf-8", newline="\n")
+        old = Path(name) / "old"
+        if folder.exists():
+            os.replace(folder, old)
+        os.replace(fresh, folder)
+        if old.exists():
+            shutil.rmtree(old)
+
+
+def output_files(world: World, compiled: Mapping[str, Compiled]) -> dict[str, str]:
+    """All files of ``generated/<name>/``: world.json, and one folder for each engine."""
+    found = {WORLD_FILE: canonical_json(world) + "\n"}
+    for name, one in compiled.items():
+        found.update({f"{name}/{path}": text for path, text in one.files.items()})
+    return found
