@@ -207,13 +207,22 @@ def surface_numbers(
 
 
 def _spread_product(numbers: dict[str, float], wanted: dict[tuple[str, str], float]) -> None:
-    """Where a material never meets itself, its number under the product rule follows from a partner that does."""
-    fixed = {first for first, second in wanted if first == second}
-    for (first, second), value in sorted(wanted.items()):
-        for known, unknown in ((first, second), (second, first)):
-            if known in fixed and unknown not in fixed and numbers[known] > 0.0:
-                numbers[unknown] = value / numbers[known]
-                fixed.add(unknown)
+    """Under the product rule, the number of a material that never meets itself follows from a partner's.
+
+    Where no partner is known either (a ramp and a box, one of each), the first keeps the number of its own friction.
+    """
+    known = {first for first, second in wanted if first == second}
+    open_pairs = [pair for pair in sorted(wanted) if pair[0] != pair[1]]
+    while open_pairs:
+        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
+        if half_known is None:
+            known.add(open_pairs[0][0])
+        else:
+            given, asked = half_known if half_known[0] in known else half_known[::-1]
+            if numbers[given] > 0.0:
+                numbers[asked] = wanted[half_known] / numbers[given]
+            known.add(asked)
+        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
 
 
 def combine_surfaces(rule: str, first: float, second: float) -> float:

@@ -1,0 +1,53 @@
+# make setup   .venv with everything, at the locked versions
+# make demo    the main job: 216 spheres in three engines, then a robot arm
+# make test    what CI runs: lint, stale files, tests
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+JOBS ?= 2
+
+.PHONY: setup demo test check generated lock benchmarks clean
+
+setup: .venv/ready
+
+.venv/ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info[:2] == (3, 11) else "simspec needs Python 3.11 (wheels of pybullet end there); say make PYTHON=/path/to/python3.11")'
+	$(PYTHON) -m venv .venv
+	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	touch $@
+
+demo: setup
+	$(BIN)/simspec run specs/spheres-216.yaml --all-engines
+	$(BIN)/simspec run specs/ur10e.yaml --all-engines
+
+check: setup
+	$(BIN)/ruff check simspec tests benchmarks
+	$(BIN)/ruff format --check simspec tests benchmarks
+	$(BIN)/simspec schema --check
+	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml
+	$(BIN)/simspec engines --markdown --check
+	$(BIN)/simspec compile --check
+
+test: check
+	$(BIN)/pytest -n $(JOBS) --dist loadfile
+
+# what is committed under generated/, docs/ and schema/, made anew
+generated: setup
+	$(BIN)/simspec schema
+	$(BIN)/simspec engines --markdown
+	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done
+
+# newest versions that pyproject.toml allows; then make test, and commit constraints.txt
+lock:
+	rm -rf .venv-lock
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	(sed -n '/^#/p' constraints.txt; .venv-lock/bin/pip freeze --exclude-editable) > constraints.new
+	mv constraints.new constraints.txt
+	rm -rf .venv-lock
+
+benchmarks: setup
+	$(BIN)/python benchmarks/overhead.py
+	$(BIN)/python benchmarks/compile.py
+
+clean:
+	rm -rf .venv runs
