@@ -86,12 +86,24 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             write_folder(compile_world(world, [name])[name].files, Path(folder) / name)
             ours, bare = measure(name, Path(folder) / name, given.steps, every, given.rounds)
-        print(f"{scenario:14} {name:9} {1e6 * ours / given.steps:10.1f} {1e6 * bare / given.steps:10.1f} {ours / bare:7.3f}")
+        print(
+            f"{scenario:14} {name:9} {1e6 * ours / given.steps:10.1f} {1e6 * bare / given.steps:10.1f} {ours / bare:7.3f}"
+        )
         return 0
     print(f"{'scenario':14} {'engine':9} {'simspec µs':>10} {'bare µs':>10} {'ratio':>7}")
     for scenario in SCENARIOS:
         for name in engines():
-            command = [sys.executable, __file__, "--one", scenario, name, "--rounds", str(given.rounds), "--steps", str(given.steps)]
+            command = [
+                sys.executable,
+                __file__,
+                "--one",
+                scenario,
+                name,
+                "--rounds",
+                str(given.rounds),
+                "--steps",
+                str(given.steps),
+            ]
             output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
             print(output.strip().splitlines()[-1], flush=True)
     return 0

@@ -214,13 +214,17 @@ def needs(world: World) -> list[Need]:
         note(Feature(f"joint.{joint.kind}"), f"{path}.joint")
         for name, feature, ball_feature in _NUMERIC_JOINT_FEATURES:
             if getattr(joint, name):
-                note(ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}")
+                note(
+                    ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}"
+                )
         for name, feature in _LIMIT_FEATURES:
             if getattr(joint, name) is not None:
                 note(feature, f"{path}.joint.limits.{name.split('_')[0]}")
         if any(joint.velocity):
             note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
-        if joint.kind in ("hinge", "slide") and any(joint.position) or joint.kind == "ball" and any(joint.position[1:]):
+        if (joint.kind in ("hinge", "slide") and any(joint.position)) or (
+            joint.kind == "ball" and any(joint.position[1:])
+        ):
             note(Feature.INITIAL_POSITION, f"{path}.joint.position")
         if groups[body.name] != "world":
             note(Feature.INERTIA, f"{path}.mass")

@@ -70,7 +70,9 @@ def joint(kind: str, name: str, parent: str | None, generator: random.Random, **
     return Joint(name, kind, parent, origin, axis, position=position, velocity=velocity, **more)
 
 
-def tree(kinds: list[str], seed: int, parents: list[int] | None = None, prefix: str = "", **more: object) -> tuple[Body, ...]:
+def tree(
+    kinds: list[str], seed: int, parents: list[int] | None = None, prefix: str = "", **more: object
+) -> tuple[Body, ...]:
     """A tree of bodies with joints of the given kinds; ``parents`` are indices, −1 the world (default: a chain)."""
     generator = random.Random(seed)
     bodies: list[Body] = []
@@ -162,9 +164,7 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
                 (Shape(f"{kind}_0", kind, SIZES[kind], pose(generator, 0.02), "default"),),
             )
         )
-    contact = Contact(
-        materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),)
-    )
+    contact = Contact(materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),))
     return world(tuple(bodies), "shapes", contact=contact)
 
 
@@ -172,7 +172,11 @@ def spheres(count: int = 8) -> World:
     """Frictionless spheres above a plane; the second scenario of the seed paper in small."""
     material = Material("slick", 0.0, 0.0)
     floor = Body(
-        "floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (Shape("floor_0", "plane", (), Pose(), "slick"),)
+        "floor",
+        "floor",
+        Inertial(0.0),
+        Joint("floor_joint", "fixed"),
+        (Shape("floor_0", "plane", (), Pose(), "slick"),),
     )
     generator = random.Random(216)
     bodies = [floor]
@@ -220,7 +224,13 @@ def gripper() -> World:
             box("right"),
             "finger",
         ),
-        Body("bar", "bar", solid, Joint("bar_joint", "free", position=(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6), box("bar")),
+        Body(
+            "bar",
+            "bar",
+            solid,
+            Joint("bar_joint", "free", position=(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
+            box("bar"),
+        ),
     )
     contact = Contact(
         materials=(material,),

@@ -34,7 +34,8 @@ def _make_simspec_importable() -> None:
     spec = importlib.util.spec_from_file_location(
         "simspec", package / "__init__.py", submodule_search_locations=[str(package)]
     )
-    assert spec is not None and spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise ImportError(f"no package at {package}")
     module = importlib.util.module_from_spec(spec)
     sys.modules["simspec"] = module
     spec.loader.exec_module(module)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,7 +54,9 @@ class Format:
         raise NotImplementedError
 
 
-def sidecar(format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3], **more: Any) -> dict[str, Any]:
+def sidecar(
+    format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3], **more: Any
+) -> dict[str, Any]:
     """The part of a sidecar that every format has.
 
     schema, format, engine; world (its SHA-256); settings (the engine's solver settings, all of them); bodies: in the
@@ -105,7 +108,7 @@ def number(value: float) -> str:
 
     Raises ValueError for NaN and infinity, which no format can carry.
     """
-    if value != value or value in (float("inf"), float("-inf")):
+    if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written")
     if value == 0.0:
         return "0"

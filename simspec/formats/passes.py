@@ -69,9 +69,7 @@ def restore_free_root(body: Body, offset: Vector3) -> Body:
     """Move a read-back body from the file's frame (at ``offset`` in the world's body frame) back to the world's frame."""
     return dataclasses.replace(
         body,
-        inertial=dataclasses.replace(
-            body.inertial, centre_of_mass=frames.add(body.inertial.centre_of_mass, offset)
-        ),
+        inertial=dataclasses.replace(body.inertial, centre_of_mass=frames.add(body.inertial.centre_of_mass, offset)),
         shapes=tuple(
             dataclasses.replace(
                 shape, pose=dataclasses.replace(shape.pose, position=frames.add(shape.pose.position, offset))
@@ -103,9 +101,7 @@ def restore_frames(bodies: tuple[Body, ...], offsets: dict[str, Vector3]) -> tup
                 if velocity:
                     linear = frames.subtract(velocity[:3], frames.cross(velocity[3:], lever))
                     velocity = (*linear, *velocity[3:])
-                body = dataclasses.replace(
-                    body, joint=dataclasses.replace(joint, position=position, velocity=velocity)
-                )
+                body = dataclasses.replace(body, joint=dataclasses.replace(joint, position=position, velocity=velocity))
         restored.append(body)
     return tuple(restored)
 
@@ -136,7 +132,9 @@ def _jacobi_rotation(a: list[list[float]], r: list[list[float]], p: int, q: int)
     """Turn the plane (p, q) so that a[p][q] becomes zero; ``r`` collects the rotations."""
     if a[p][q] == 0.0:
         return
-    if abs(a[p][q]) < 1e-18 * math.sqrt(abs(a[p][p] * a[q][q])):  # below the last bit of both diagonals: nothing to turn
+    if abs(a[p][q]) < 1e-18 * math.sqrt(
+        abs(a[p][p] * a[q][q])
+    ):  # below the last bit of both diagonals: nothing to turn
         a[p][q] = a[q][p] = 0.0
         return
     theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q])
@@ -158,8 +156,7 @@ def _clip_flat(moments: Vector3) -> Vector3:
     clipped = [max(moment, 0.0) for moment in moments]
     largest = max(range(3), key=lambda i: clipped[i])
     bound = (sum(clipped) - clipped[largest]) * FLAT_MARGIN
-    if clipped[largest] > bound:
-        clipped[largest] = bound
+    clipped[largest] = min(clipped[largest], bound)
     return (clipped[0], clipped[1], clipped[2])
 
 
@@ -180,9 +177,7 @@ def surface_numbers(
     some body of the other). Returns the numbers, and the pairs that no per-material number can give, as
     (first, second, wanted, obtained); empty when the inversion is exact.
     """
-    wanted = {
-        pair: value for pair, value in _pair_values(world, quantity).items() if pair in meeting_materials(world)
-    }
+    wanted = {pair: value for pair, value in _pair_values(world, quantity).items() if pair in meeting_materials(world)}
     partners: dict[str, list[float]] = {material.name: [] for material in world.contact.materials}
     for (first, second), value in wanted.items():
         partners[first].append(value)

@@ -75,7 +75,9 @@ def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
         if kind in (bool, int, float, str) and type(value) is kind:
             return value
     for kind in kinds:
-        if kind is not type(None) and (typing.get_origin(kind) is tuple or dataclasses.is_dataclass(kind) or kind is float):
+        if kind is not type(None) and (
+            typing.get_origin(kind) is tuple or dataclasses.is_dataclass(kind) or kind is float
+        ):
             return from_plain(kind, value)
     raise TypeError(f"{value!r} is none of {kinds}")
 
