@@ -1,0 +1,123 @@
+"""The folder contract: what becomes of an engine that is missing, crashes, hangs, lies or turns to NaN."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from simspec.engines import base, process
+from simspec.engines.base import Engine
+from simspec.engines.process import Operation, call
+from simspec.engines.recorder import record
+from simspec.errors import EngineError
+from simspec.features import EXACT, Feature
+from simspec.formats.base import SIDECAR
+
+STUB = """
+import os, time
+import numpy as np
+from simspec.engines.base import Engine
+from simspec.features import EXACT, Feature
+
+class Stub(Engine):
+    NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
+    FRICTION_RULE = RESTITUTION_RULE = "max"
+    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT), {}
+    def load(self, folder, sidecar):
+        self.what = sidecar["what"]
+        if self.what == "crash":
+            os.abort()
+        if self.what == "leave":
+            os._exit(7)
+        if self.what == "hang":
+            time.sleep(60)
+        if self.what == "refuse":
+            raise ValueError("I do not like it")
+    def read_back(self):
+        raise KeyError("no such thing")
+"""
+
+
+@pytest.fixture
+def stub(monkeypatch, tmp_path):
+    """A stub engine, known by name, in a module that the engine's process can import."""
+    module = Path(base.__file__).parent / "stub_for_tests.py"
+    module.write_text(STUB)
+    sys.modules.pop("simspec.engines.stub_for_tests", None)
+    from simspec.engines import stub_for_tests
+
+    monkeypatch.setattr(process, "find_engine", lambda name: stub_for_tests.Stub)
+
+    def at_work(what: str, deadline: float = 30.0):
+        folder = tmp_path / what
+        folder.mkdir()
+        (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what}"}}')
+        return call("stub", folder, [Operation("read_back")], deadline=deadline)
+
+    yield at_work
+    module.unlink()
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("crash", "signal 6"),
+        ("leave", "ended with code 7 without a result"),
+        ("refuse", "ValueError: I do not like it"),
+        ("fine", "KeyError: 'no such thing'"),
+    ],
+)
+def test_a_failing_engine_is_an_error_that_says_how(stub, what, message):
+    with pytest.raises(EngineError, match=message) as caught:
+        stub(what)
+    assert caught.value.engine == "stub"
+    assert caught.value.exit_code == 3
+
+
+def test_a_hanging_engine_is_killed_at_its_deadline(stub):
+    with pytest.raises(EngineError, match="deadline of 2 s"):
+        stub("hang", deadline=2.0)
+
+
+def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch, tmp_path):
+    monkeypatch.setattr(process.find_engine("stub"), "version", classmethod(lambda cls: None))
+    with pytest.raises(EngineError, match=r"stub: not installed: pip install 'simspec\[stub\]'"):
+        call("stub", tmp_path, [])
+
+
+def test_an_unknown_engine_is_named():
+    with pytest.raises(EngineError, match="no such engine; known: dart, mujoco, pybullet"):
+        call("bullet9", Path(), [])
+
+
+class Growing(Engine):
+    """An engine whose only body doubles its height each step until it overflows."""
+
+    NAME, FORMAT, DISTRIBUTION, EXTRA = "growing", "none", "numpy", "none"
+    FRICTION_RULE = RESTITUTION_RULE = "max"
+    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
+    SETTINGS: ClassVar = {}
+
+    def __init__(self):
+        self.height = 1e300
+
+    def body_states(self):
+        return np.array([[0.0, 0.0, self.height, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+
+    def get_state(self):
+        return np.array([self.height]), np.zeros(1)
+
+    def step(self, count, effort=None):
+        self.height *= 1e3**count
+
+
+def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded():
+    operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]}
+    result, arrays = record(Growing(), {}, operation)
+    assert result["failed"] == "the state is not finite after step 3"
+    assert result["steps"] == 3
+    assert arrays["step"].tolist() == [0, 1, 2, 3]

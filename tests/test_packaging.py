@@ -1,0 +1,44 @@
+"""The wheel works anywhere: built, installed into a fresh environment outside the repository, and run there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+ENVIRONMENT = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {
+    "PIP_CONSTRAINT": str(ROOT / "constraints.txt"),
+    "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+}
+
+
+def run(*command: object, cwd: Path) -> str:
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_in_a_fresh_environment(tmp_path):
+    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT, cwd=tmp_path)
+    (wheel,) = (tmp_path / "dist").glob("simspec-*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for part in ("_resources/templates/", "_resources/specs/spheres-216.yaml", "_resources/schema/", "help.txt"):
+        assert any(part in name for name in names), part
+    venv.create(tmp_path / "fresh", with_pip=True)
+    scripts = tmp_path / "fresh" / "bin"
+    run(scripts / "python", "-m", "pip", "install", "--quiet", f"{wheel}[mujoco]", cwd=tmp_path)
+    work = tmp_path / "elsewhere"
+    work.mkdir()
+    assert "simspec" in run(scripts / "simspec", "--help", cwd=work)
+    run(scripts / "simspec", "compile", "ur10e", "--engine", "mujoco", cwd=work)
+    assert (work / "generated" / "ur10e" / "mujoco" / "model.xml").exists()
+    run(scripts / "simspec", "run", "bouncing-ball", "--engine", "mujoco", "--no-verify", cwd=work)
