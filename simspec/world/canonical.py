@@ -69,16 +69,15 @@ def from_plain(kind: Any, value: Any) -> Any:
 
 
 def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
+    """The member of a union that plain JSON of this type stands for: None, a scalar, a tuple or a dataclass."""
     if value is None and type(None) in kinds:
         return None
     for kind in kinds:
-        if kind in (bool, int, float, str) and type(value) is kind:
-            return value
-    for kind in kinds:
-        if kind is not type(None) and (
-            typing.get_origin(kind) is tuple or dataclasses.is_dataclass(kind) or kind is float
-        ):
+        structured = typing.get_origin(kind) is tuple if isinstance(value, list) else dataclasses.is_dataclass(kind)
+        if type(value) is kind or (isinstance(value, (list, dict)) and structured):
             return from_plain(kind, value)
+    if type(value) is int and float in kinds:
+        return float(value)
     raise TypeError(f"{value!r} is none of {kinds}")
 
 
