@@ -1,0 +1,91 @@
+"""simspec: one neutral scenario, every physics engine, provably the same model, and an account of every difference.
+
+>>> import simspec
+>>> spec = simspec.load(simspec.find_spec("double-pendulum"))    # or the path of a YAML file of yours
+>>> world = spec.resolve()                                       # frozen, SI units, every default filled
+>>> compiled = simspec.compile(world, ["mujoco", "dart"])        # {engine: Compiled}: texts of files, nothing written
+>>> certificate = simspec.verify(world, ["mujoco", "dart"])      # what each engine holds, against the world
+>>> a, b = simspec.run(world, "mujoco"), simspec.run(world, "dart")
+>>> simspec.diff(a, b).worst                                     # where the two differ most
+
+Everything is imported when it is first used: ``import simspec`` itself takes no time. See docs/python-api.md.
+"""
+
+# ruff: noqa: F401 (the names below are offered, not used)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+_HOME = {
+    "load": "simspec.spec.load:load",
+    "Spec": "simspec.spec.load:Spec",
+    "find_spec": "simspec.resources:find_spec",
+    "World": "simspec.world.types:World",
+    "compile": "simspec.compiler:compile_world",
+    "Compiled": "simspec.compiler:Compiled",
+    "verify": "simspec.proof.verify:verify",
+    "Certificate": "simspec.proof.certificate:Certificate",
+    "run": "simspec.runner.run:run",
+    "run_all": "simspec.runner.run:run_all",
+    "Run": "simspec.runner.run:Run",
+    "load_run": "simspec.runner.store:load_run",
+    "evaluate": "simspec.runner.expectations:evaluate",
+    "Outcome": "simspec.runner.expectations:Outcome",
+    "diff": "simspec.comparison.runs:diff",
+    "Diff": "simspec.comparison.runs:Diff",
+    "floor": "simspec.comparison.floor:measure_floor",
+    "Floor": "simspec.comparison.floor:Floor",
+    "diff_worlds": "simspec.comparison.worlds:diff_worlds",
+    "Change": "simspec.comparison.worlds:Change",
+    "study": "simspec.comparison.study:study",
+    "Study": "simspec.comparison.study:Study",
+    "known_engines": "simspec.engines.base:engines",
+    "SimspecError": "simspec.errors:SimspecError",
+    "SpecError": "simspec.errors:SpecError",
+    "UnsupportedError": "simspec.errors:UnsupportedError",
+    "EngineError": "simspec.errors:EngineError",
+    "Problem": "simspec.errors:Problem",
+}
+"""Where each public name lives."""
+
+__all__ = sorted(_HOME)  # noqa: PLE0605 (a list all the same; a literal would be a second place to keep)
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("simspec")
+    home = _HOME.get(name)
+    if home is None:
+        raise AttributeError(f"module 'simspec' has no attribute {name!r}")
+    from importlib import import_module
+
+    module, _, attribute = home.partition(":")
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*_HOME, "__version__"])
+
+
+if TYPE_CHECKING:
+    from simspec.comparison.floor import Floor
+    from simspec.comparison.floor import measure_floor as floor
+    from simspec.comparison.runs import Diff, diff
+    from simspec.comparison.study import Study, study
+    from simspec.comparison.worlds import Change, diff_worlds
+    from simspec.compiler import Compiled
+    from simspec.compiler import compile_world as compile
+    from simspec.engines.base import engines as known_engines
+    from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
+    from simspec.proof.certificate import Certificate
+    from simspec.proof.verify import verify
+    from simspec.resources import find_spec
+    from simspec.runner.expectations import Outcome, evaluate
+    from simspec.runner.run import Run, run, run_all
+    from simspec.runner.store import load_run
+    from simspec.spec.load import Spec, load
+    from simspec.world.types import World

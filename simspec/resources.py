@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simspec.errors import Problem, SpecError
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -16,3 +18,29 @@ def resource_folder(name: str) -> Path:
         if folder.is_dir():
             return folder
     raise FileNotFoundError(f"simspec's folder {name!r} is missing: this installation is incomplete")
+
+
+def find_spec(name: str) -> Path:
+    """The file of a spec: a path, or the name of a scenario of the library that is shipped with simspec.
+
+    Raises SpecError naming the library when there is neither.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    library = {found.stem: found for found in sorted(resource_folder("specs").glob("*.yaml"))}
+    if name in library:
+        return library[name]
+    import difflib
+
+    near = difflib.get_close_matches(path.stem, library, 1)
+    what = "a folder, not a spec" if path.is_dir() else "no such file, and no scenario of the library"
+    raise SpecError(
+        [
+            Problem(
+                f"{name}: {what}",
+                allowed=f"a YAML file, or one of {', '.join(library)}",
+                hint=f"did you mean {near[0]!r}?" if near else None,
+            )
+        ]
+    )

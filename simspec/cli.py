@@ -1,0 +1,556 @@
+"""The command line: parses words, calls one function, prints. Heavy imports happen inside commands."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from simspec.errors import EXIT_FAILED, EXIT_OK, EngineError, Problem, SimspecError, SpecError
+
+if TYPE_CHECKING:
+    from simspec.generated import Built
+    from simspec.spec.load import Spec
+    from simspec.world.types import World
+
+app = typer.Typer(
+    name="simspec",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 110},
+    help="""One neutral scenario, every physics engine, provably the same model.
+
+\b
+Start here:
+  simspec new pendulum                             a commented spec, pendulum.yaml
+  simspec run pendulum.yaml --all-engines          compile, verify, run, compare
+  simspec run spheres-216 --all-engines            a scenario of the library, by name
+  simspec verify pendulum.yaml                     does every engine hold this model?
+  simspec diff runs/pendulum/dart runs/pendulum/mujoco
+
+\b
+Exit codes: 0 ok; 1 an expectation, a proof or a diff failed; 2 the spec or the
+command is wrong; 3 an engine failed or is missing.
+""",
+)
+
+SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
+SpecNames = Annotated[list[str] | None, typer.Argument(metavar="[SPEC]...", help="YAML files, or library scenarios.")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="PATH=VALUE", help="Override a value: --set physics.timestep=2ms. Repeatable."),
+]
+Engines = Annotated[
+    list[str] | None,
+    typer.Option("--engine", "-e", metavar="NAME", help="An engine (or a format: its engines). Repeatable."),
+]
+Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+Pythons = Annotated[
+    list[str] | None,
+    typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another environment's Python. Repeatable."),
+]
+Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
+DEADLINE = 600.0
+
+
+def command(function: Callable[..., int | None]) -> Callable[..., None]:
+    """A command whose return value is the exit code, and whose simspec errors are printed, never traced back."""
+
+    @functools.wraps(function)
+    def guarded(*args: Any, **keywords: Any) -> None:
+        try:
+            code = function(*args, **keywords)
+        except SimspecError as error:
+            code = _report_error(error, keywords.get("as_json", False))
+        except OSError as error:
+            if isinstance(error, BrokenPipeError):
+                raise
+            where = f"{error.filename}: " if error.filename else ""
+            code = _report_error(
+                SpecError([Problem(f"{where}{error.strerror or error}")]), keywords.get("as_json", False)
+            )
+        if code:
+            raise typer.Exit(code)
+
+    return guarded
+
+
+def _report_error(error: SimspecError, as_json: bool) -> int:
+    if as_json:
+        from simspec.report.plain import error_data, text
+
+        sys.stdout.write(text(error_data(error)))
+    else:
+        from simspec.report.terminal import show_error
+
+        show_error(error)
+    return error.exit_code
+
+
+def _print_json(value: Any) -> None:
+    from simspec.report.plain import text
+
+    sys.stdout.write(text(value))
+
+
+def _load(name: str, sets: list[str] | None = None, allow_outside: bool = False) -> tuple[Spec, World]:
+    from simspec.resources import find_spec
+    from simspec.spec.load import load
+
+    spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
+    return spec, spec.resolve()
+
+
+def _pythons(words: list[str] | None) -> dict[str, str]:
+    from simspec.engines.base import find_engine
+
+    found = {}
+    for word in words or ():
+        engine, equals, path = word.partition("=")
+        if not equals or not Path(path).is_file():
+            raise SpecError([Problem(f"--python {word}: no such interpreter", allowed="ENGINE=/path/to/python")])
+        found[find_engine(engine).NAME] = path
+    return found
+
+
+def _engine_names(words: list[str] | None) -> list[str]:
+    """The engines asked for (a format stands for its engines); all known ones when none is asked for."""
+    from simspec.engines.base import engines, find_engine
+
+    known = engines()
+    found: dict[str, None] = {}
+    for word in words or known:
+        readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
+        found.update(dict.fromkeys(readers or [find_engine(word).NAME]))
+    return list(found)
+
+
+@app.command("new")
+@command
+def new_command(
+    name: Annotated[str, typer.Argument(help="Name of the scenario; the file is NAME.yaml.")],
+    as_json: AsJson = False,
+) -> None:
+    """Write a commented starter spec.
+
+    \b
+    simspec new pendulum
+    simspec run pendulum.yaml --all-engines
+    """
+    from simspec.report.starter import write_starter
+
+    path = write_starter(name, Path())
+    if as_json:
+        _print_json({"file": path})
+    else:
+        print(f"wrote {path}; now: simspec run {path} --all-engines")
+
+
+@app.command("check")
+@command
+def check_command(
+    specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
+    engine: Engines = None,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    as_json: AsJson = False,
+) -> None:
+    """Load and resolve specs; with --engine, see also whether these engines can have them. Writes nothing.
+
+    \b
+    simspec check specs/*.yaml
+    simspec check arm.yaml --engine pybullet
+    """
+    from simspec.compiler import check_options, compile_world
+    from simspec.world.canonical import sha256
+
+    problems: list[Problem] = []
+    rows = []
+    for name in specs:
+        try:
+            spec, world = _load(name, sets, allow_outside)
+            if engine:
+                compile_world(world, _engine_names(engine), spec.locate)
+            else:
+                problems.extend(check_options(world, spec.locate))
+        except SpecError as error:
+            problems.extend(error.problems)
+            continue
+        rows.append({"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)})
+    if problems:
+        raise SpecError(problems)
+    if as_json:
+        _print_json({"specs": rows})
+    else:
+        for row in rows:
+            print(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}")
+
+
+@app.command("fmt")
+@command
+def fmt_command(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="YAML files to lay out.")],
+    check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 if a file would change.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Give specs their one canonical layout; comments stay.
+
+    \b
+    simspec fmt specs/*.yaml
+    simspec fmt --check specs/*.yaml
+    """
+    from simspec.generated import write_text
+    from simspec.spec.formatting import format_file
+
+    problems: list[Problem] = []
+    results: list[tuple[Path, str, str]] = []
+    for path in files:
+        try:
+            results.append((path, *format_file(path)))
+        except SpecError as error:
+            problems.extend(error.problems)
+    if problems:
+        raise SpecError(problems)
+    changed = [path for path, before, after in results if before != after]
+    if not check:
+        for path, before, after in results:
+            if before != after:
+                write_text(after, path)
+    if as_json:
+        _print_json({"changed": changed, "written": not check})
+    else:
+        for path in changed:
+            print(f"{path}: {'would change; simspec fmt writes it' if check else 'written'}")
+    return EXIT_FAILED if check and changed else EXIT_OK
+
+
+@app.command("schema")
+@command
+def schema_command(
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write it; - for standard output.")] = Path(
+        "schema/simspec.schema.json"
+    ),
+    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if FILE is stale.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write the JSON Schema of the language, for editors.
+
+    \b
+    simspec schema --out simspec.schema.json
+    First line of a spec, for the YAML language server:
+      # yaml-language-server: $schema=simspec.schema.json
+    """
+    from simspec.spec.schema import schema_text
+
+    if str(out) == "-":
+        sys.stdout.write(schema_text())
+        return EXIT_OK
+    return _generated_file(out, schema_text(), check, as_json, "simspec schema")
+
+
+def _generated_file(path: Path, wanted: str, check: bool, as_json: bool, how: str) -> int:
+    """Write one generated file, or see whether it is current."""
+    from simspec.generated import write_text
+
+    current = path.is_file() and path.read_bytes() == wanted.encode()
+    if not check and not current:
+        write_text(wanted, path)
+    if as_json:
+        _print_json({"file": path, "current": current, "written": not check and not current})
+    elif check and not current:
+        print(f"{path} is stale; {how} writes it", file=sys.stderr)
+    elif not check:
+        print(f"{path}: {'already current' if current else 'written'}")
+    return EXIT_FAILED if check and not current else EXIT_OK
+
+
+@app.command("compile")
+@command
+def compile_command(
+    specs: SpecNames = None,
+    engine: Engines = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder to write (default generated/NAME); of several specs, DIR/NAME."),
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the folder is stale.")] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Say how each feature is realised in each engine.")
+    ] = False,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    as_json: AsJson = False,
+) -> int:
+    """Compile specs to every engine's format: generated/NAME/ with world.json and one folder per engine.
+
+    Without SPEC: all of ./specs.
+
+    \b
+    simspec compile robot.yaml
+    simspec compile robot.yaml --engine mujoco --out build/robot
+    simspec compile --check                 in CI: is generated/ what specs/ compile to?
+    simspec compile robot.yaml --explain
+    """
+    from simspec import generated
+
+    built = _build(specs, engine, sets, allow_outside)
+    places = _folders(built, out)
+    if check:
+        stale = [line for one, folder in zip(built, places, strict=True) for line in generated.check(one, folder)]
+        if as_json:
+            _print_json({"stale": stale})
+        else:
+            print("\n".join(stale) or f"{len(built)} folders are current", file=sys.stderr if stale else sys.stdout)
+        return EXIT_FAILED if stale else EXIT_OK
+    written = [generated.write(one, folder) for one, folder in zip(built, places, strict=True)]
+    if as_json:
+        _print_json({"compiled": [_compiled_data(one, place) for one, place in zip(built, written, strict=True)]})
+        return EXIT_OK
+    for one, place in zip(built, written, strict=True):
+        print(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
+        if place.dropped:
+            print(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
+        if explain:
+            from simspec.report.terminal import console, decisions
+
+            for compiled in one.compiled.values():
+                console().print(decisions(compiled))
+    return EXIT_OK
+
+
+def _compiled_data(built: Built, written: Any) -> dict[str, Any]:
+    from simspec.world.canonical import sha256
+
+    return {
+        "folder": written.folder,
+        "changed": written.changed,
+        "certificate_dropped": written.dropped,
+        "world_sha256": sha256(built.world),
+        "engines": {
+            name: {"format": one.format, "sha256": one.sha256, "files": sorted(one.files), "decisions": one.decisions}
+            for name, one in built.compiled.items()
+        },
+    }
+
+
+def _build(
+    specs: list[str] | None, engine: list[str] | None, sets: list[str] | None, allow_outside: bool
+) -> list[Built]:
+    """Compile every spec; the problems of all together."""
+    from simspec.generated import build
+
+    names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
+    if not names:
+        raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
+    built, problems = [], []
+    for name in names:
+        try:
+            spec, world = _load(name, sets, allow_outside)
+            built.append(build(world, _engine_names(engine), spec.locate))
+        except SpecError as error:
+            problems.extend(error.problems)
+    if problems:
+        raise SpecError(problems)
+    twice = sorted({one.world.name for one in built if sum(other.world.name == one.world.name for other in built) > 1})
+    if twice:
+        raise SpecError([Problem(f"several specs are called {', '.join(twice)}, and would share one folder")])
+    return built
+
+
+def _folders(built: list[Built], out: Path | None) -> list[Path]:
+    from simspec.generated import GENERATED
+
+    if out is not None and len(built) == 1:
+        return [out]
+    return [(out or GENERATED) / one.world.name for one in built]
+
+
+@app.command("verify")
+@command
+def verify_command(
+    spec: SpecName,
+    engine: Engines = None,
+    self_test: Annotated[
+        bool, typer.Option("--self-test", help="Plant one defect at a time into the artifacts: is each one caught?")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write (default generated/NAME).")] = None,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    python: Pythons = None,
+    deadline: Deadline = DEADLINE,
+    as_json: AsJson = False,
+) -> int:
+    """Prove that every engine holds the spec's model; writes generated/NAME/certificate.json.
+
+    \b
+    simspec verify robot.yaml
+    simspec verify robot.yaml --engine mujoco --engine dart
+    simspec verify robot.yaml --self-test       does the proof catch planted defects?
+    """
+    from simspec.report import verification
+
+    loaded, world = _load(spec, sets, allow_outside)
+    names, pythons = _engine_names(engine), _pythons(python)
+    _demand(names, pythons)
+    if self_test:
+        return verification.self_test(world, names, loaded.locate, pythons, deadline, as_json)
+    return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json)
+
+
+def _demand(names: list[str], pythons: Mapping[str, str]) -> None:
+    from simspec.comparison.study import missing_engines
+
+    for name, why in missing_engines(names, pythons).items():
+        raise EngineError(name, why)
+
+
+@app.command("run")
+@command
+def run_command(
+    spec: SpecName,
+    all_engines: Annotated[bool, typer.Option("--all-engines", help="Run in every known engine.")] = False,
+    engine: Engines = None,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="Go on without an engine that is missing or fails; still exit 3.")
+    ] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results go to DIR/NAME.")] = Path("runs"),
+    repeats: Annotated[
+        bool, typer.Option("--repeats/--no-repeats", help="Run again, also perturbed, to measure each engine's noise.")
+    ] = True,
+    no_verify: Annotated[
+        bool, typer.Option("--no-verify", help="Skip the proof that the engines hold one model.")
+    ] = False,
+    tolerance: Annotated[
+        float, typer.Option(metavar="METRE", min=0.0, help="Position tolerance (and angle, rad).")
+    ] = 1e-3,
+    fail_on_diff: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRE", min=0.0, help="Exit 1 when two engines differ by more than this and their noise."
+        ),
+    ] = None,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    python: Pythons = None,
+    deadline: Deadline = DEADLINE,
+    as_json: AsJson = False,
+) -> int:
+    """Compile, verify, run in several engines, and compare: one table per question.
+
+    Writes runs/NAME/: one folder per engine (Parquet and provenance.json), compiled/, certificate.json, report.json.
+
+    \b
+    simspec run spheres-216 --all-engines
+    simspec run arm.yaml --engine mujoco --engine dart --set physics.timestep=2ms
+    simspec run arm.yaml --engine mujoco --python mujoco=/other/venv/bin/python
+    """
+    from simspec.report import session
+
+    if all_engines == bool(engine):
+        raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
+    loaded, world = _load(spec, sets, allow_outside)
+    return session.run(
+        world,
+        _engine_names(engine),
+        out / world.name,
+        locate=loaded.locate,
+        prove=not no_verify,
+        repeats=repeats,
+        keep_going=keep_going,
+        tolerance=tolerance if fail_on_diff is None else fail_on_diff,
+        fail_on_diff=fail_on_diff is not None,
+        pythons=_pythons(python),
+        deadline=deadline,
+        as_json=as_json,
+    )
+
+
+@app.command("diff")
+@command
+def diff_command(
+    a: Annotated[str, typer.Argument(metavar="A", help="A run's folder, or a spec.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="Another of the same kind.")],
+    tolerance: Annotated[
+        float, typer.Option(metavar="METRE", min=0.0, help="Position tolerance (and angle, rad).")
+    ] = 1e-3,
+    allow_outside: Outside = False,
+    as_json: AsJson = False,
+) -> int:
+    """Compare two runs, or what two specs mean. Exit 1 when they differ.
+
+    \b
+    simspec diff runs/arm/mujoco runs/arm/dart --tolerance 1e-6
+    simspec diff arm.yaml arm-heavier.yaml
+    """
+    from simspec.report import session
+
+    if Path(a).is_dir() and Path(b).is_dir():
+        return session.diff_runs(Path(a), Path(b), tolerance, as_json)
+    if Path(a).is_dir() or Path(b).is_dir():
+        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
+    worlds = [_load(name, None, allow_outside)[1] for name in (a, b)]
+    return session.diff_specs(worlds[0], worlds[1], as_json)
+
+
+@app.command("engines")
+@command
+def engines_command(
+    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a page.")] = False,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Where --markdown writes.")] = Path(
+        "docs/support-matrix.md"
+    ),
+    check: Annotated[bool, typer.Option("--check", help="With --markdown: exit 1 if the page is stale.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Show the engines, their versions, and what each can do.
+
+    \b
+    simspec engines
+    simspec engines --json
+    """
+    from simspec.report import matrix
+
+    if markdown:
+        return _generated_file(out, matrix.markdown(), check, as_json, "simspec engines --markdown")
+    if as_json:
+        _print_json({"engines": matrix.engine_data()})
+        return EXIT_OK
+    from simspec.report.terminal import console, engine_tables
+
+    for table in engine_tables(matrix.engine_data()):
+        console().print(table)
+    return EXIT_OK
+
+
+def help_text() -> str:
+    """The text of ``simspec --help``, 100 columns wide whatever the terminal is."""
+    group = typer.main.get_command(app)
+    settings = {**group.context_settings, "terminal_width": 100, "max_content_width": 100}
+    context = group.context_class(group, info_name="simspec", **settings)
+    return group.get_help(context) + "\n"
+
+
+def main(arguments: list[str]) -> int:
+    """Run one command line; the exit code."""
+    if arguments == ["--write-help"]:
+        from simspec.generated import write_text
+
+        write_text(help_text(), Path(__file__).with_name("help.txt"))
+        return EXIT_OK
+    if arguments == ["--version"]:
+        from importlib.metadata import version
+
+        print(f"simspec {version('simspec')}")
+        return EXIT_OK
+    app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
+    return EXIT_OK
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,94 @@
+"""How far an engine repeats itself: the floor below which two engines cannot be told apart.
+
+An engine is run again unchanged, and once more with its initial state moved in the last bits (1e-15). What these runs
+differ by is not about physics or models: in a chaotic scenario it grows without bound, and a difference between two
+engines that is of its size says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simspec.runner.metrics import rotation_vectors
+from simspec.runner.run import Run
+
+PERTURBATION = 1e-15
+"""Relative change of the initial state: 4.5 times the spacing of doubles at 1, the smallest that reaches every number."""
+
+FLOOR_FACTOR = 3.0
+"""Differences up to this many times the floor are not told apart from round-off. A floor comes from one perturbed run,
+in one direction, once, whereas two engines round differently at every step: their difference is of the floor's size, not
+below it. Where a floor grows, it grows exponentially, and a factor of 3 moves the horizon by a fraction of one e-folding."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """An engine's own noise: for every recorded time and body the largest position (m) and angle (rad) deviation so far
+    of the repeats from the run, (rows, bodies).
+
+    ``bitwise``: whether the unchanged repeat gave the same bits everywhere; None when there was none.
+    """
+
+    engine: str
+    time: np.ndarray = field(repr=False)
+    position: np.ndarray = field(repr=False)
+    angle: np.ndarray = field(repr=False)
+    bitwise: bool | None
+    perturbation: float | None
+
+    @property
+    def largest(self) -> float:
+        """The largest position deviation (m) over all bodies and times."""
+        return float(self.position.max()) if self.position.size else 0.0
+
+
+def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (m) and angles (rad) (rows, bodies) between two arrays of poses (rows, bodies, 7)."""
+    position = np.linalg.norm(one[..., :3] - other[..., :3], axis=-1)
+    a, b = one[..., 3:7], other[..., 3:7]
+    # of conj(a) b: the vector part without cancellation, so that small angles keep their digits
+    scalar = np.einsum("tni,tni->tn", a, b)
+    vector = a[..., :1] * b[..., 1:] - b[..., :1] * a[..., 1:] - np.cross(a[..., 1:], b[..., 1:])
+    angle = np.linalg.norm(rotation_vectors(np.concatenate([scalar[..., None], vector], axis=-1)), axis=-1)
+    return position, angle
+
+
+def same_bits(one: Run, other: Run) -> bool:
+    """Whether two runs have the same recorded states, bit for bit (NaN counts as itself)."""
+    names = ("step", "q", "v", "pose", "velocity")
+    return all(
+        one.arrays[name].shape == other.arrays[name].shape
+        and one.arrays[name].tobytes() == other.arrays[name].tobytes()
+        for name in names
+    )
+
+
+def measure_floor(run: Run, repeats: Sequence[Run]) -> Floor | None:
+    """The floor of an engine from a run and its repeats (unchanged ones, and ones whose provenance says ``perturb``).
+
+    Rows after the end of a repeat that stopped early are infinite: nothing can be said there. None when there are no
+    repeats, or the run has no arrays.
+    """
+    usable = [other for other in repeats if other.recorded]
+    if not usable or not run.recorded:
+        return None
+    shape = run.arrays["pose"].shape[:2]
+    position, angle = np.zeros(shape), np.zeros(shape)
+    bitwise: bool | None = None
+    perturbation: float | None = None
+    for other in usable:
+        rows = min(shape[0], len(other.time))
+        away, turned = deviations(run.arrays["pose"][:rows], other.arrays["pose"][:rows])
+        position[:rows] = np.fmax(position[:rows], away)
+        angle[:rows] = np.fmax(angle[:rows], turned)
+        position[rows:] = angle[rows:] = np.inf
+        if other.provenance.get("perturb"):
+            perturbation = other.provenance["perturb"]
+        else:
+            bitwise = (bitwise is not False) and same_bits(run, other)
+    # the largest so far: two trajectories that part and cross again have not become comparable again
+    position, angle = np.maximum.accumulate(position), np.maximum.accumulate(angle)
+    return Floor(run.engine, run.time, position, angle, bitwise, perturbation)

@@ -1,0 +1,182 @@
+"""The main job, end to end: compile, verify, run, repeat, compare."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
+from simspec.comparison.runs import TOLERANCE, Diff, diff
+from simspec.compiler import compile_world, output_files, write_folder
+from simspec.engines.base import find_engine
+from simspec.engines.process import DEADLINE
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
+from simspec.runner.expectations import Outcome, evaluate
+from simspec.runner.run import Run, failed_run, run, run_jobs
+from simspec.world.types import World
+
+if TYPE_CHECKING:
+    from simspec.proof.certificate import Certificate
+
+
+@dataclass(frozen=True)
+class Study:
+    """One world in several engines.
+
+    ``certificate``: the proof that all hold the same model, None when it was not asked for. ``runs``, ``floors`` (each
+    engine's own noise), ``repeats`` (the runs that the noise was measured from) and ``outcomes`` (of the world's
+    expectations) by engine; ``diffs`` one per pair of engines.
+    """
+
+    world: World
+    certificate: Certificate | None
+    runs: Mapping[str, Run]
+    repeats: Mapping[str, tuple[Run, ...]]
+    floors: Mapping[str, Floor]
+    outcomes: Mapping[str, tuple[Outcome, ...]]
+    diffs: tuple[Diff, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line ends with: 3 when an engine failed, 1 when a proof or an expectation did, else 0."""
+        if any(one.failed is not None for one in self.runs.values()):
+            return EXIT_ENGINE
+        if self.certificate is not None and not self.certificate.valid:
+            return EXIT_FAILED
+        passed = all(outcome.passed for outcomes in self.outcomes.values() for outcome in outcomes)
+        return EXIT_OK if passed else EXIT_FAILED
+
+
+def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The engines that are not installed here, each with the way to install it."""
+    found = {}
+    for name in engines:
+        engine = find_engine(name)
+        if name not in (pythons or {}) and engine.version() is None:
+            found[name] = f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+    return found
+
+
+def study(
+    world: World,
+    engines: Iterable[str],
+    *,
+    folder: Path | None = None,
+    prove: bool = True,
+    repeats: bool = True,
+    keep_going: bool = False,
+    tolerance: float = TOLERANCE,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    locate: Callable[[str], Location | None] = lambda path: None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Study:
+    """Compile ``world``, prove that the engines hold it, run it in each, and compare the runs pair by pair.
+
+    folder     where the artifacts go (world.json, one folder per engine); a temporary folder when None
+    prove      whether to verify first
+    repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
+    keep_going whether the others go on when an engine is missing or fails
+    tolerance  position (m) and angle (rad) tolerance of the comparison
+
+    Runs are timed one after the other; only repeats, whose timing does not count, go two at a time. Raises EngineError
+    when an engine is missing (unless ``keep_going``), UnsupportedError when the world cannot be compiled for one.
+    """
+    names = list(dict.fromkeys(find_engine(name).NAME for name in engines))
+    absent = missing_engines(names, pythons)
+    if absent and not keep_going:
+        raise EngineError(*next(iter(absent.items())))
+    there = [name for name in names if name not in absent]
+    with _folder(folder) as root:
+        progress("compiling")
+        write_folder(output_files(world, compile_world(world, there, locate)), root)
+        artifacts = {name: root / name for name in there}
+        certificate = None
+        if prove and there:
+            certificate = _prove(world, there, artifacts, pythons, locate, deadline, progress)
+        runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, progress)
+        again = _repeat(runs, artifacts, pythons, deadline, progress) if repeats else {}
+    floors = {name: floor for name in again if (floor := measure_floor(runs[name], again[name])) is not None}
+    progress("comparing")
+    whole = [one for one in runs.values() if one.recorded]
+    diffs = tuple(
+        diff(a, b, tolerance=tolerance, floor=[floors[one.engine] for one in (a, b) if one.engine in floors])
+        for a, b in itertools.combinations(whole, 2)
+    )
+    outcomes = {name: tuple(evaluate(one)) for name, one in runs.items()}
+    return Study(world, certificate, runs, again, floors, outcomes, diffs)
+
+
+@contextlib.contextmanager
+def _folder(folder: Path | None) -> Iterator[Path]:
+    if folder is not None:
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="simspec-study-") as name:
+        yield Path(name) / "compiled"
+
+
+def _prove(
+    world: World,
+    engines: list[str],
+    artifacts: Mapping[str, Path],
+    pythons: Mapping[str, str] | None,
+    locate: Callable[[str], Location | None],
+    deadline: float,
+    progress: Callable[[str], None],
+) -> Certificate:
+    from simspec.proof.verify import verify
+
+    progress("verifying")
+    return verify(
+        world, engines, artifacts=artifacts, pythons=pythons or {}, locate=locate, deadline=deadline, progress=progress
+    )
+
+
+def _run_each(
+    world: World,
+    names: list[str],
+    absent: Mapping[str, str],
+    artifacts: Mapping[str, Path],
+    keep_going: bool,
+    pythons: Mapping[str, str] | None,
+    deadline: float,
+    progress: Callable[[str], None],
+) -> dict[str, Run]:
+    runs: dict[str, Run] = {}
+    for name in names:
+        if name in absent:
+            runs[name] = failed_run(world, name, EngineError(name, absent[name]))
+            continue
+        progress(f"running {name}")
+        try:
+            runs[name] = run(
+                world, name, artifacts=artifacts[name], python=(pythons or {}).get(name), deadline=deadline
+            )
+        except EngineError as error:
+            runs[name] = failed_run(world, name, error)
+        if runs[name].failed is not None and not keep_going:
+            break
+    return runs
+
+
+def _repeat(
+    runs: Mapping[str, Run],
+    artifacts: Mapping[str, Path],
+    pythons: Mapping[str, str] | None,
+    deadline: float,
+    progress: Callable[[str], None],
+) -> dict[str, tuple[Run, ...]]:
+    """Each engine's run again: unchanged, and with its initial state moved in the last bits."""
+    names = [name for name, one in runs.items() if one.recorded and one.failed is None]
+    if not names:
+        return {}
+    jobs = [(name, artifacts[name], perturb) for name in names for perturb in (0.0, PERTURBATION)]
+    progress(f"repeating {', '.join(names)} for the noise floor")
+    found = run_jobs(jobs, runs[names[0]].world, pythons=pythons, deadline=deadline)
+    return {name: tuple(found[2 * index : 2 * index + 2]) for index, name in enumerate(names)}

@@ -1,0 +1,96 @@
+"""The support matrix: what each engine, with the format it reads, declares for each feature."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from simspec.engines.base import Engine, engines
+from simspec.features import MEANING, Feature, Level, Support, combine
+from simspec.formats.base import formats
+
+MATRIX_FILE = "docs/support-matrix.md"
+WORDS = {
+    Level.EXACT: "exact",
+    Level.VIA_API: "exact, by API",
+    Level.OUTSIDE: "on request",
+    Level.APPROXIMATE: "approximate",
+    Level.UNSUPPORTED: "no",
+}
+HEAD = """# Support matrix
+
+Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit.
+
+| word | meaning |
+|---|---|
+| exact | the file says it and the engine holds it |
+| exact, by API | exact; set through the engine's API, since the file cannot carry it |
+| on request | exact, computed outside the engine at each step, where the spec asks for it: `engines.NAME.outside` |
+| approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
+| no | an error that names the line of the spec |
+"""
+
+
+def support(engine: type[Engine]) -> dict[Feature, Support]:
+    """What an engine and the format it reads support together."""
+    return combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)
+
+
+def engine_data() -> dict[str, Any]:
+    """Every engine: format, installed version (None = not installed), settings, support."""
+    return {
+        name: {
+            "format": engine.FORMAT,
+            "version": engine.version(),
+            "install": f"pip install 'simspec[{engine.EXTRA}]'",
+            "settings": {
+                key: {"default": setting.default, "meaning": setting.meaning, "choices": list(setting.choices)}
+                for key, setting in engine.SETTINGS.items()
+            },
+            "support": {
+                feature.value: {"level": entry.level.value, "how": entry.how}
+                for feature, entry in support(engine).items()
+            },
+        }
+        for name, engine in engines().items()
+    }
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def markdown() -> str:
+    """The page docs/support-matrix.md."""
+    names = list(engines())
+    tables = {name: support(engine) for name, engine in engines().items()}
+    lines = [HEAD]
+    lines.append(f"| feature | meaning | {' | '.join(names)} |")
+    lines.append("|---" * (2 + len(names)) + "|")
+    notes: list[str] = []
+    for feature in Feature:
+        cells = []
+        for name in names:
+            entry = tables[name][feature]
+            cell = WORDS[entry.level]
+            if entry.how:
+                note = f"{name}, `{feature.value}`: {_cell(entry.how)}"
+                notes.append(note)
+                cell += f" [{len(notes)}]"
+            cells.append(cell)
+        lines.append(f"| `{feature.value}` | {_cell(MEANING[feature])} | {' | '.join(cells)} |")
+    lines += ["", "## Notes", "", *(f"{index}. {note}" for index, note in enumerate(notes, 1))]
+    lines += ["", "## Solver settings", ""]
+    lines += ["`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
+    for name, engine in engines().items():
+        lines += [f"### {name}", "", "| setting | default | allowed | meaning |", "|---|---|---|---|"]
+        for key, setting in engine.SETTINGS.items():
+            allowed = ", ".join(setting.choices) or _range(setting.minimum, setting.maximum)
+            lines.append(f"| `{key}` | `{setting.default}` | {allowed} | {_cell(setting.meaning)} |")
+        lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _range(minimum: float | None, maximum: float | None) -> str:
+    if minimum is None and maximum is None:
+        return ""
+    return f"{'' if minimum is None else f'{minimum:g}'} … {'' if maximum is None else f'{maximum:g}'}".strip()

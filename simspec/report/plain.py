@@ -1,0 +1,93 @@
+"""Results as plain data, for ``--json`` and ``report.json``: the same facts as the tables, in SI units, whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.comparison.floor import Floor
+from simspec.comparison.runs import Diff, summary
+from simspec.comparison.study import Study
+from simspec.errors import EngineError, SimspecError, SpecError
+from simspec.runner.expectations import Outcome
+from simspec.runner.run import Run
+
+REPORT_SCHEMA = 1
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, tuples, numpy numbers and paths as JSON data. What is not finite becomes null: JSON has no word for it."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def text(value: Any) -> str:
+    """JSON text with two spaces and a newline at the end."""
+    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def error_data(error: SimspecError) -> dict[str, Any]:
+    """An error with all its problems."""
+    found: dict[str, Any] = {"kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
+    if isinstance(error, SpecError):
+        found["problems"] = [plain(problem) for problem in error.problems]
+    if isinstance(error, EngineError):
+        found["engine"] = error.engine
+    return {"error": found}
+
+
+def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
+    """One run without its arrays."""
+    return {
+        "engine": run.engine,
+        "failed": run.failed,
+        "provenance": plain(run.provenance),
+        "real_time_factor": run.real_time_factor,
+        "cpu_factor": run.cpu_factor,
+        "end_to_end_factor": run.end_to_end_factor,
+        "quantities": plain(summary(run)),
+        "expectations": plain(outcomes),
+    }
+
+
+def diff_data(diff: Diff) -> dict[str, Any]:
+    """One comparison, whole."""
+    return {**plain(diff), "within": diff.within}
+
+
+def floor_data(floor: Floor) -> dict[str, Any]:
+    """An engine's own noise without the arrays."""
+    return {
+        "engine": floor.engine,
+        "bitwise": floor.bitwise,
+        "perturbation": floor.perturbation,
+        "largest": plain(floor.largest),
+    }
+
+
+def study_data(study: Study) -> dict[str, Any]:
+    """One study: what ``report.json`` holds."""
+    return {
+        "schema": REPORT_SCHEMA,
+        "world": study.world.name,
+        "exit_code": study.exit_code,
+        "certificate_valid": study.certificate.valid if study.certificate is not None else None,
+        "runs": {name: run_data(run, study.outcomes.get(name, ())) for name, run in study.runs.items()},
+        "floors": {name: floor_data(floor) for name, floor in study.floors.items()},
+        "diffs": [diff_data(one) for one in study.diffs],
+    }

@@ -1,0 +1,120 @@
+"""``simspec run`` and ``simspec diff``: do the work, write the results, print the tables; each returns the exit code."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from simspec.comparison.floor import Floor, measure_floor
+from simspec.comparison.runs import diff
+from simspec.comparison.study import Study, study
+from simspec.comparison.worlds import diff_worlds
+from simspec.errors import EXIT_FAILED, EXIT_OK, Location
+from simspec.generated import CERTIFICATE_FILE, write_text
+from simspec.report import terminal
+from simspec.report.plain import diff_data, plain, study_data, text
+from simspec.runner.run import Run
+from simspec.runner.store import is_run, load_run
+from simspec.world.types import World
+
+REPORT_FILE = "report.json"
+COMPILED_FOLDER = "compiled"
+REPEATS = ("repeat", "perturbed")
+"""Folders inside a run's folder for the runs that its noise floor is measured from."""
+
+
+def run(
+    world: World,
+    engines: list[str],
+    folder: Path,
+    *,
+    locate: Callable[[str], Location | None],
+    prove: bool,
+    repeats: bool,
+    keep_going: bool,
+    tolerance: float,
+    fail_on_diff: bool,
+    pythons: Mapping[str, str],
+    deadline: float,
+    as_json: bool,
+) -> int:
+    """Study ``world`` in ``engines``, write ``folder``, and print."""
+    with terminal.progress(not as_json) as progress:
+        found = study(
+            world,
+            engines,
+            folder=folder / COMPILED_FOLDER,
+            prove=prove,
+            repeats=repeats,
+            keep_going=keep_going,
+            tolerance=tolerance,
+            pythons=pythons,
+            deadline=deadline,
+            locate=locate,
+            progress=progress,
+        )
+        progress("writing")
+        _write(found, folder)
+    code = found.exit_code
+    if code == EXIT_OK and fail_on_diff and not all(one.within for one in found.diffs):
+        code = EXIT_FAILED
+    if as_json:
+        sys.stdout.write(text({**study_data(found), "exit_code": code, "folder": folder}))
+        return code
+    screen = terminal.console()
+    terminal.show_study(found, screen)
+    screen.print(f"written: {folder}", soft_wrap=True)
+    for name, one in found.runs.items():
+        if one.failed is not None:
+            terminal.console(error=True).print(f"{name} failed: {one.failed}", soft_wrap=True, style="bold red")
+    return code
+
+
+def _write(found: Study, folder: Path) -> None:
+    for name, one in found.runs.items():
+        one.save(folder / name)
+        for repeat in found.repeats.get(name, ()):
+            repeat.save(folder / name / REPEATS[bool(repeat.provenance.get("perturb"))])
+    # results of engines that were not asked for this time would be of another world, or look like part of this run
+    for old in folder.iterdir():
+        if old.is_dir() and is_run(old) and old.name not in found.runs:
+            shutil.rmtree(old)
+    if found.certificate is not None:
+        write_text(found.certificate.to_json(), folder / CERTIFICATE_FILE)
+    else:
+        (folder / CERTIFICATE_FILE).unlink(missing_ok=True)
+    write_text(text(study_data(found)), folder / REPORT_FILE)
+
+
+def _saved_floor(run: Run, folder: Path) -> Floor | None:
+    return measure_floor(run, [load_run(folder / name) for name in REPEATS if is_run(folder / name)])
+
+
+def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
+    """Compare two saved runs."""
+    runs = load_run(a), load_run(b)
+    floors = [floor for run, folder in zip(runs, (a, b), strict=True) if (floor := _saved_floor(run, folder))]
+    found = diff(*runs, tolerance=tolerance, floor=floors)
+    if as_json:
+        sys.stdout.write(text(diff_data(found)))
+    else:
+        screen = terminal.console()
+        for table in terminal.diff_tables(found):
+            screen.print(table)
+        for note in found.notes:
+            screen.print(f"note: {note}", soft_wrap=True)
+    return EXIT_OK if found.within else EXIT_FAILED
+
+
+def diff_specs(a: World, b: World, as_json: bool) -> int:
+    """Show what changed between two worlds."""
+    found = diff_worlds(a, b)
+    if as_json:
+        sys.stdout.write(text({"changes": plain(found)}))
+    elif found:
+        terminal.console().print(terminal.changes(found))
+    else:
+        print("the same world")
+    return EXIT_FAILED if found else EXIT_OK

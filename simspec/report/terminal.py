@@ -1,0 +1,326 @@
+"""Tables for people: one per question, 80 to 120 columns, plain in a pipe, no colour under NO_COLOR."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from simspec.comparison.floor import FLOOR_FACTOR, Floor
+from simspec.comparison.runs import QUANTITIES, Diff, summary
+from simspec.comparison.study import Study
+from simspec.comparison.worlds import Change
+from simspec.compiler import Compiled
+from simspec.errors import Problem, SimspecError, SpecError
+from simspec.features import Feature, Level
+from simspec.report.matrix import WORDS
+from simspec.runner.expectations import Outcome
+from simspec.runner.run import Run
+
+if TYPE_CHECKING:
+    from simspec.proof.certificate import Certificate
+
+PIPE_WIDTH = 120
+"""Columns where there is no terminal to ask."""
+NARROWEST, WIDEST = 80, 120
+SHOWN_BODIES = 8
+"""Bodies that a comparison lists; the others are within what is shown."""
+
+
+def console(error: bool = False) -> Console:
+    """The console for standard output (or standard error): rich asks the terminal, NO_COLOR and the pipe."""
+    stream = sys.stderr if error else sys.stdout
+    if not stream.isatty():
+        return Console(file=stream, width=PIPE_WIDTH, highlight=False, no_color=True, force_terminal=False)
+    wanted = Console(file=stream).width
+    return Console(file=stream, width=min(max(wanted, NARROWEST), WIDEST), highlight=False)
+
+
+@contextmanager
+def progress(enabled: bool = True) -> Iterator[Callable[[str], None]]:
+    """A function to say what is being done: a spinner on a terminal, nothing in a pipe."""
+    screen = console(error=True)
+    if not (enabled and screen.is_terminal):
+        yield lambda text: None
+        return
+    with screen.status("") as status:
+        yield status.update
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """A number for reading: four digits, ``–`` for none."""
+    if value is None:
+        return "–"
+    if math.isnan(value):
+        return "NaN"
+    text = f"{value:.4g}"
+    return f"{text} {unit}" if unit else text
+
+
+def length(value: float | None) -> str:
+    """A length (m) with the prefix that suits it, e.g. ``3.2 mm``."""
+    if value is None:
+        return "–"
+    if not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "∞"
+    for factor, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if abs(value) >= factor:
+            return f"{value / factor:.3g} {unit}"
+    return f"{value:.1e} m" if value else "0"
+
+
+def table(title: str, *columns: str, right: Sequence[int] = ()) -> Table:
+    """An empty table in the house's form; ``right`` lists the columns of numbers."""
+    found = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, column in enumerate(columns):
+        found.add_column(column, justify="right" if index in right else "left", overflow="fold")
+    return found
+
+
+def verdict(passed: bool, good: str = "ok", bad: str = "FAILED") -> Text:
+    return Text(good, style="green") if passed else Text(bad, style="bold red")
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def show_error(error: SimspecError) -> None:
+    """Print an error on standard error: every problem, its place first."""
+    screen = console(error=True)
+    if not isinstance(error, SpecError):
+        screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
+        return
+    for problem in error.problems:
+        screen.print(_problem(problem), soft_wrap=True)
+    count = len(error.problems)
+    screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
+
+
+def _problem(problem: Problem) -> Text:
+    first, *rest = str(problem).split("\n")
+    place = f"{problem.location}: " if problem.location else ""
+    text = Text(place, style="bold") + Text("error: ", style="bold red") + Text(first.removeprefix(place))
+    for line in rest:
+        text.append("\n" + line)
+    return text
+
+
+# --- what came out ----------------------------------------------------------------------------------------------------
+
+
+def results(runs: Mapping[str, Run]) -> Table:
+    """What came out: one column per run, one row per quantity."""
+    shown = list(runs.values())
+    found = table("What came out", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
+    values = [summary(run) for run in shown]
+    for name, unit in QUANTITIES:
+        cells = [one.get(name) for one in values]
+        if any(cell is not None for cell in cells):
+            show = length if unit == "m" else lambda value, unit=unit: number(value, unit if value is not None else "")
+            found.add_row(name, *(show(cell) for cell in cells))
+    for name, get in (
+        ("real-time factor of the steps", lambda run: run.real_time_factor),
+        ("real-time factor end to end", lambda run: run.end_to_end_factor),
+    ):
+        found.add_row(name, *(number(get(run)) for run in shown))
+    failures = [run.failed for run in shown]
+    if any(failures):
+        found.add_row("failed", *(Text(_shorten(why), style="bold red") if why else "" for why in failures))
+    return found
+
+
+def _shorten(text: str, limit: int = 200) -> str:
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
+    """The expectations: one row per expectation and engine. None when the spec has none."""
+    if not any(outcomes.values()):
+        return None
+    found = table("Does it come out as expected", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
+    for index in range(max(len(one) for one in outcomes.values())):
+        for engine, row in outcomes.items():
+            outcome = row[index]
+            found.add_row(
+                outcome.kind,
+                engine,
+                verdict(outcome.passed),
+                number(outcome.measured, outcome.unit),
+                number(outcome.bound, outcome.unit),
+                _shorten(outcome.detail, 80),
+            )
+    return found
+
+
+# --- where runs differ ------------------------------------------------------------------------------------------------
+
+
+def repeatability(floors: Mapping[str, Floor]) -> Table | None:
+    """Each engine's own noise."""
+    if not floors:
+        return None
+    found = table(
+        "Does each engine repeat itself", "engine", "run again unchanged", "largest own deviation", right=(2,)
+    )
+    words = {True: "the same bits", False: "other bits", None: "not tried"}
+    for name, floor in floors.items():
+        moved = f"  (state moved by {floor.perturbation:g})" if floor.perturbation else ""
+        found.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
+    return found
+
+
+def differences(diffs: Sequence[Diff]) -> Table | None:
+    """Where the engines differ: one row per pair of runs."""
+    if not diffs:
+        return None
+    tolerance = diffs[0].tolerance
+    found = table(
+        f"Where do they differ  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' own noise)",
+        "runs",
+        "largest",
+        "body",
+        "RMS",
+        "out of tolerance",
+        "noise there",
+        "compared until",
+        right=(1, 3, 5, 6),
+    )
+    for one in diffs:
+        worst, out = one.worst, one.first_out
+        found.add_row(
+            f"{one.first.split()[0]} – {one.second.split()[0]}",
+            length(worst.position_largest) if worst else "–",
+            worst.body if worst else "–",
+            length(one.position_rms),
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow")
+            if out
+            else verdict(True, "never"),
+            length(worst.floor) if worst else "–",
+            f"{one.compared_until:.4g} s" + (" (chaos)" if one.horizon is not None else ""),
+        )
+    return found
+
+
+def diff_tables(one: Diff) -> list[Table]:
+    """One comparison in full: the bodies, then the quantities."""
+    bodies = table(
+        f"{one.first} – {one.second}, until {one.compared_until:.4g} s  (tolerance {length(one.tolerance)})",
+        "body",
+        "largest",
+        "RMS",
+        "angle, largest",
+        "RMS",
+        "own noise",
+        "first out of tolerance",
+        right=(1, 2, 3, 4, 5),
+    )
+    for body in one.bodies[:SHOWN_BODIES]:
+        out = "never" if body.first_out is None else f"{body.first_out:.4g} s ({body.cause})"
+        bodies.add_row(
+            body.body,
+            length(body.position_largest),
+            length(body.position_rms),
+            number(body.angle_largest, "rad"),
+            number(body.angle_rms, "rad"),
+            length(body.floor),
+            verdict(True, out) if body.within else Text(out, style="yellow"),
+        )
+    if len(one.bodies) > SHOWN_BODIES:
+        bodies.add_row(f"and {len(one.bodies) - SHOWN_BODIES} more, less far", *[""] * 6)
+    scalars = table("Quantities", "", one.first, one.second, "difference", right=(1, 2, 3))
+    for item in one.quantities:
+        if item.first is None and item.second is None:
+            continue
+        gap = item.second - item.first if item.first is not None and item.second is not None else None
+        scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
+    if one.contact_first_difference is not None:
+        scalars.add_row("first time that other bodies touch", "", "", number(one.contact_first_difference, "s"))
+    return [bodies, scalars]
+
+
+def changes(found: Sequence[Change]) -> Table:
+    """What changed between two worlds."""
+    result = table("What changed in the world", "", "path", "before", "after")
+    signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
+    for change in found:
+        whole = isinstance(change.before if change.after is None else change.after, dict)
+        cells = ("", "") if whole else (_value(change.before), _value(change.after))
+        result.add_row(signs[change.kind], change.path, *cells)
+    return result
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    return str(value)
+
+
+# --- does the model agree ---------------------------------------------------------------------------------------------
+
+
+def certificate_table(certificate: Certificate) -> Table:
+    """Does the model agree: one row per level and engine, with the worst deviation and its place."""
+    raise NotImplementedError(certificate)
+
+
+def decisions(compiled: Compiled) -> Table:
+    """How each needed feature is realised in one engine."""
+    found = table(f"How {compiled.engine} has it ({compiled.format})", "feature", "", "how", "where")
+    for one in compiled.decisions:
+        more = f" (and {len(one.paths) - 1} more)" if len(one.paths) > 1 else ""
+        found.add_row(one.feature.value, WORDS[one.level], one.how, one.paths[0] + more)
+    return found
+
+
+def engine_tables(data: Mapping[str, Any]) -> list[Table]:
+    """The engines, and what each can do."""
+    versions = table("Engines", "engine", "format", "version", "")
+    for name, one in data.items():
+        installed = one["version"] is not None
+        versions.add_row(
+            name,
+            one["format"],
+            one["version"] or Text("not installed", style="red"),
+            "" if installed else one["install"],
+        )
+    support = table("What each can do  (simspec engines --json says how)", "feature", *data)
+    for feature in Feature:
+        levels = [Level(one["support"][feature.value]["level"]) for one in data.values()]
+        support.add_row(feature.value, *(Text(WORDS[level], style=STYLES[level]) for level in levels))
+    return [versions, support]
+
+
+STYLES = {
+    Level.EXACT: "green",
+    Level.VIA_API: "green",
+    Level.OUTSIDE: "cyan",
+    Level.APPROXIMATE: "yellow",
+    Level.UNSUPPORTED: "red",
+}
+
+
+def show_study(study: Study, screen: Console) -> None:
+    """All tables of one study, in the order of the questions."""
+    if study.certificate is not None:
+        screen.print(certificate_table(study.certificate))
+    for one in (
+        results(study.runs),
+        expectations(study.outcomes),
+        repeatability(study.floors),
+        differences(study.diffs),
+    ):
+        if one is not None:
+            screen.print(one)
+    for note in dict.fromkeys(note for one in study.diffs for note in one.notes):
+        screen.print(f"note: {note}", soft_wrap=True)

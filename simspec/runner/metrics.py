@@ -1,0 +1,177 @@
+"""What a run amounts to: energy, momentum, penetration, contacts, speed, spread.
+
+Computed from the recorded poses and velocities and the *world's* masses, in one place for all engines, so that a
+difference between engines cannot come from a difference in how something was computed. Arrays have one row per recorded
+time; poses (rows, bodies, 7) x y z w x y z, velocities (rows, bodies, 6) linear of the body frame's origin, then angular,
+both in world axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.world.kinematics import layout, rigid_groups
+from simspec.world.types import World
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) w x y z."""
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotation_vectors(quaternions: np.ndarray) -> np.ndarray:
+    """Rotation vectors log R (..., 3) of unit quaternions (..., 4); |log R| ≤ π, to full precision at small angles."""
+    turned = np.where(quaternions[..., :1] < 0, -quaternions, quaternions)
+    length = np.linalg.norm(turned[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(length, turned[..., :1])
+    # at zero the ratio angle / sin(angle / 2) is 2; the division is done only where there is something to divide
+    ratio = np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 0)
+    return turned[..., 1:] * ratio
+
+
+def moving_bodies(world: World) -> np.ndarray:
+    """Indices of the bodies that can move (not fixed to the world through fixed joints only)."""
+    groups = rigid_groups(world)
+    return np.array([k for k, body in enumerate(world.bodies) if groups[body.name] != "world"], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Masses:
+    """The world's mass properties as arrays: mass (n,), centre (n, 3) and inertia (n, 3, 3) in the body frames."""
+
+    mass: np.ndarray
+    centre: np.ndarray
+    inertia: np.ndarray
+
+    @classmethod
+    def of(cls, world: World) -> Masses:
+        rows = [body.inertial.inertia for body in world.bodies]
+        tensors = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, xz, yz in rows]
+        return cls(
+            np.array([body.inertial.mass for body in world.bodies]),
+            np.array([body.inertial.centre_of_mass for body in world.bodies]).reshape(-1, 3),
+            np.array(tensors).reshape(-1, 3, 3),
+        )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Centres of mass (rows, n, 3), their velocities, angular velocities, and spins R I Rᵀ ω (rows, n, 3)."""
+
+    masses: Masses
+    centre: np.ndarray
+    velocity: np.ndarray
+    angular: np.ndarray
+    spin: np.ndarray
+
+
+def motion(world: World, arrays: Arrays) -> Motion:
+    """How the bodies' masses move in a run."""
+    masses = Masses.of(world)
+    pose, velocity = arrays["pose"], arrays["velocity"]
+    turn = rotation_matrices(pose[..., 3:7])
+    lever = np.einsum("tnij,nj->tni", turn, masses.centre)
+    angular = velocity[..., 3:6]
+    local = np.einsum("tnji,tnj->tni", turn, angular)
+    spin = np.einsum("tnij,njk,tnk->tni", turn, masses.inertia, local)
+    return Motion(masses, pose[..., :3] + lever, velocity[..., :3] + np.cross(angular, lever), angular, spin)
+
+
+def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
+    """Kinetic and potential energy (rows,), J.
+
+    Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −m g·c (zero at the world's
+    origin), ½ k (q − rest)² of every spring, ½ k |log R|² of every ball spring (zero at rest).
+    """
+    moved = motion(world, arrays)
+    mass = moved.masses.mass
+    kinetic = 0.5 * np.einsum("n,tni,tni->t", mass, moved.velocity, moved.velocity)
+    kinetic += 0.5 * np.einsum("tni,tni->t", moved.angular, moved.spin)
+    potential = -np.einsum("n,tni,i->t", mass, moved.centre, np.array(world.physics.gravity))
+    where = layout(world.bodies)
+    for body, position, speed in zip(world.bodies, where.position, where.velocity, strict=True):
+        joint = body.joint
+        if joint.armature:
+            kinetic += 0.5 * joint.armature * arrays["v"][:, speed].ravel() ** 2
+        if joint.spring_stiffness:
+            q = arrays["q"][:, position]
+            bent = rotation_vectors(q) if joint.kind == "ball" else q - joint.spring_rest
+            potential += 0.5 * joint.spring_stiffness * np.einsum("ti,ti->t", bent, bent)
+    return kinetic, potential
+
+
+def energy_scale(kinetic: np.ndarray, potential: np.ndarray) -> float:
+    """The energy (J) that tolerances are relative to: the largest kinetic energy of the run, or how far the potential
+    energy swings, whichever is larger. (The potential alone has no natural zero, so its size means nothing.)"""
+    return float(max(kinetic.max(), np.ptp(potential)))
+
+
+def momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
+    """Linear momentum (rows, 3), N s, and angular momentum about the world's origin (rows, 3), N m s."""
+    moved = motion(world, arrays)
+    push = moved.masses.mass[:, None] * moved.velocity
+    return push.sum(axis=1), (np.cross(moved.centre, push) + moved.spin).sum(axis=1)
+
+
+def momentum_scale(world: World, arrays: Arrays) -> tuple[float, float]:
+    """What momentum tolerances are relative to: the largest sums over the bodies of |m v|, and of |c × m v| + |R I Rᵀ ω|
+    (so that opposite motions do not make the scale vanish)."""
+    moved = motion(world, arrays)
+    push = moved.masses.mass[:, None] * moved.velocity
+    turn = np.linalg.norm(np.cross(moved.centre, push), axis=-1) + np.linalg.norm(moved.spin, axis=-1)
+    return float(np.linalg.norm(push, axis=-1).sum(axis=1).max()), float(turn.sum(axis=1).max())
+
+
+@dataclass(frozen=True)
+class Penetration:
+    """The deepest overlap of a run (m, 0 when nothing overlapped), when (s), and between which bodies."""
+
+    depth: float
+    time: float
+    bodies: tuple[str, str] | None
+
+
+def deepest_penetration(world: World, arrays: Arrays) -> Penetration:
+    """The deepest overlap among the recorded contacts."""
+    distance = arrays["contact.distance"]
+    if not len(distance) or distance.min() >= 0:
+        return Penetration(0.0, 0.0, None)
+    worst = int(distance.argmin())
+    first, second = (world.bodies[int(index)].name for index in arrays["contact.body"][worst])
+    return Penetration(float(-distance[worst]), float(arrays["time"][arrays["contact.row"][worst]]), (first, second))
+
+
+def contact_counts(arrays: Arrays) -> np.ndarray:
+    """Number of contact points (rows,) at every recorded time."""
+    return np.bincount(arrays["contact.row"].astype(np.int64), minlength=len(arrays["time"]))
+
+
+def contact_force(arrays: Arrays) -> np.ndarray:
+    """Sum of the normal forces (rows,), N, at every recorded time."""
+    rows = arrays["contact.row"].astype(np.int64)
+    return np.bincount(rows, weights=arrays["contact.normal_force"], minlength=len(arrays["time"]))
+
+
+def speeds(world: World, arrays: Arrays) -> np.ndarray:
+    """Speed of every body's centre of mass (rows, bodies), m/s."""
+    return np.linalg.norm(motion(world, arrays).velocity, axis=-1)
+
+
+def spread(world: World, arrays: Arrays) -> np.ndarray:
+    """Root mean square distance (rows,), m, of the moving bodies' centres of mass from their common mean."""
+    centres = motion(world, arrays).centre[:, moving_bodies(world)]
+    if not centres.shape[1]:
+        return np.zeros(len(centres))
+    away = centres - centres.mean(axis=1, keepdims=True)
+    return np.sqrt((away**2).sum(axis=-1).mean(axis=1))

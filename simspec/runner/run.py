@@ -1,0 +1,331 @@
+"""One execution of one world in one engine: arrays, and where they came from."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import find_engine, resolve_settings
+from simspec.engines.process import DEADLINE, Operation, Reply, Running, start
+from simspec.errors import EngineError, Problem, SpecError
+from simspec.formats.base import read_sidecar
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import initial_state, layout
+from simspec.world.types import Record, World
+
+SCHEMA = 1
+"""Version of the provenance and of the files of a saved run."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one engine made of one world.
+
+    ``arrays``: step, time (s), q, v, pose, velocity, and as recorded energy (kinetic, potential; by the engine) and
+    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs); one row per recorded time, the initial state
+    first; units and frames as in :mod:`simspec.engines.base`. Empty when the engine gave none.
+    ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
+    ``failed``: None, or why there is no (whole) result: a crash, a hang, a state that stopped being finite.
+    """
+
+    world: World
+    engine: str
+    arrays: Mapping[str, np.ndarray] = field(repr=False)
+    provenance: Mapping[str, Any] = field(repr=False)
+    failed: str | None = None
+
+    @property
+    def time(self) -> np.ndarray:
+        """The recorded times (rows,), s."""
+        return self.arrays["time"]
+
+    @property
+    def recorded(self) -> bool:
+        """Whether there are arrays to look at (also a run that failed on the way may have some)."""
+        return bool(len(self.arrays.get("time", ())))
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        """The index of every body in the arrays, by its name."""
+        return {body.name: k for k, body in enumerate(self.world.bodies)}
+
+    @property
+    def label(self) -> str:
+        """Engine and version, as tables show it."""
+        return f"{self.engine} {self.provenance.get('engine_version', '')}".strip()
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """Simulated time over the sum of the step calls' wall time (Körber et al. 2021); None without a result."""
+        return self._factor("step")
+
+    @property
+    def cpu_factor(self) -> float | None:
+        """Simulated time over the step calls' processor time (all threads)."""
+        return self._factor("cpu")
+
+    @property
+    def end_to_end_factor(self) -> float | None:
+        """Simulated time over the wall time of the engine's whole process: start, load, step, record, hand over."""
+        return self._factor("process")
+
+    def save(self, folder: Path | str) -> Path:
+        """Write the run as the whole content of ``folder``: Parquet tables, world.json, provenance.json."""
+        from simspec.runner.store import save_run
+
+        return save_run(self, Path(folder))
+
+    def _factor(self, name: str) -> float | None:
+        seconds = self.provenance.get("seconds", {}).get(name)
+        steps = self.provenance.get("steps", 0)
+        return steps * self.world.physics.timestep / seconds if seconds and steps else None
+
+
+def artifacts_sha256(folder: Path) -> str:
+    """The hash of a folder of artifacts; equal to ``Compiled.sha256`` of the files it was written from."""
+    digest = hashlib.sha256()
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+    for name in sorted(files):
+        text = files[name].read_bytes().decode("utf-8")
+        digest.update(f"{name}\0{len(text)}\0{text}".encode())
+    return digest.hexdigest()
+
+
+def perturbed_state(world: World, amount: float) -> tuple[np.ndarray, np.ndarray]:
+    """The world's initial (q, v), moved by ``amount``, a relative change: for the noise floor, 1e-15.
+
+    Every coordinate x becomes x (1 + amount), and a position of exactly zero becomes ``amount`` (it would otherwise stay
+    as it is, and a pendulum let go from zero would look free of round-off). Of a quaternion the vector part is moved, and
+    the whole made of unit length again.
+    """
+    q, v = initial_state(world)
+    moved = np.where(q == 0.0, amount, q * (1.0 + amount))
+    for body, part in zip(world.bodies, layout(world.bodies).position, strict=True):
+        if body.joint.kind in ("ball", "free"):
+            turn = slice(part.stop - 4, part.stop)
+            moved[part.stop - 4] = q[part.stop - 4]
+            moved[turn] /= np.linalg.norm(moved[turn])
+    return moved, v * (1.0 + amount)
+
+
+@contextlib.contextmanager
+def compiled_folder(world: World, engine: str, artifacts: Path | None = None) -> Iterator[Path]:
+    """The folder of the engine's artifacts: the one given (checked to be of this world), or a temporary one.
+
+    Raises UnsupportedError when the world cannot be compiled for the engine, SpecError when ``artifacts`` are not of it.
+    """
+    if artifacts is None:
+        with tempfile.TemporaryDirectory(prefix=f"simspec-{engine}-") as name:
+            folder = Path(name) / engine
+            write_folder(compile_world(world, [engine])[engine].files, folder)
+            yield folder
+        return
+    try:
+        found = read_sidecar(artifacts).get("world")
+    except (OSError, ValueError) as error:
+        raise SpecError([Problem(f"{artifacts} holds no readable artifacts: {error}")]) from None
+    if found != sha256(world):
+        raise SpecError([Problem(f"{artifacts} was compiled from another world", hint="compile it again")])
+    yield artifacts
+
+
+@contextlib.contextmanager
+def start_run(
+    world: World,
+    engine: str,
+    artifacts: Path,
+    *,
+    python: str | None = None,
+    deadline: float = DEADLINE,
+    perturb: float = 0.0,
+    record: Record | None = None,
+) -> Iterator[PendingRun]:
+    """Start one engine process and give a handle to wait on, so that several may work side by side.
+
+    ``record`` replaces the world's own; ``perturb`` moves the initial state (see :func:`perturbed_state`).
+    """
+    record = record or world.record
+    parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
+    arrays = {}
+    if perturb:
+        arrays["q"], arrays["v"] = perturbed_state(world, perturb)
+    started = datetime.now(UTC)
+    with start(engine, artifacts, [Operation("run", parameters, arrays)], python=python, deadline=deadline) as running:
+        facts = {
+            "schema": SCHEMA,
+            "simspec": version("simspec"),
+            "started": started.isoformat(timespec="seconds"),
+            "world_sha256": sha256(world),
+            "artifacts_sha256": artifacts_sha256(artifacts),
+            "engine": engine,
+            "settings": resolve_settings(find_engine(engine), world),
+            "accepted": list(world.options(engine).accept),
+            "outside": list(world.options(engine).outside),
+            "record": {"every_steps": record.every_steps, "channels": list(record.channels)},
+            "perturb": perturb,
+        }
+        yield PendingRun(world, engine, running, facts)
+
+
+@dataclass(frozen=True)
+class PendingRun:
+    """A run at work in its process."""
+
+    world: World
+    engine: str
+    running: Running
+    facts: Mapping[str, Any]
+
+    def wait(self) -> Run:
+        """The run, when it has ended. Raises EngineError when the process crashed, hung or refused."""
+        reply = self.running.wait()
+        return _finish(self.world, self.engine, self.facts, reply)
+
+
+def _finish(world: World, engine: str, facts: Mapping[str, Any], reply: Reply) -> Run:
+    answer = reply.answers[0]
+    arrays = dict(answer.arrays)
+    arrays["time"] = arrays["step"] * world.physics.timestep
+    provenance = {
+        **facts,
+        **reply.versions,
+        "steps": answer.result["steps"],
+        "seconds": {
+            "step": answer.result["step_seconds"],
+            "cpu": answer.result["cpu_seconds"],
+            "load": answer.load_seconds,
+            "run": answer.seconds,
+            "process": reply.wall_seconds,
+        },
+        "warnings": answer.log,
+    }
+    return Run(world, engine, arrays, provenance, answer.result["failed"])
+
+
+def run(
+    world: World,
+    engine: str,
+    *,
+    artifacts: Path | None = None,
+    python: str | None = None,
+    deadline: float = DEADLINE,
+    perturb: float = 0.0,
+    record: Record | None = None,
+) -> Run:
+    """Run ``world`` in ``engine``, in a process of its own.
+
+    world     a resolved world, from ``spec.resolve()``
+    engine    its name: see ``simspec engines``
+    artifacts the engine's folder, as ``simspec compile`` wrote it; compiled to a temporary folder when None
+    python    interpreter of another environment that has numpy and the engine (perhaps in another version)
+    deadline  seconds that the process may take
+    perturb   relative change of the initial state, for the noise floor (1e-15)
+    record    what to record, in place of the world's own ``record``
+
+    A state that stops being finite is the run's result (``Run.failed``). Raises EngineError when the engine is missing,
+    crashes or hangs, and UnsupportedError when the world cannot be compiled for it.
+    """
+    with (
+        compiled_folder(world, engine, artifacts) as folder,
+        start_run(world, engine, folder, python=python, deadline=deadline, perturb=perturb, record=record) as pending,
+    ):
+        return pending.wait()
+
+
+def failed_run(world: World, engine: str, error: EngineError) -> Run:
+    """The run of an engine that gave nothing: the error is its result."""
+    facts = {
+        "schema": SCHEMA,
+        "simspec": version("simspec"),
+        "world_sha256": sha256(world),
+        "engine": engine,
+        "engine_version": find_engine(engine).version() or "not installed",
+    }
+    return Run(world, engine, {}, facts, str(error).removeprefix(f"{engine}: "))
+
+
+def run_all(
+    world: World,
+    engines: Iterable[str],
+    *,
+    artifacts: Mapping[str, Path] | None = None,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Run]:
+    """Run ``world`` in each engine, one after the other (so that their timings do not disturb each other).
+
+    An engine that is missing, crashes, or hangs has that as its result (``Run.failed``); the others go on.
+    """
+    found: dict[str, Run] = {}
+    for engine in engines:
+        if progress is not None:
+            progress(engine)
+        try:
+            found[engine] = run(
+                world,
+                engine,
+                artifacts=(artifacts or {}).get(engine),
+                python=(pythons or {}).get(engine),
+                deadline=deadline,
+            )
+        except EngineError as error:
+            found[engine] = failed_run(world, engine, error)
+    return found
+
+
+def run_jobs(
+    jobs: Sequence[tuple[str, Path, float]],
+    world: World,
+    *,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    at_once: int = 2,
+    progress: Callable[[str], None] | None = None,
+) -> list[Run]:
+    """Run several (engine, artifacts, perturb) of one world, ``at_once`` side by side: for repeats, whose timing does
+    not count. Engines that fail give failed runs; the order is that of ``jobs``."""
+    found: list[Run] = []
+    for first in range(0, len(jobs), at_once):
+        with contextlib.ExitStack() as stack:
+            pending: list[PendingRun | Run] = []
+            for engine, folder, perturb in jobs[first : first + at_once]:
+                if progress is not None:
+                    progress(engine)
+                try:
+                    pending.append(
+                        stack.enter_context(
+                            start_run(
+                                world,
+                                engine,
+                                folder,
+                                python=(pythons or {}).get(engine),
+                                deadline=deadline,
+                                perturb=perturb,
+                            )
+                        )
+                    )
+                except EngineError as error:
+                    pending.append(failed_run(world, engine, error))
+            found.extend(_wait(one) for one in pending)
+    return found
+
+
+def _wait(one: PendingRun | Run) -> Run:
+    if isinstance(one, Run):
+        return one
+    try:
+        return one.wait()
+    except EngineError as error:
+        return failed_run(one.world, one.engine, error)

@@ -1,0 +1,177 @@
+"""A run on disk: Parquet tables for the arrays, JSON for the world and the provenance.
+
+``bodies.parquet`` and ``contacts.parquet`` are long tables with the bodies' names, ready for pandas, polars or DuckDB;
+``states.parquet`` holds the generalised coordinates as lists. :func:`load_run` gives back every array bit for bit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simspec.engines.base import CONTACT_FIELDS
+from simspec.errors import Problem, SpecError
+from simspec.runner.run import SCHEMA, Run
+from simspec.world.canonical import canonical_json, from_plain, sha256
+from simspec.world.types import World
+
+if TYPE_CHECKING:
+    import pyarrow
+
+PROVENANCE_FILE = "provenance.json"
+WORLD_FILE = "world.json"
+POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
+AXES = ("x", "y", "z")
+
+
+def save_run(run: Run, folder: Path) -> Path:
+    """Write ``run`` as the whole content of ``folder``: into a temporary folder beside it, then renamed over it."""
+    import pyarrow.parquet
+
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as name:
+        fresh, old = Path(name) / "new", Path(name) / "old"
+        fresh.mkdir()
+        for table_name, table in _tables(run).items():
+            pyarrow.parquet.write_table(table, fresh / f"{table_name}.parquet")
+        (fresh / WORLD_FILE).write_text(canonical_json(run.world) + "\n", encoding="utf-8")
+        facts = {**run.provenance, "failed": run.failed}
+        text = json.dumps(facts, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+        (fresh / PROVENANCE_FILE).write_text(text + "\n", encoding="utf-8")
+        if folder.exists():
+            os.replace(folder, old)
+        os.replace(fresh, folder)
+        if old.exists():
+            shutil.rmtree(old)
+    return folder
+
+
+def _tables(run: Run) -> dict[str, pyarrow.Table]:
+    import pyarrow as pa
+
+    arrays = run.arrays
+    if not run.recorded:
+        return {}
+    step, time, pose = arrays["step"].astype(np.int64), arrays["time"], arrays["pose"]
+    rows, bodies = pose.shape[:2]
+    names = pa.array([body.name for body in run.world.bodies], pa.string())
+
+    def named(indices: np.ndarray) -> pa.Array:
+        return pa.DictionaryArray.from_arrays(pa.array(indices.astype(np.int32)), names)
+
+    found = {
+        "states": pa.table({"step": step, "time": time, "q": _lists(arrays["q"]), "v": _lists(arrays["v"])}),
+        "bodies": pa.table(
+            {
+                "step": np.repeat(step, bodies),
+                "time": np.repeat(time, bodies),
+                "body": named(np.tile(np.arange(bodies), rows)),
+                **{column: pose[..., k].ravel() for k, column in enumerate(POSE_COLUMNS)},
+                **{column: arrays["velocity"][..., k].ravel() for k, column in enumerate(VELOCITY_COLUMNS)},
+            }
+        ),
+    }
+    if "energy" in arrays:
+        kinetic, potential = arrays["energy"].T
+        found["energy"] = pa.table({"step": step, "time": time, "kinetic": kinetic, "potential": potential})
+    if "contact.row" in arrays:
+        row, pair = arrays["contact.row"].astype(np.int64), arrays["contact.body"]
+        found["contacts"] = pa.table(
+            {
+                "row": row,
+                "step": step[row],
+                "time": time[row],
+                "first": named(pair[:, 0]),
+                "second": named(pair[:, 1]),
+                **{axis: arrays["contact.position"][:, k] for k, axis in enumerate(AXES)},
+                **{f"n{axis}": arrays["contact.normal"][:, k] for k, axis in enumerate(AXES)},
+                "distance": arrays["contact.distance"],
+                "normal_force": arrays["contact.normal_force"],
+            }
+        )
+    return found
+
+
+def _lists(values: np.ndarray) -> Any:
+    import pyarrow as pa
+
+    return (
+        pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+        if values.shape[1]
+        else pa.array([[] for _ in range(len(values))], pa.list_(pa.float64()))
+    )
+
+
+def is_run(folder: Path) -> bool:
+    """Whether ``folder`` looks like a saved run."""
+    return (folder / PROVENANCE_FILE).is_file()
+
+
+def load_run(folder: Path | str) -> Run:
+    """The run saved in ``folder``. Raises SpecError when it is not one, or is damaged."""
+    folder = Path(folder)
+    try:
+        provenance = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+        world = from_plain(World, json.loads((folder / WORLD_FILE).read_text(encoding="utf-8")))
+    except FileNotFoundError as error:
+        raise SpecError([Problem(f"{folder} is no saved run: {Path(error.filename).name} is missing")]) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SpecError([Problem(f"the run in {folder} cannot be read: {error}")]) from None
+    if provenance.get("schema") != SCHEMA:
+        message = f"the run in {folder} has schema {provenance.get('schema')!r}, this simspec reads {SCHEMA}"
+        raise SpecError([Problem(message)])
+    if provenance["world_sha256"] != sha256(world):
+        message = f"the world in {folder} is not the one that was run: its hash differs from the provenance"
+        raise SpecError([Problem(message)])
+    failed = provenance.pop("failed")
+    try:
+        arrays = _read_arrays(folder, world)
+    except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
+        raise SpecError([Problem(f"the run in {folder} cannot be read: {error}")]) from None
+    if not arrays and failed is None:
+        raise SpecError([Problem(f"{folder} is no whole run: bodies.parquet is missing")])
+    return Run(world, provenance["engine"], arrays, provenance, failed)
+
+
+def _columns(table: pyarrow.Table, names: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
+    return np.stack([table[name].to_numpy() for name in names], axis=-1).reshape(*shape, len(names))
+
+
+def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
+    import pyarrow.compute
+    from pyarrow import parquet
+
+    if not (folder / "bodies.parquet").is_file():
+        return {}
+    states = parquet.read_table(folder / "states.parquet")
+    bodies = parquet.read_table(folder / "bodies.parquet")
+    shape = (len(states), len(world.bodies))
+    arrays = {"step": states["step"].to_numpy(), "time": states["time"].to_numpy()}
+    for name in ("q", "v"):
+        flat = pyarrow.compute.list_flatten(states[name]).to_numpy()
+        arrays[name] = flat.reshape(len(states), -1) if len(flat) else np.zeros((len(states), 0))
+    arrays["pose"] = _columns(bodies, POSE_COLUMNS, shape)
+    arrays["velocity"] = _columns(bodies, VELOCITY_COLUMNS, shape)
+    if (folder / "energy.parquet").is_file():
+        energy = parquet.read_table(folder / "energy.parquet")
+        arrays["energy"] = _columns(energy, ("kinetic", "potential"), (len(energy),))
+    if (folder / "contacts.parquet").is_file():
+        contacts = parquet.read_table(folder / "contacts.parquet")
+        index = {body.name: k for k, body in enumerate(world.bodies)}
+        pair = [[index[name] for name in contacts[side].to_pylist()] for side in ("first", "second")]
+        arrays["contact.row"] = contacts["row"].to_numpy()
+        arrays["contact.body"] = np.array(pair, dtype=np.int64).reshape(2, -1).T
+        arrays["contact.position"] = _columns(contacts, AXES, (len(contacts),))
+        arrays["contact.normal"] = _columns(contacts, tuple(f"n{axis}" for axis in AXES), (len(contacts),))
+        for name in ("distance", "normal_force"):
+            arrays[f"contact.{name}"] = contacts[name].to_numpy()
+        assert {f"contact.{name}" for name in CONTACT_FIELDS} <= set(arrays)
+    return arrays
