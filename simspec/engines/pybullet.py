@@ -1,0 +1,284 @@
+"""PyBullet: URDF files in, arrays out.
+
+Everything that PyBullet adds of its own is switched off (damping, joint motors, velocity clamps, file cache, collision
+margins, its idea of which links of one body touch), so that what is left is the world. Facts marked *measured* were
+obtained with pybullet 3.2.7.
+
+State. PyBullet keeps a tree at its base's inertial frame (centre of mass, principal axes), and a ball joint between
+inertial axes; ``_Simulation`` turns both into the generalised coordinates of ``world/kinematics.py``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.engines.base import Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.pybullet_efforts import Efforts
+from simspec.engines.pybullet_probe import Probe
+from simspec.engines.pybullet_readback import read_back
+from simspec.engines.pybullet_simulation import Simulation
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.types import ReadBack, World
+
+_NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
+_NO_PAIRS = "PyBullet multiplies two numbers, one per body, and no numbers give these pairs"
+_COMPUTED = "a torque computed from PyBullet's own state before every step"
+
+
+def _armature_covered(world: World) -> str | None:
+    """None when every armature sits in a tree where a computed torque is exact, else the reason why not."""
+    allowed = CollisionFilter(world)
+    groups = rigid_groups(world)
+    for bodies in trees(world).values():
+        armed = [body.name for body in bodies if body.joint.armature]
+        if not armed:
+            continue
+        kinds = {body.joint.kind for body in bodies}
+        if not kinds <= {"fixed", "hinge", "slide"}:
+            return f"the tree of {armed[0]!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
+        if any(body.joint.dry_friction for body in bodies):
+            return f"the tree of {armed[0]!r} has dry friction, whose impulses would not feel the armature"
+        for body in bodies:
+            for other in world.bodies:
+                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
+                    return f"{body.name!r} may touch {other.name!r}, and contact would not feel the armature"
+    return None
+
+
+class PyBullet(Engine):
+    """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
+
+    NAME: ClassVar[str] = "pybullet"
+    FORMAT: ClassVar[str] = "urdf"
+    DISTRIBUTION: ClassVar[str] = "pybullet"
+    EXTRA: ClassVar[str] = "pybullet"
+    FRICTION_RULE: ClassVar[str] = "product"
+    RESTITUTION_RULE: ClassVar[str] = "product"
+    SUPPORT: ClassVar[Table] = {
+        Feature.JOINT_FIXED: EXACT,
+        Feature.JOINT_HINGE: EXACT,
+        Feature.JOINT_SLIDE: EXACT,
+        Feature.JOINT_BALL: EXACT,
+        Feature.JOINT_FREE: EXACT,
+        Feature.LIMIT_POSITION: approximate(
+            "passes the limit for one step, then comes back by joint_erp of the overshoot per step"
+        ),
+        Feature.LIMIT_VELOCITY: EXACT,
+        Feature.LIMIT_EFFORT: EXACT,
+        Feature.DAMPING: EXACT,
+        Feature.BALL_DAMPING: EXACT,
+        Feature.DRY_FRICTION: via_api("a velocity motor with target 0 and the friction as its largest force"),
+        Feature.ARMATURE: outside(f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h", _armature_covered),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.INITIAL_POSITION: via_api("reset of base and joint states"),
+        Feature.INITIAL_VELOCITY: via_api("reset of base and joint states"),
+        Feature.INERTIA: EXACT,
+        Feature.INERTIA_FULL: EXACT,
+        Feature.TREE_SIZE: unsupported(_NO_LINKS),
+        Feature.TREE_DEPTH: unsupported(_NO_LINKS),
+        Feature.SHAPE_SPHERE: EXACT,
+        Feature.SHAPE_BOX: EXACT,
+        Feature.SHAPE_CYLINDER: Support(Level.EXACT, "implicit cylinder, collision margin 0"),
+        Feature.SHAPE_CAPSULE: EXACT,
+        Feature.SHAPE_ELLIPSOID: unsupported("PyBullet has no ellipsoid"),
+        Feature.SHAPE_PLANE: Support(
+            Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
+        ),
+        Feature.SHAPE_VISUAL: EXACT,
+        Feature.SHAPES_PER_BODY: EXACT,
+        Feature.MATERIALS_PER_BODY: unsupported("PyBullet holds friction and restitution once per body, not per shape"),
+        Feature.FRICTION: EXACT,
+        Feature.FRICTION_PAIRS: unsupported(_NO_PAIRS),
+        Feature.RESTITUTION: EXACT,
+        Feature.RESTITUTION_PAIRS: unsupported(_NO_PAIRS),
+        Feature.CONE_ELLIPTIC: via_api("enableConeFriction=1"),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported(
+            "PyBullet has the elliptic cone and the circumscribed pyramid only"
+        ),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
+        Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
+        Feature.GRAVITY: via_api("setGravity"),
+        Feature.TIMESTEP: via_api("setTimeStep"),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "iterations": Setting(
+            200,
+            "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
+            "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19.",
+            minimum=1,
+        ),
+        "residual_threshold": Setting(
+            0.0,
+            "The solver stops early below this residual; 0: never, so that all steps are solved alike.",
+            minimum=0.0,
+        ),
+        "contact_erp": Setting(
+            0.01,
+            "Share of an overlap of two bodies that is taken back in each step; 0.01 is what all core engines can do.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "joint_erp": Setting(
+            0.2,
+            "Share of a passed joint limit that is taken back in each step; PyBullet's default.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "contact_slop": Setting(0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0),
+        "restitution_velocity_threshold": Setting(
+            0.0,
+            "Impacts slower than this do not bounce (m/s); PyBullet's own 0.2 is a rule that no spec asked for.",
+            minimum=0.0,
+        ),
+        "contact_processing_threshold": Setting(
+            0.0,
+            "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
+            "1, got 0.005. 0: touching bodies only.",
+            minimum=0.0,
+        ),
+        "contact_breaking_threshold": Setting(
+            0.02, "Contact points are kept up to this gap (m); PyBullet's default.", minimum=0.0
+        ),
+        "collision_margin": Setting(
+            0.0,
+            "Added around convex shapes (m); PyBullet's own 0.001 makes them bigger than the spec says.",
+            minimum=0.0,
+        ),
+        "deterministic_pairs": Setting(
+            True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
+        ),
+    }
+    UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "friction_cone": "PyBullet does not give back its contact settings",
+        "shape.name": "PyBullet does not keep the names of shapes",
+        "shape.colour": "PyBullet keeps colours in single precision",
+        "collision_group": "PyBullet does not give back its collision masks; the filter is probed instead",
+    }
+
+    def __init__(self) -> None:
+        self._sim: Simulation | None = None
+        self._efforts: Efforts | None = None
+        self._probe: tuple[Simulation, Probe] | None = None
+        self._source: tuple[Path, Mapping[str, Any]] | None = None
+
+    @property
+    def client(self) -> int:
+        """The number of PyBullet's physics client."""
+        return self._simulation.client
+
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise RuntimeError("load first")
+        return self._sim
+
+    @property
+    def _outside(self) -> Efforts:
+        if self._efforts is None:
+            raise RuntimeError("load first")
+        return self._efforts
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._source = (folder, sidecar)
+        self._sim = Simulation(folder, sidecar)
+        self._efforts = Efforts(self._sim, sidecar["springs"], sidecar["armature"])
+        self._sim.set_state(*self._sim.initial_state)
+
+    def read_back(self) -> ReadBack:
+        return dataclasses.replace(read_back(self._simulation, self._outside), unreadable=dict(self.UNREADABLE))
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.set_state(q, v)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._simulation.get_state()
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        sim = self._simulation
+        return restore_velocities(*sim.file_frames(), sim.offsets)
+
+    def mass_matrix(self) -> np.ndarray:
+        sim = self._simulation
+        q, _ = sim.get_state()
+        return self._probing().mass_matrix(q) + np.diag(self._outside.armature)
+
+    def bias_force(self) -> np.ndarray:
+        q, v = self._simulation.get_state()
+        return self._probing().bias_force(q, v)
+
+    def _probing(self) -> Probe:
+        """A second simulation of the same files in which nothing but the tree dynamics acts."""
+        if self._probe is None:
+            if self._source is None:
+                raise RuntimeError("load first")
+            sim = Simulation(*self._source)
+            self._probe = (sim, Probe(sim))
+        return self._probe[1]
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        sim = self._simulation
+        step, client = sim.bullet.stepSimulation, sim.client
+        outside_efforts = self._outside
+        if effort is None and not outside_efforts.needed:
+            for _ in range(count):
+                step(client)
+            return
+        given = np.zeros(sim.nv) if effort is None else np.asarray(effort, dtype=float)
+        for _ in range(count):  # PyBullet forgets applied efforts after each step
+            outside_efforts.apply(outside_efforts.total(given))
+            step(client)
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        sim = self._simulation
+        reach = sim.settings["contact_processing_threshold"]
+        points = [point for point in sim.bullet.getContactPoints(physicsClientId=sim.client) if point[8] <= reach]
+        if not points:
+            return empty_contacts()
+        index = sim.body_index
+        return {
+            "body": np.array([(index[p[1], p[3]], index[p[2], p[4]]) for p in points], dtype=np.int64),
+            "position": (np.array([p[5] for p in points]) + np.array([p[6] for p in points])) / 2.0,
+            "normal": np.array([p[7] for p in points]),
+            "distance": np.array([p[8] for p in points]),
+            "normal_force": np.array([p[9] for p in points]),
+        }
+
+    def detect_contacts(self) -> np.ndarray:
+        sim = self._simulation
+        sim.forget_contacts()
+        sim.bullet.performCollisionDetection(physicsClientId=sim.client)
+        index = sim.body_index
+        found = {
+            tuple(sorted((index[p[1], p[3]], index[p[2], p[4]])))
+            for p in sim.bullet.getContactPoints(physicsClientId=sim.client)
+            if p[8] <= 0.0
+        }
+        return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+
+    def disable_contact(self) -> None:
+        self._simulation.disable_contact()
+
+    def energy(self) -> tuple[float, float]:
+        kinetic, potential = self._simulation.energy()
+        _, v = self._simulation.get_state()
+        kinetic += 0.5 * float(np.sum(self._outside.armature * v**2))
+        return kinetic, potential + self._outside.spring_energy()
+
+    def log(self) -> list[str]:
+        return list(self._simulation.log)
+
+    def close(self) -> None:
+        if self._probe is not None:
+            self._probe[0].close()
+        if self._sim is not None:
+            self._sim.close()
+        self._sim = self._efforts = self._probe = None

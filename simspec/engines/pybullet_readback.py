@@ -1,0 +1,186 @@
+"""What PyBullet says it holds, in the world's frames."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.pybullet_efforts import Efforts
+from simspec.engines.pybullet_simulation import Link, Simulation, Tree, from_xyzw
+from simspec.errors import EngineError
+from simspec.formats.passes import restore_frames, tensor
+from simspec.world import frames
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape
+
+SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
+"""PyBullet's GEOM_ numbers."""
+JOINT_KINDS = {0: ("hinge",), 1: ("slide",), 2: ("ball",), 4: ("fixed",)}
+"""PyBullet's JOINT_ numbers."""
+
+SAME_SHAPE = 1e-9
+"""Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
+printed from one, so that only round-off (1e-15) can stand between them."""
+
+
+def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
+    """The model and its present state as PyBullet holds them."""
+    q, v = sim.get_state()
+    bodies: list[Body | None] = [None] * len(sim.names)
+    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
+        frames_in_tree = _inertial_frames(sim, tree)
+        by_link = {link.link: link for link in tree.links}
+        visuals = _visual_shapes(sim, tree)
+        for position, link in enumerate(tree.links):
+            joint = _joint(sim, tree, link, frames_in_tree, by_link, efforts)
+            joint = dataclasses.replace(
+                joint,
+                name=instance["joints"][position],
+                position=tuple(q[link.q].tolist()),
+                velocity=tuple(v[link.v].tolist()),
+            )
+            if link.kind == "free":
+                joint = _free_state(joint, frames_in_tree[link.link])
+            moments = tuple(sim.moments[link.index].tolist())
+            centre = tuple(sim.centre[link.index].tolist())
+            bodies[link.index] = Body(
+                sim.names[link.index],
+                instance["model"],
+                Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
+                joint,
+                _shapes(sim, tree, link, visuals.get(link.link, [])),
+            )
+    offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
+    held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
+    return ReadBack(
+        restore_frames(tuple(bodies), offsets),
+        tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+        held["fixedTimeStep"],
+        sim.sidecar["friction_cone"],
+    )
+
+
+def _free_state(joint: Joint, inertial: Pose) -> Joint:
+    """From generalised coordinates (centre of mass; ω in body axes) to those of the file's body frame."""
+    turn = joint.position[3:7]
+    lever = frames.rotate(turn, inertial.position)
+    angular = frames.rotate(turn, joint.velocity[3:])
+    linear = frames.subtract(joint.velocity[:3], frames.cross(angular, lever))
+    return dataclasses.replace(
+        joint,
+        position=(*frames.subtract(joint.position[:3], lever), *turn),
+        velocity=(*linear, *angular),
+    )
+
+
+def _inertial_frames(sim: Simulation, tree: Tree) -> dict[int, Pose]:
+    """The inertial frame of every link, the base included, in the link's own frame."""
+    found = {}
+    for link in range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client)):
+        info = sim.bullet.getDynamicsInfo(tree.uid, link, physicsClientId=sim.client)
+        found[link] = Pose(tuple(info[3]), from_xyzw(info[4]))
+    return found
+
+
+def _base_pose(sim: Simulation, tree: Tree, inertial: Pose) -> Pose:
+    at, raw = sim.bullet.getBasePositionAndOrientation(tree.uid, physicsClientId=sim.client)
+    return frames.compose(Pose(tuple(at), from_xyzw(raw)), frames.inverse(inertial))
+
+
+def _joint(
+    sim: Simulation, tree: Tree, link: Link, inertials: dict[int, Pose], by_link: dict[int, Link], efforts: Efforts
+) -> Joint:
+    if link.link < 0:
+        if tree.root == "free":
+            return Joint("", "free")
+        return Joint("", "fixed", None, _base_pose(sim, tree, inertials[-1]))
+    info: tuple[Any, ...] = sim.bullet.getJointInfo(tree.uid, link.link, physicsClientId=sim.client)
+    above = info[16]
+    kinds = JOINT_KINDS.get(info[2])
+    if kinds is None:
+        raise EngineError("pybullet", f"holds the joint {info[1].decode()!r} as its type {info[2]}, unknown here")
+    kind = kinds[0]
+    # PyBullet gives the joint's place in the parent's inertial frame, and the rotation from there to the child's inertial
+    # axes, inverted (measured)
+    parent, own = inertials[above], inertials[link.link]
+    turn = frames.multiply(
+        frames.multiply(parent.quaternion, frames.conjugate(from_xyzw(info[15]))), frames.conjugate(own.quaternion)
+    )
+    place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
+    origin = Pose(place, turn)
+    if above not in by_link:
+        origin = frames.compose(_base_pose(sim, tree, parent), origin)
+    stiffness, rest = efforts.springs.get(link.index, (0.0, 0.0))
+    moves = kind in ("hinge", "slide")
+    lower, upper, effort, velocity = info[8:12]
+    return Joint(
+        "",
+        kind,
+        sim.names[by_link[above].index] if above in by_link else None,
+        origin,
+        frames.rotate(own.quaternion, tuple(info[13])) if moves else (0.0, 0.0, 0.0),
+        (lower, upper) if moves and lower <= upper else None,
+        velocity if moves and velocity > 0.0 else None,
+        effort if moves and effort > 0.0 else None,
+        damping=info[6] if kind != "fixed" else 0.0,
+        dry_friction=info[7] if moves else 0.0,
+        armature=float(efforts.armature[link.v][0]) if moves else 0.0,
+        spring_stiffness=stiffness,
+        spring_rest=rest,
+    )
+
+
+def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
+    if kind == "sphere":
+        return (dimensions[0],)
+    if kind == "box":
+        return tuple(dimensions[:3])
+    if kind == "plane":
+        return ()
+    return (dimensions[1], dimensions[0])  # cylinder and capsule: PyBullet has the length first
+
+
+def _shapes(sim: Simulation, tree: Tree, link: Link, visuals: list[Shape]) -> tuple[Shape, ...]:
+    p, client = sim.bullet, sim.client
+    info = p.getDynamicsInfo(tree.uid, link.link, physicsClientId=client)
+    inertial = Pose(tuple(info[3]), from_xyzw(info[4]))
+    rest = list(visuals)
+    found = []
+    for entry in p.getCollisionShapeData(tree.uid, link.link, physicsClientId=client):
+        kind = _kind(entry[2])
+        pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
+        shape = Shape("", kind, _size(kind, entry[3]), pose, visual=False, friction=info[1], restitution=info[5])
+        same = next((visual for visual in rest if _same(shape, visual)), None)
+        if same is not None:
+            rest.remove(same)
+            shape = dataclasses.replace(shape, visual=True, colour=same.colour)
+        found.append(shape)
+    return (*found, *rest)
+
+
+def _kind(number: int) -> str:
+    if number not in SHAPE_KINDS:
+        raise EngineError("pybullet", f"holds a shape of its type {number}, unknown here")
+    return SHAPE_KINDS[number]
+
+
+def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
+    found: dict[int, list[Shape]] = {}
+    for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
+        kind = _kind(entry[2])
+        pose = Pose(tuple(entry[5]), from_xyzw(entry[6]))
+        shape = Shape("", kind, _size(kind, entry[3]), pose, collision=False, colour=tuple(entry[7]))
+        found.setdefault(entry[1], []).append(shape)
+    return found
+
+
+def _same(one: Shape, other: Shape) -> bool:
+    return one.kind == other.kind and bool(
+        np.allclose(
+            (*one.size, *one.pose.position, *np.abs(one.pose.quaternion)),
+            (*other.size, *other.pose.position, *np.abs(other.pose.quaternion)),
+            rtol=SAME_SHAPE,
+            atol=SAME_SHAPE,
+        )
+    )

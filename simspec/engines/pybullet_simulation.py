@@ -1,0 +1,367 @@
+"""One PyBullet client with a world loaded: loading, state in and out, efforts, and the probes of its dynamics."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.errors import EngineError
+from simspec.world import frames
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
+
+UNCLAMPED = 1e30
+"""For PyBullet's velocity clamp (100 by default) and for limits that must never act."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One body of the world in PyBullet: ``index`` in the world, ``link`` in its tree (−1 the base), joint ``kind``,
+    the slices of its coordinates in q and v, and ``turn``, its principal axes in its frame."""
+
+    index: int
+    link: int
+    kind: str
+    q: slice
+    v: slice
+    turn: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """One PyBullet body: its unique id and its links in the order of the file."""
+
+    uid: int
+    root: str
+    links: tuple[Link, ...]
+
+    @property
+    def movers(self) -> tuple[Link, ...]:
+        """The links on hinges, slides and balls."""
+        return tuple(link for link in self.links if link.kind in ("hinge", "slide", "ball"))
+
+
+@contextlib.contextmanager
+def captured_output(lines: list[str]) -> Iterator[None]:
+    """Catch what C code prints to standard output meanwhile, and add it to ``lines``."""
+    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
+        yield
+        return
+    flush = ctypes.CDLL(None).fflush
+    sys.stdout.flush()
+    flush(None)
+    kept = os.dup(1)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 1)
+        try:
+            yield
+        finally:
+            flush(None)
+            os.dup2(kept, 1)
+            os.close(kept)
+            file.seek(0)
+            text = file.read().decode(errors="replace")
+            lines.extend(line for line in text.splitlines() if line.strip() and "build time" not in line)
+
+
+def to_xyzw(q: Sequence[float]) -> list[float]:
+    return [q[1], q[2], q[3], q[0]]
+
+
+def from_xyzw(q: Sequence[float]) -> Quaternion:
+    return frames.normalise((q[3], q[0], q[1], q[2]))
+
+
+class Simulation:
+    """A PyBullet client holding the artifacts of ``folder``."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        self.log: list[str] = []
+        with captured_output(self.log):
+            try:
+                import pybullet
+            except ImportError as error:
+                raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
+            self.bullet = pybullet
+            self.client: int = pybullet.connect(pybullet.DIRECT)
+            if self.client < 0:
+                raise EngineError("pybullet", "no physics client could be made")
+            try:
+                self._load(folder, sidecar)
+            except BaseException:
+                self.close()
+                raise
+
+    # --- loading ----------------------------------------------------------------------------------------------
+
+    def _load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.settings = sidecar["settings"]
+        self.sidecar = sidecar
+        self.names = [body["name"] for body in sidecar["bodies"]]
+        self.place = {name: index for index, name in enumerate(self.names)}
+        self.kinds = [body["kind"] for body in sidecar["bodies"]]
+        self.offsets = np.array([body["frame_offset"] for body in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self._lay_out()
+        self._set_parameters(sidecar)
+        self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
+        self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
+        self._collect()
+        self._set_filter(sidecar["collision_filter"])
+
+    def _lay_out(self) -> None:
+        self._q, self._v, self.nq, self.nv = [], [], 0, 0
+        for kind in self.kinds:
+            self._q.append(slice(self.nq, self.nq + POSITION_SIZE[kind]))
+            self._v.append(slice(self.nv, self.nv + VELOCITY_SIZE[kind]))
+            self.nq, self.nv = self._q[-1].stop, self._v[-1].stop
+
+    def _set_parameters(self, sidecar: Mapping[str, Any]) -> None:
+        given = self.settings
+        self.bullet.setPhysicsEngineParameter(
+            enableFileCaching=0,  # a file that changed on disk would be read as it was (measured)
+            numSolverIterations=given["iterations"],
+            solverResidualThreshold=given["residual_threshold"],
+            contactERP=given["contact_erp"],
+            erp=given["joint_erp"],
+            contactSlop=given["contact_slop"],
+            restitutionVelocityThreshold=given["restitution_velocity_threshold"],
+            contactBreakingThreshold=given["contact_breaking_threshold"],
+            enableConeFriction=int(sidecar["friction_cone"] == "elliptic"),
+            deterministicOverlappingPairs=int(given["deterministic_pairs"]),
+            numSubSteps=0,
+            physicsClientId=self.client,
+        )
+        self.bullet.setGravity(*sidecar["gravity"], physicsClientId=self.client)
+        self.bullet.setTimeStep(sidecar["timestep"], physicsClientId=self.client)
+
+    def _load_tree(self, folder: Path, instance: Mapping[str, Any]) -> Tree:
+        p, path = self.bullet, folder / instance["file"]
+        if not path.is_file():
+            raise EngineError("pybullet", f"the file {instance['file']!r} is missing")
+        base = instance["base"]
+        flags = (
+            p.URDF_USE_INERTIA_FROM_FILE
+            | p.URDF_USE_IMPLICIT_CYLINDER
+            | p.URDF_MAINTAIN_LINK_ORDER
+            | p.URDF_USE_SELF_COLLISION
+            | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT
+        )
+        try:
+            uid = p.loadURDF(
+                str(path),
+                basePosition=base["position"],
+                baseOrientation=to_xyzw(base["quaternion"]),
+                useFixedBase=int(instance["root"] != "free"),
+                flags=flags,
+                physicsClientId=self.client,
+            )
+        except p.error as error:
+            raise EngineError("pybullet", f"refused {instance['file']!r}: {error}") from error
+        extra = int(instance["root"] == "world link")
+        count = p.getNumJoints(uid, physicsClientId=self.client) + 1 - extra
+        if count != len(instance["bodies"]):
+            raise EngineError(
+                "pybullet", f"{instance['file']!r} holds {count} bodies, the sidecar names {len(instance['bodies'])}"
+            )
+        links = []
+        for position, name in enumerate(instance["bodies"]):
+            index, link = self.place[name], position - 1 + extra
+            turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
+            links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
+        tree = Tree(uid, instance["root"], tuple(links))
+        self._quieten(tree)
+        return tree
+
+    def _quieten(self, tree: Tree) -> None:
+        """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
+        p, client = self.bullet, self.client
+        for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
+            p.changeDynamics(
+                tree.uid,
+                link,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                maxJointVelocity=UNCLAMPED,
+                contactProcessingThreshold=self.settings["contact_processing_threshold"],
+                collisionMargin=self.settings["collision_margin"],
+                physicsClientId=client,
+            )
+        for link in tree.movers:
+            if link.kind == "ball":
+                p.setJointMotorControlMultiDof(
+                    tree.uid,
+                    link.link,
+                    p.POSITION_CONTROL,
+                    targetPosition=[0.0, 0.0, 0.0, 1.0],
+                    positionGain=0.0,
+                    velocityGain=0.0,
+                    force=[0.0, 0.0, 0.0],
+                    physicsClientId=client,
+                )
+            else:
+                friction = p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7]
+                p.setJointMotorControl2(
+                    tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=client
+                )
+
+    def _collect(self) -> None:
+        """The engine's masses and inertial frames of all bodies, as arrays."""
+        count = len(self.names)
+        self.mass = np.zeros(count)
+        self.moments = np.zeros((count, 3))
+        self.centre = np.zeros((count, 3))
+        self.turn = np.zeros((count, 4))
+        for tree in self.trees:
+            for link in tree.links:
+                info = self.bullet.getDynamicsInfo(tree.uid, link.link, physicsClientId=self.client)
+                self.mass[link.index], self.moments[link.index] = info[0], info[2]
+                self.centre[link.index], self.turn[link.index] = info[3], link.turn
+
+    @property
+    def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The initial (q, v) of the sidecar."""
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
+            for target, source, places in ((q, instance["position"], "q"), (v, instance["velocity"], "v")):
+                start = 0
+                for link in tree.links:
+                    place = getattr(link, places)
+                    stop = start + place.stop - place.start
+                    target[place] = source[start:stop]
+                    start = stop
+        return q, v
+
+    # --- collision filter --------------------------------------------------------------------------------------
+
+    def _set_filter(self, content: Mapping[str, Any]) -> None:
+        place = {index: key for key, index in self.body_index.items()}
+        where = {name: place[index] for index, name in enumerate(self.names)}
+        self._masks = [
+            (*where[name], entry["group"], entry["mask"]) for entry in content["classes"] for name in entry["bodies"]
+        ]
+        for first, second in content["excluded"]:
+            (uid, link), (other_uid, other_link) = where[first], where[second]
+            self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
+        self.forget_contacts()
+
+    def forget_contacts(self) -> None:
+        """Drop all cached contact points: setting a filter mask, even the same, makes PyBullet forget a body's pairs."""
+        for uid, link, group, mask in self._masks:
+            self.bullet.setCollisionFilterGroupMask(uid, link, group, mask, physicsClientId=self.client)
+
+    def disable_contact(self) -> None:
+        self._masks = [(uid, link, 0, 0) for uid, link, _, _ in self._masks]
+        self.forget_contacts()
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        p, client = self.bullet, self.client
+        q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        for tree in self.trees:
+            root = tree.links[0]
+            if root.kind == "free":
+                at, turn = q[root.q][:3], tuple(q[root.q][3:7].tolist())
+                linear, angular = v[root.v][:3], frames.rotate(turn, tuple(v[root.v][3:].tolist()))
+                p.resetBasePositionAndOrientation(
+                    tree.uid, at.tolist(), to_xyzw(frames.multiply(turn, root.turn)), physicsClientId=client
+                )
+                p.resetBaseVelocity(tree.uid, linear.tolist(), list(angular), physicsClientId=client)
+            movers = tree.movers
+            if movers:
+                positions, velocities = [], []
+                for link in movers:
+                    if link.kind == "ball":
+                        back = frames.conjugate(link.turn)
+                        turn = frames.multiply(frames.multiply(back, tuple(q[link.q].tolist())), link.turn)
+                        positions.append(to_xyzw(turn))
+                        velocities.append(list(frames.rotate(back, tuple(v[link.v].tolist()))))
+                    else:
+                        positions.append(q[link.q].tolist())
+                        velocities.append(v[link.v].tolist())
+                p.resetJointStatesMultiDof(
+                    tree.uid, [link.link for link in movers], positions, velocities, physicsClientId=client
+                )
+        self.forget_contacts()
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        p, client = self.bullet, self.client
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        for tree in self.trees:
+            root = tree.links[0]
+            if root.kind == "free":
+                at, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+                linear, angular = p.getBaseVelocity(tree.uid, physicsClientId=client)
+                turn = frames.multiply(from_xyzw(raw), frames.conjugate(root.turn))
+                q[root.q] = (*at, *turn)
+                v[root.v] = (*linear, *frames.rotate(frames.conjugate(turn), angular))
+            movers = tree.movers
+            if movers:
+                states = p.getJointStatesMultiDof(tree.uid, [link.link for link in movers], physicsClientId=client)
+                for link, state in zip(movers, states, strict=True):
+                    if link.kind == "ball":
+                        turn = frames.multiply(link.turn, from_xyzw(state[0]))
+                        q[link.q] = frames.multiply(turn, frames.conjugate(link.turn))
+                        v[link.v] = frames.rotate(link.turn, state[1])
+                    else:
+                        q[link.q], v[link.v] = state[0], state[1]
+        return q, v
+
+    def inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of every body's inertial frame: position (n, 3), orientation w x y z (n, 4), linear velocity of the centre
+        of mass and angular velocity (n, 3) in world axes."""
+        p, client, count = self.bullet, self.client, len(self.names)
+        at, turn = np.zeros((count, 3)), np.zeros((count, 4))
+        linear, angular = np.zeros((count, 3)), np.zeros((count, 3))
+        for tree in self.trees:
+            links = tree.links
+            if links[0].link < 0:
+                index = links[0].index
+                at[index], raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+                turn[index] = raw[3], raw[0], raw[1], raw[2]
+                linear[index], angular[index] = p.getBaseVelocity(tree.uid, physicsClientId=client)
+                links = links[1:]
+            if links:
+                states = p.getLinkStates(tree.uid, [link.link for link in links], 1, 1, physicsClientId=client)
+                for link, state in zip(links, states, strict=True):
+                    # [4] and [5], the link frame, have single precision (measured: 1e-8 to 4e-7)
+                    raw = state[1]
+                    at[link.index], turn[link.index] = state[0], (raw[3], raw[0], raw[1], raw[2])
+                    linear[link.index], angular[link.index] = state[6], state[7]
+        return at, turn, linear, angular
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the files have them."""
+        at, raw, linear, angular = self.inertial_states()
+        w, xyz = self.turn[:, :1], -self.turn[:, 1:]
+        turn = np.empty_like(raw)
+        turn[:, :1] = raw[:, :1] * w - np.sum(raw[:, 1:] * xyz, axis=1, keepdims=True)
+        turn[:, 1:] = raw[:, :1] * xyz + w * raw[:, 1:] + np.cross(raw[:, 1:], xyz)
+        turn[turn[:, 0] < 0.0] *= -1.0
+        first = np.cross(turn[:, 1:], self.centre)
+        lever = self.centre + 2.0 * (turn[:, :1] * first + np.cross(turn[:, 1:], first))
+        poses = np.concatenate([at - lever, turn], axis=1)
+        return poses, np.concatenate([linear - np.cross(angular, lever), angular], axis=1)
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic energy of the bodies and their potential in gravity (J)."""
+        at, turn, linear, angular = self.inertial_states()
+        back = turn * np.array([1.0, -1.0, -1.0, -1.0])
+        first = np.cross(back[:, 1:], angular)
+        local = angular + 2.0 * (back[:, :1] * first + np.cross(back[:, 1:], first))
+        kinetic = 0.5 * float(np.sum(self.mass * np.sum(linear**2, axis=1)) + np.sum(self.moments * local**2))
+        potential = -float(np.sum(self.mass * (at @ np.array(self.sidecar["gravity"]))))
+        return kinetic, potential
+
+    def close(self) -> None:
+        if self.client >= 0:
+            self.bullet.disconnect(physicsClientId=self.client)
+            self.client = -1
