@@ -111,6 +111,7 @@ class Simulation:
         self.offsets = np.array([body["frame_offset"] for body in sidecar["bodies"]], dtype=float).reshape(-1, 3)
         self._lay_out()
         self._set_parameters(sidecar)
+        self._file_links: dict[str, list[str]] = {}
         self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
         self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
         self._collect()
@@ -166,11 +167,7 @@ class Simulation:
         except p.error as error:
             raise EngineError("pybullet", f"refused {instance['file']!r}: {error}") from error
         extra = int(instance["root"] == "world link")
-        count = p.getNumJoints(uid, physicsClientId=self.client) + 1 - extra
-        if count != len(instance["bodies"]):
-            raise EngineError(
-                "pybullet", f"{instance['file']!r} holds {count} bodies, the sidecar names {len(instance['bodies'])}"
-            )
+        self._check_links(uid, extra, instance)
         links = []
         for position, name in enumerate(instance["bodies"]):
             index, link = self.place[name], position - 1 + extra
@@ -179,6 +176,20 @@ class Simulation:
         tree = Tree(uid, instance["root"], tuple(links))
         self._quieten(tree)
         return tree
+
+    def _check_links(self, uid: int, extra: int, instance: Mapping[str, Any]) -> None:
+        """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
+        p, client = self.bullet, self.client
+        held = [p.getBodyInfo(uid, physicsClientId=client)[0].decode()]
+        held += [
+            p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
+            for joint in range(p.getNumJoints(uid, physicsClientId=client))
+        ]
+        wanted = self._file_links.setdefault(instance["file"], instance["bodies"])
+        if held[extra:] != wanted or len(wanted) != len(instance["bodies"]):
+            raise EngineError(
+                "pybullet", f"{instance['file']!r} holds the links {held[extra:]}, the sidecar names {wanted}"
+            )
 
     def _quieten(self, tree: Tree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""

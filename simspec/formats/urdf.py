@@ -1,4 +1,4 @@
-"""World to URDF, in the dialect that PyBullet reads; one file for each distinct tree, and a sidecar that says where each stands.
+"""World to URDF, in the dialect that PyBullet reads: one file for each distinct tree, and a sidecar for the rest.
 
 The dialect: joints of type ``spherical``, geometries ``capsule`` and ``plane``, and a ``contact`` element in a link with its
 friction and restitution. What URDF cannot say (where a tree stands, its initial state, springs, armature, collision
@@ -194,7 +194,7 @@ def has_world_link(root: Body) -> bool:
     A root on a hinge, slide or ball has a joint to the world, and PyBullet drops the mass of a fixed base (measured:
     read back as 0), so that a fixed root with a mass must be a link as well.
     """
-    return root.joint.kind in ("hinge", "slide", "ball") or root.joint.kind == "fixed" and root.inertial.mass > 0.0
+    return root.joint.kind in ("hinge", "slide", "ball") or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
 
 
 def _content(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float]]) -> Any:
