@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simspec.errors import EXIT_FAILED, EXIT_OK, EngineError, Problem, SimspecError, SpecError
+from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecError
 
 if TYPE_CHECKING:
-    from simspec.generated import Built
     from simspec.spec.load import Spec
     from simspec.world.types import World
 
@@ -205,29 +204,9 @@ def fmt_command(
     simspec fmt specs/*.yaml
     simspec fmt --check specs/*.yaml
     """
-    from simspec.generated import write_text
-    from simspec.spec.formatting import format_file
+    from simspec.report.files import format_files
 
-    problems: list[Problem] = []
-    results: list[tuple[Path, str, str]] = []
-    for path in files:
-        try:
-            results.append((path, *format_file(path)))
-        except SpecError as error:
-            problems.extend(error.problems)
-    if problems:
-        raise SpecError(problems)
-    changed = [path for path, before, after in results if before != after]
-    if not check:
-        for path, before, after in results:
-            if before != after:
-                write_text(after, path)
-    if as_json:
-        _print_json({"changed": changed, "written": not check})
-    else:
-        for path in changed:
-            print(f"{path}: {'would change; simspec fmt writes it' if check else 'written'}")
-    return EXIT_FAILED if check and changed else EXIT_OK
+    return format_files(files, check, as_json)
 
 
 @app.command("schema")
@@ -246,28 +225,13 @@ def schema_command(
     First line of a spec, for the YAML language server:
       # yaml-language-server: $schema=simspec.schema.json
     """
+    from simspec.report.files import one_file
     from simspec.spec.schema import schema_text
 
     if str(out) == "-":
         sys.stdout.write(schema_text())
         return EXIT_OK
-    return _generated_file(out, schema_text(), check, as_json, "simspec schema")
-
-
-def _generated_file(path: Path, wanted: str, check: bool, as_json: bool, how: str) -> int:
-    """Write one generated file, or see whether it is current."""
-    from simspec.generated import write_text
-
-    current = path.is_file() and path.read_bytes() == wanted.encode()
-    if not check and not current:
-        write_text(wanted, path)
-    if as_json:
-        _print_json({"file": path, "current": current, "written": not check and not current})
-    elif check and not current:
-        print(f"{path} is stale; {how} writes it", file=sys.stderr)
-    elif not check:
-        print(f"{path}: {'already current' if current else 'written'}")
-    return EXIT_FAILED if check and not current else EXIT_OK
+    return one_file(out, schema_text(), check, as_json, "simspec schema")
 
 
 @app.command("compile")
@@ -298,77 +262,17 @@ def compile_command(
     simspec compile robot.yaml --explain
     """
     from simspec import generated
-
-    built = _build(specs, engine, sets, allow_outside)
-    places = _folders(built, out)
-    if check:
-        stale = [line for one, folder in zip(built, places, strict=True) for line in generated.check(one, folder)]
-        if as_json:
-            _print_json({"stale": stale})
-        else:
-            print("\n".join(stale) or f"{len(built)} folders are current", file=sys.stderr if stale else sys.stdout)
-        return EXIT_FAILED if stale else EXIT_OK
-    written = [generated.write(one, folder) for one, folder in zip(built, places, strict=True)]
-    if as_json:
-        _print_json({"compiled": [_compiled_data(one, place) for one, place in zip(built, written, strict=True)]})
-        return EXIT_OK
-    for one, place in zip(built, written, strict=True):
-        print(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
-        if place.dropped:
-            print(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
-        if explain:
-            from simspec.report.terminal import console, decisions
-
-            for compiled in one.compiled.values():
-                console().print(decisions(compiled))
-    return EXIT_OK
-
-
-def _compiled_data(built: Built, written: Any) -> dict[str, Any]:
-    from simspec.world.canonical import sha256
-
-    return {
-        "folder": written.folder,
-        "changed": written.changed,
-        "certificate_dropped": written.dropped,
-        "world_sha256": sha256(built.world),
-        "engines": {
-            name: {"format": one.format, "sha256": one.sha256, "files": sorted(one.files), "decisions": one.decisions}
-            for name, one in built.compiled.items()
-        },
-    }
-
-
-def _build(
-    specs: list[str] | None, engine: list[str] | None, sets: list[str] | None, allow_outside: bool
-) -> list[Built]:
-    """Compile every spec; the problems of all together."""
-    from simspec.generated import build
+    from simspec.report import files
 
     names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
         raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
-    built, problems = [], []
-    for name in names:
-        try:
-            spec, world = _load(name, sets, allow_outside)
-            built.append(build(world, _engine_names(engine), spec.locate))
-        except SpecError as error:
-            problems.extend(error.problems)
-    if problems:
-        raise SpecError(problems)
-    twice = sorted({one.world.name for one in built if sum(other.world.name == one.world.name for other in built) > 1})
-    if twice:
-        raise SpecError([Problem(f"several specs are called {', '.join(twice)}, and would share one folder")])
-    return built
 
+    def build(name: str) -> generated.Built:
+        spec, world = _load(name, sets, allow_outside)
+        return generated.build(world, _engine_names(engine), spec.locate)
 
-def _folders(built: list[Built], out: Path | None) -> list[Path]:
-    from simspec.generated import GENERATED
-
-    if out is not None and len(built) == 1:
-        return [out]
-    return [(out or GENERATED) / one.world.name for one in built]
+    return files.compile_specs(names, build, out, check=check, explain=explain, as_json=as_json)
 
 
 @app.command("verify")
@@ -517,7 +421,9 @@ def engines_command(
     from simspec.report import matrix
 
     if markdown:
-        return _generated_file(out, matrix.markdown(), check, as_json, "simspec engines --markdown")
+        from simspec.report.files import one_file
+
+        return one_file(out, matrix.markdown(), check, as_json, "simspec engines --markdown")
     if as_json:
         _print_json({"engines": matrix.engine_data()})
         return EXIT_OK

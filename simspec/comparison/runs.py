@@ -145,7 +145,8 @@ def diff(
     if noise:
         ends = own_position[compared][-1]
         bodies = [replace(body, floor=float(ends[k])) for k, body in enumerate(bodies)]
-    bodies.sort(key=lambda body: -body.position_largest)
+    # what is not finite is the worst of all
+    bodies.sort(key=lambda body: -body.position_largest if np.isfinite(body.position_largest) else -np.inf)
     return Diff(
         a.label,
         b.label,
@@ -197,7 +198,7 @@ def _floor_at(floor: Floor, run: Run, time: np.ndarray, names: Sequence[str]) ->
 def _body_diff(
     name: str, time: np.ndarray, position: np.ndarray, angle: np.ndarray, out: np.ndarray, touched: float | None
 ) -> BodyDiff:
-    worst = int(np.nanargmax(np.where(np.isfinite(position), position, np.inf)))
+    worst = int(np.where(np.isfinite(position), position, np.inf).argmax())
     first = int(out.argmax()) if out.any() else None
     cause = ""
     if first is not None:

@@ -1,0 +1,216 @@
+"""Every kind of expectation on runs with known answers: one that passes, and one that just does not."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.runner.expectations import MEASURES, evaluate
+from simspec.world.types import Expectation
+from tests.runner.synthetic import column, free_body, run, world
+
+
+def expect(kind: str, **parameters: object) -> Expectation:
+    return Expectation(kind, tuple(sorted(parameters.items())))
+
+
+def outcome(expectation: Expectation, place=None, speed=None, contacts=None, bodies=("ball",), gravity=-10.0):
+    of = world(*(free_body(name) for name in bodies), expect=(expectation,), gravity=gravity)
+    (found,) = evaluate(run(of, place, speed, contacts=contacts))
+    assert found.kind == expectation.kind
+    return found
+
+
+def drop(name, t):
+    return column(0 * t, 0, 5.0 - 5.0 * t**2)
+
+
+def drop_speed(name, t):
+    return column(0 * t, 0, -10.0 * t)
+
+
+def gaining(name, t):
+    # 1 % more speed at the end than a fall gives: 2 % of the energy
+    return column(0 * t, 0, -10.0 * t * np.where(t > 0.95, 1.01, 1.0))
+
+
+def losing(name, t):
+    return column(0 * t, 0, -10.0 * t * np.where(t > 0.95, 0.99, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "speed", "tolerance", "passed"),
+    [
+        ("energy_never_rises", drop_speed, 1e-9, True),
+        ("energy_never_rises", losing, 1e-9, True),
+        ("energy_never_rises", gaining, 0.021, True),
+        ("energy_never_rises", gaining, 0.019, False),
+        ("energy_conserved", drop_speed, 1e-9, True),
+        ("energy_conserved", losing, 0.021, True),
+        ("energy_conserved", losing, 0.019, False),
+    ],
+)
+def test_energy(kind, speed, tolerance, passed):
+    assert outcome(expect(kind, tolerance=tolerance), drop, speed).passed is passed
+
+
+def test_energy_that_falls_and_rises_again_has_risen():
+    # falls by 100 J, then back up: never above its start, and yet it has risen
+    found = outcome(
+        expect("energy_never_rises", tolerance=0.5), lambda n, t: column(0 * t, 0, 5 * np.cos(np.pi * 2 * t))
+    )
+    assert not found.passed
+    assert found.measured == pytest.approx(1.0)
+
+
+def test_momentum():
+    opposite = {"a": 1.0, "b": -1.0}
+    steady = outcome(
+        expect("momentum_conserved", tolerance=1e-9),
+        speed=lambda n, t: column(0 * t + opposite[n], 0, 0),
+        bodies=("a", "b"),
+        gravity=0.0,
+    )
+    assert steady.passed
+    turned = outcome(
+        expect("momentum_conserved", tolerance=0.01),
+        speed=lambda n, t: column(0 * t + opposite[n] * (1 + 0.1 * t * (n == "a")), 0, 0),
+        bodies=("a", "b"),
+        gravity=0.0,
+    )
+    assert not turned.passed
+    assert turned.detail.startswith("linear")
+
+
+def test_angular_momentum_about_the_centre_counts():
+    found = outcome(
+        expect("momentum_conserved", tolerance=0.01),
+        speed=lambda n, t: column(0 * t, 0, 0, 0, 0, 1 + t),
+        gravity=0.0,
+    )
+    assert not found.passed
+    assert found.detail.startswith("angular")
+    assert found.measured == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("depth", "passed"), [(0.003, True), (0.0029, False)])
+def test_penetration(depth, passed):
+    found = outcome(
+        expect("no_penetration_deeper_than", depth=depth),
+        contacts=[(2, 0, 1, -0.001, 1.0), (5, 0, 1, -0.003, 1.0)],
+        bodies=("a", "b"),
+    )
+    assert found.passed is passed
+    assert found.measured == 0.003
+    assert "a and b at 0.5 s" in found.detail
+
+
+def test_penetration_needs_recorded_contacts():
+    of = world(free_body("a"), expect=(expect("no_penetration_deeper_than", depth=1.0),))
+    one = run(of)
+    kept = {name: array for name, array in one.arrays.items() if not name.startswith("contact")}
+    (found,) = evaluate(dataclasses.replace(one, arrays=kept))
+    assert not found.passed
+    assert "record.channels" in found.detail
+
+
+def slowing(name, t):
+    return column(np.maximum(0.0, 1.0 - t), 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "passed"),
+    [({"speed": 1e-3}, True), ({"speed": 0.21, "before": 0.8}, True), ({"speed": 0.19, "before": 0.8}, False)],
+)
+def test_comes_to_rest(parameters, passed):
+    assert outcome(expect("comes_to_rest", **parameters), speed=slowing).passed is passed
+
+
+def going(name, t):
+    return column(3.0 * t, 4.0 * t, 1.0 + 0 * t)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "passed"),
+    [
+        ({"xyz": (3.0, 4.0, 1.0), "tolerance": 1e-9}, True),
+        ({"xyz": (3.0, 4.0, 1.1), "tolerance": 0.09}, False),
+        ({"xyz": (1.5, 2.0, 1.0), "tolerance": 1e-9, "at": 0.5}, True),
+        ({"xyz": (1.5, 2.0, 1.0), "tolerance": 1e-9, "at": 0.6}, False),
+    ],
+)
+def test_position(parameters, passed):
+    assert outcome(expect("position", body="ball", **parameters), going).passed is passed
+
+
+@pytest.mark.parametrize(
+    ("parameters", "passed"),
+    [
+        ({"distance": 5.0, "tolerance": 1e-9}, True),
+        ({"distance": 5.2, "tolerance": 0.1}, False),
+        ({"distance": 2.5, "tolerance": 1e-9, "at": 0.5}, True),
+        ({"xyz": (3.0, 4.0, 0.0), "tolerance": 1e-9}, True),
+        ({"xyz": (4.0, 3.0, 0.0), "tolerance": 1.0}, False),
+    ],
+)
+def test_displacement(parameters, passed):
+    assert outcome(expect("displacement", body="ball", **parameters), going).passed is passed
+
+
+def bouncing(name, t):
+    return column(0 * t, 0, np.where(t < 0.5, 1.0 - 2 * t, 4 * 0.25 * (1 - (t - 0.75) ** 2 / 0.0625) / 4))
+
+
+@pytest.mark.parametrize(("height", "passed"), [(0.25, True), (0.29, True), (0.31, False), (1.0, False)])
+def test_apex_after_the_first_fall(height, passed):
+    found = outcome(expect("apex_height", body="ball", height=height, tolerance=0.05, after=0.5), bouncing)
+    assert found.passed is passed
+
+
+@pytest.mark.parametrize(("upper", "passed"), [((3.0, 4.0, 1.0), True), ((3.0, 3.9, 1.0), False)])
+def test_stays_within(upper, passed):
+    found = outcome(expect("stays_within", body="ball", lower=(0.0, 0.0, 1.0), upper=upper), going)
+    assert found.passed is passed
+    assert found.measured == pytest.approx(0.0 if passed else 0.1)
+
+
+@pytest.mark.parametrize(("at_least", "passed"), [(0.5, True), (0.51, False)])
+def test_bodies_apart(at_least, passed):
+    place = {"a": lambda t: 0 * t, "b": lambda t: 0.5 + np.abs(t - 0.5)}
+    found = outcome(
+        expect("bodies_apart", first="a", second="b", at_least=at_least),
+        lambda n, t: column(place[n](t), 0, 0),
+        bodies=("a", "b"),
+    )
+    assert found.passed is passed
+    assert found.measured == pytest.approx(0.5)
+
+
+def test_a_time_that_was_not_recorded_is_said():
+    found = outcome(expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1.0, at=0.55), going)
+    assert not found.passed
+    assert "nothing was recorded at 0.55 s" in found.detail
+
+
+def test_a_body_that_is_not_there_is_said():
+    found = outcome(expect("position", body="box", xyz=(0.0, 0.0, 0.0), tolerance=9.0), going)
+    assert not found.passed
+    assert "no body 'box'" in found.detail
+
+
+def test_a_failed_run_fulfils_nothing():
+    of = world(free_body("ball"), expect=tuple(expect(kind, tolerance=1e9) for kind in MEASURES))
+    one = dataclasses.replace(run(of), failed="the state is not finite after step 3")
+    found = evaluate(one)
+    assert len(found) == len(MEASURES)
+    assert not any(outcome.passed for outcome in found)
+    assert "not finite" in found[0].detail
+
+
+def test_not_a_number_never_passes():
+    found = outcome(
+        expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e9), lambda n, t: column(t * np.nan, 0, 0)
+    )
+    assert not found.passed
