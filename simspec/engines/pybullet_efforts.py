@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.pybullet_simulation import Simulation, Tree
+from simspec.engines.pybullet_simulation import Simulation, Tree, from_xyzw
 from simspec.world import frames
 
 
@@ -62,12 +62,15 @@ class Efforts:
         """Whether there is something to apply before every step even without an effort from outside."""
         return bool(self._springs or self._armed)
 
-    def _dynamics_places(self, tree: Tree) -> tuple[list[int], np.ndarray, np.ndarray]:
+    def _dynamics_places(self, tree: Tree) -> tuple[list[int], np.ndarray, np.ndarray, tuple[float, ...]]:
+        """Of a tree with armature: its joints, their places in v, their damping, and gravity in the base's inertial axes."""
         joints = [link.link for link in tree.movers]
         places = np.array([link.v.start for link in tree.movers], dtype=int)
         p, client = self._sim.bullet, self._sim.client
         damping = np.array([p.getJointInfo(tree.uid, joint, physicsClientId=client)[6] for joint in joints])
-        return joints, places, damping
+        _, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+        local_gravity = frames.rotate(frames.conjugate(from_xyzw(raw)), tuple(self._sim.sidecar["gravity"]))
+        return joints, places, damping, local_gravity
 
     def total(self, given: np.ndarray) -> np.ndarray:
         """The effort (nv,) to apply at the present state, for an effort ``given`` from outside."""
@@ -82,11 +85,15 @@ class Efforts:
                 effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, tuple(rotation_vector((w, x, y, z)))))
             else:
                 effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
-        for tree, joints, places, damping in self._armed:
+        gravity = self._sim.sidecar["gravity"]
+        for tree, joints, places, damping, local_gravity in self._armed:
             states = p.getJointStates(tree.uid, joints, physicsClientId=client)
             q, v = [state[0] for state in states], [state[1] for state in states]
             mass = np.array(p.calculateMassMatrix(tree.uid, q, physicsClientId=client))
+            # calculateInverseDynamics takes gravity to be given in the axes of the base (measured)
+            p.setGravity(*local_gravity, physicsClientId=client)
             bias = np.array(p.calculateInverseDynamics(tree.uid, q, v, [0.0] * len(q), physicsClientId=client))
+            p.setGravity(*gravity, physicsClientId=client)
             armature = self.armature[places]
             force = effort[places] - damping * np.array(v) - bias
             effort[places] -= armature * np.linalg.solve(mass + np.diag(armature), force)

@@ -1,7 +1,8 @@
 """The mass matrix and bias force that PyBullet steps with, measured by stepping it.
 
 ``calculateMassMatrix`` is right for hinges and slides on a massless fixed base only (measured: ball joints differ in the
-second digit, a floating base mixes its axes), and neither it nor ``calculateInverseDynamics`` is what a step uses. So a second
+second digit), ``calculateInverseDynamics`` takes gravity to be given in the base's axes, and neither is what a step
+uses. So a second
 simulation of the same files is stepped once per coordinate instead: from rest, without gravity, damping, motors, limits and
 contact, a unit effort for one step of 1 s leaves the velocity M⁻¹ e exactly.
 """
