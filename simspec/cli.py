@@ -22,21 +22,26 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 110},
-    help="""One neutral scenario, every physics engine, provably the same model.
-
-\b
-Start here:
-  simspec new pendulum                             a commented spec, pendulum.yaml
-  simspec run pendulum.yaml --all-engines          compile, verify, run, compare
-  simspec run spheres-216 --all-engines            a scenario of the library, by name
-  simspec verify pendulum.yaml                     does every engine hold this model?
-  simspec diff runs/pendulum/dart runs/pendulum/mujoco
-
-\b
-Exit codes: 0 ok; 1 an expectation, a proof or a diff failed; 2 the spec or the
-command is wrong; 3 an engine failed or is missing.
-""",
 )
+
+
+@app.callback()
+def simspec_command() -> None:
+    """One neutral scenario, every physics engine, provably the same model.
+
+    \b
+    Start here:
+      simspec new pendulum                             a commented spec, pendulum.yaml
+      simspec run pendulum.yaml --all-engines          compile, verify, run, compare
+      simspec run spheres-216 --all-engines            a scenario of the library, by name
+      simspec verify pendulum.yaml                     does every engine hold this model?
+      simspec diff runs/pendulum/dart runs/pendulum/mujoco
+
+    \b
+    Exit codes: 0 ok; 1 an expectation, a proof or a diff failed; 2 the spec or the
+    command is wrong; 3 an engine failed or is missing.
+    """
+
 
 SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
 SpecNames = Annotated[list[str] | None, typer.Argument(metavar="[SPEC]...", help="YAML files, or library scenarios.")]

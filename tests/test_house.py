@@ -1,0 +1,125 @@
+"""The rules of the house: data goes one way, engines are known by name only where they live, files stay readable."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
+ORDER = (
+    "errors",
+    "resources",
+    "spec",
+    "world",
+    "resolve",
+    "features",
+    "formats",
+    "engines",
+    "compiler",
+    "proof",
+    "runner",
+    "comparison",
+    "generated",
+    "report",
+    "cli",
+)
+"""A module imports only from parts that stand before its own, and from its own."""
+EXCEPTIONS = {
+    ("spec/load.py", "resolve"): "Spec.resolve() is the user's door to the next part; imported when it is called",
+}
+ENTRANCES = ("__init__.py", "__main__.py")
+"""The package's own doors, which may open every part."""
+LONGEST = 500
+ENGINE_WORDS = ("mujoco", "pybullet", "dart", "bullet")
+FORMAT_WORDS = ("mjcf", "urdf", "skel")
+HOMES = ("engines", "formats")
+
+MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
+
+
+def part(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imported_parts(tree: ast.AST) -> set[str]:
+    """The parts of simspec that a module imports from, wherever in the module that is."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        found.update(name.split(".")[1] for name in names if name.startswith("simspec."))
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_data_goes_one_way(path):
+    name = path.relative_to(PACKAGE).as_posix()
+    if name in ENTRANCES:
+        return
+    own = part(path)
+    assert own in ORDER, f"{name}: where does this part stand in the house?"
+    for other in imported_parts(ast.parse(path.read_text(encoding="utf-8"))):
+        if (name, other) in EXCEPTIONS:
+            continue
+        assert other in ORDER, f"{name} imports {other}, which has no place in the house"
+        assert ORDER.index(other) <= ORDER.index(own), f"{name} imports from {other}, which stands after {own}"
+
+
+def words(tree: ast.Module) -> list[tuple[int, str]]:
+    """Every identifier and text of a module but its docstrings, in lower case, with its line."""
+    docstrings = set()
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        for statement in body if isinstance(body, list) else ():
+            # docstrings of modules, classes and functions, and the texts that stand under a constant to explain it
+            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                docstrings.add(id(statement.value))
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            found.append((node.lineno, node.value.lower()))
+        elif isinstance(node, ast.Name):
+            found.append((node.lineno, node.id.lower()))
+        elif isinstance(node, ast.Attribute):
+            found.append((node.lineno, node.attr.lower()))
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found.append((node.lineno, node.name.lower()))
+        elif isinstance(node, ast.alias):
+            found.append((node.lineno, node.name.lower()))
+    return found
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if part(path) not in HOMES],
+    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
+)
+def test_engines_and_formats_are_known_only_at_home(path):
+    found = [
+        f"{path.name}:{line}: {word!r} in {text!r}"
+        for line, text in words(ast.parse(path.read_text(encoding="utf-8")))
+        for word in (*ENGINE_WORDS, *FORMAT_WORDS)
+        if word in text
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_files_stay_readable(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+def test_the_check_itself_sees_what_it_should():
+    tree = ast.parse(
+        '"""about dart"""\nX = 1\n"""mujoco"""\ndef f():\n    from simspec.report import a\n    return pybullet.x("urdf")'
+    )
+    assert {text for _, text in words(tree)} >= {"pybullet", "urdf"}
+    assert not {"about dart", "mujoco"} & {text for _, text in words(tree)}
+    assert imported_parts(tree) == {"report"}
