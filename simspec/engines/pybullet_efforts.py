@@ -121,11 +121,13 @@ class Efforts:
                 p.applyExternalForce(uid, -1, given[:3].tolist(), at, p.WORLD_FRAME, physicsClientId=client)
                 p.applyExternalTorque(uid, -1, list(torque), p.WORLD_FRAME, physicsClientId=client)
 
-    def spring_energy(self) -> float:
-        """Energy stored in the springs at the present state (J)."""
-        q, _ = self._sim.get_state()
-        energy = 0.0
+    def energy(self) -> tuple[float, float]:
+        """Kinetic energy of the armature and energy stored in the springs at the present state (J)."""
+        if not self.needed:
+            return 0.0, 0.0
+        q, v = self._sim.get_state()
+        potential = 0.0
         for _, link, stiffness, rest in self._springs:
             away = rotation_vector(q[link.q]) if link.kind == "ball" else q[link.q] - rest
-            energy += 0.5 * stiffness * float(away @ away)
-        return energy
+            potential += 0.5 * stiffness * float(away @ away)
+        return 0.5 * float(np.sum(self.armature * v**2)), potential

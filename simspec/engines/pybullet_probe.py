@@ -53,7 +53,7 @@ class Probe:
         sim.set_state(q, v)
         if effort is not None:
             self._efforts.apply(effort)
-        sim.bullet.stepSimulation(physicsClientId=sim.client)
+        sim.advance(1)
         after_q, after_v = sim.get_state()
         for link in (tree.links[0] for tree in sim.trees if tree.root == "free"):
             # ω is given in the axes after the step; the gain is wanted in those before it: d(Rᵀω)/dt = Rᵀ dω/dt

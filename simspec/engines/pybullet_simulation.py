@@ -42,11 +42,8 @@ class Tree:
     uid: int
     root: str
     links: tuple[Link, ...]
-
-    @property
-    def movers(self) -> tuple[Link, ...]:
-        """The links on hinges, slides and balls."""
-        return tuple(link for link in self.links if link.kind in ("hinge", "slide", "ball"))
+    movers: tuple[Link, ...]
+    """The links on hinges, slides and balls."""
 
 
 @contextlib.contextmanager
@@ -78,6 +75,24 @@ def to_xyzw(q: Sequence[float]) -> list[float]:
 
 def from_xyzw(q: Sequence[float]) -> Quaternion:
     return frames.normalise((q[3], q[0], q[1], q[2]))
+
+
+def conjugate(q: np.ndarray) -> np.ndarray:
+    """The inverse rotations of unit quaternions (n, 4)."""
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The rotations ``a`` after ``b``, quaternions (n, 4) with w ≥ 0."""
+    w, u, x, v = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
+    found = np.concatenate([w * x - np.sum(u * v, axis=1, keepdims=True), w * v + x * u + np.cross(u, v)], axis=1)
+    return np.where(found[:, :1] < 0.0, -found, found)
+
+
+def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
+    first = np.cross(q[:, 1:], vectors)
+    return vectors + 2.0 * (q[:, :1] * first + np.cross(q[:, 1:], first))
 
 
 class Simulation:
@@ -115,6 +130,11 @@ class Simulation:
         self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
         self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
         self._collect()
+        free = [tree.links[0] for tree in self.trees if tree.root == "free"]
+        self._free = np.array([link.index for link in free], dtype=int)
+        self._free_q = np.array([range(link.q.start, link.q.stop) for link in free], dtype=int)
+        self._free_v = np.array([range(link.v.start, link.v.stop) for link in free], dtype=int)
+        self._seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._set_filter(sidecar["collision_filter"])
 
     def _lay_out(self) -> None:
@@ -173,7 +193,8 @@ class Simulation:
             index, link = self.place[name], position - 1 + extra
             turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
-        tree = Tree(uid, instance["root"], tuple(links))
+        movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
+        tree = Tree(uid, instance["root"], tuple(links), movers)
         self._quieten(tree)
         return tree
 
@@ -277,6 +298,7 @@ class Simulation:
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         p, client = self.bullet, self.client
         q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        self._seen = None
         for tree in self.trees:
             root = tree.links[0]
             if root.kind == "free":
@@ -306,29 +328,40 @@ class Simulation:
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         p, client = self.bullet, self.client
         q, v = np.zeros(self.nq), np.zeros(self.nv)
+        if len(self._free):
+            at, raw, linear, angular = (part[self._free] for part in self.inertial_states())
+            turn = multiply(raw, conjugate(self.turn[self._free]))
+            q[self._free_q] = np.concatenate([at, turn], axis=1)
+            v[self._free_v] = np.concatenate([linear, rotate(conjugate(turn), angular)], axis=1)
         for tree in self.trees:
-            root = tree.links[0]
-            if root.kind == "free":
-                at, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
-                linear, angular = p.getBaseVelocity(tree.uid, physicsClientId=client)
-                turn = frames.multiply(from_xyzw(raw), frames.conjugate(root.turn))
-                q[root.q] = (*at, *turn)
-                v[root.v] = (*linear, *frames.rotate(frames.conjugate(turn), angular))
-            movers = tree.movers
-            if movers:
-                states = p.getJointStatesMultiDof(tree.uid, [link.link for link in movers], physicsClientId=client)
-                for link, state in zip(movers, states, strict=True):
-                    if link.kind == "ball":
-                        turn = frames.multiply(link.turn, from_xyzw(state[0]))
-                        q[link.q] = frames.multiply(turn, frames.conjugate(link.turn))
-                        v[link.v] = frames.rotate(link.turn, state[1])
-                    else:
-                        q[link.q], v[link.v] = state[0], state[1]
+            if not tree.movers:
+                continue
+            joints = [link.link for link in tree.movers]
+            states = p.getJointStatesMultiDof(tree.uid, joints, physicsClientId=client)
+            for link, state in zip(tree.movers, states, strict=True):
+                if link.kind == "ball":
+                    turned = frames.multiply(link.turn, from_xyzw(state[0]))
+                    q[link.q] = frames.multiply(turned, frames.conjugate(link.turn))
+                    v[link.v] = frames.rotate(link.turn, state[1])
+                else:
+                    q[link.q], v[link.v] = state[0], state[1]
         return q, v
+
+    def advance(self, count: int) -> None:
+        """Step ``count`` times."""
+        self._seen = None
+        step, client = self.bullet.stepSimulation, self.client
+        for _ in range(count):
+            step(client)
 
     def inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of every body's inertial frame: position (n, 3), orientation w x y z (n, 4), linear velocity of the centre
-        of mass and angular velocity (n, 3) in world axes."""
+        of mass and angular velocity (n, 3) in world axes. Asked once per state."""
+        if self._seen is None:
+            self._seen = self._ask_inertial_states()
+        return self._seen
+
+    def _ask_inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         p, client, count = self.bullet, self.client, len(self.names)
         at, turn = np.zeros((count, 3)), np.zeros((count, 4))
         linear, angular = np.zeros((count, 3)), np.zeros((count, 3))
@@ -352,25 +385,17 @@ class Simulation:
     def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6) of the body frames as the files have them."""
         at, raw, linear, angular = self.inertial_states()
-        w, xyz = self.turn[:, :1], -self.turn[:, 1:]
-        turn = np.empty_like(raw)
-        turn[:, :1] = raw[:, :1] * w - np.sum(raw[:, 1:] * xyz, axis=1, keepdims=True)
-        turn[:, 1:] = raw[:, :1] * xyz + w * raw[:, 1:] + np.cross(raw[:, 1:], xyz)
-        turn[turn[:, 0] < 0.0] *= -1.0
-        first = np.cross(turn[:, 1:], self.centre)
-        lever = self.centre + 2.0 * (turn[:, :1] * first + np.cross(turn[:, 1:], first))
+        turn = multiply(raw, conjugate(self.turn))
+        lever = rotate(turn, self.centre)
         poses = np.concatenate([at - lever, turn], axis=1)
         return poses, np.concatenate([linear - np.cross(angular, lever), angular], axis=1)
 
     def energy(self) -> tuple[float, float]:
         """Kinetic energy of the bodies and their potential in gravity (J)."""
         at, turn, linear, angular = self.inertial_states()
-        back = turn * np.array([1.0, -1.0, -1.0, -1.0])
-        first = np.cross(back[:, 1:], angular)
-        local = angular + 2.0 * (back[:, :1] * first + np.cross(back[:, 1:], first))
+        local = rotate(conjugate(turn), angular)
         kinetic = 0.5 * float(np.sum(self.mass * np.sum(linear**2, axis=1)) + np.sum(self.moments * local**2))
-        potential = -float(np.sum(self.mass * (at @ np.array(self.sidecar["gravity"]))))
-        return kinetic, potential
+        return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar["gravity"]))))
 
     def close(self) -> None:
         if self.client >= 0:
