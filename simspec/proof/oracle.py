@@ -1,0 +1,226 @@
+"""The oracle: Pinocchio, built from the world itself, never from a file.
+
+Every joint is a Pinocchio joint in simspec's generalised coordinates (``world/kinematics.py``); a free root is a translation
+and a spherical joint at the root's centre of mass, so that its position and velocity are those of the centre of mass in
+world axes, and its angular velocity is in the body's axes. One step is semi-implicit Euler: v += dt a(q, v, τ), then
+q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
+
+The oracle knows damping, springs and armature. It leaves out contact, position limits and dry friction: motion probes stay
+away from limits, and worlds with dry friction say so (``Oracle.leaves_out``).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simspec.world import frames
+from simspec.world.kinematics import layout
+from simspec.world.types import Body, Pose, World
+
+
+class Oracle:
+    """Kinematics and dynamics of a world's bodies. States are (q (nq,), v (nv,)) in the world's own order."""
+
+    def __init__(self, world: World):
+        import pinocchio
+
+        self._pin: Any = pinocchio
+        self.world = world
+        self.layout = layout(world.bodies)
+        self.nq, self.nv = self.layout.nq, self.layout.nv
+        self.timestep = world.physics.timestep
+        self._model = pinocchio.Model()
+        self._model.gravity.linear = np.array(world.physics.gravity)
+        self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
+        joints = [self._add(body) for body in world.bodies]
+        self._model.armature = np.zeros(self._model.nv)
+        self._order_coordinates(joints)
+        self._body_joint = [self._held[body.name][0] for body in world.bodies]
+        self._body_placement = [self._held[body.name][1] for body in world.bodies]
+        self._data = self._model.createData()
+        self._read_efforts()
+
+    def _placement(self, pose: Pose) -> Any:
+        return self._pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
+
+    def _add(self, body: Body) -> int:
+        """Add one body; returns the index of its own joint, 0 when it has none (fixed)."""
+        pin, joint = self._pin, body.joint
+        above, placement = (0, pin.SE3.Identity()) if joint.parent is None else self._held[joint.parent]
+        placement = placement * self._placement(joint.origin)
+        centre = np.array(body.inertial.centre_of_mass)
+        if joint.kind == "fixed":
+            index, own = above, placement
+        elif joint.kind == "free":
+            composite = pin.JointModelComposite(2)
+            composite.addJoint(pin.JointModelTranslation())
+            composite.addJoint(pin.JointModelSpherical())
+            index = self._model.addJoint(0, composite, pin.SE3.Identity(), body.name)
+            own = pin.SE3(np.eye(3), -centre)
+        else:
+            axis = np.array(joint.axis)
+            kinds = {
+                "hinge": lambda: pin.JointModelRevoluteUnaligned(axis),
+                "slide": lambda: pin.JointModelPrismaticUnaligned(axis),
+                "ball": pin.JointModelSpherical,
+            }
+            index = self._model.addJoint(above, kinds[joint.kind](), placement, body.name)
+            own = pin.SE3.Identity()
+        xx, yy, zz, xy, xz, yz = body.inertial.inertia
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if index:
+            self._model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
+        self._held[body.name] = (index, own)
+        return 0 if joint.kind == "fixed" else index
+
+    def _order_coordinates(self, joints: list[int]) -> None:
+        """Index arrays between the world's coordinates and Pinocchio's (other order of joints, quaternions x y z w)."""
+        q_index, v_index = np.zeros(self.nq, dtype=int), np.zeros(self.nv, dtype=int)
+        for body, index, q, v in zip(
+            self.world.bodies, joints, self.layout.position, self.layout.velocity, strict=True
+        ):
+            if not index:
+                continue
+            q_start, v_start = self._model.idx_qs[index], self._model.idx_vs[index]
+            order = np.arange(q.stop - q.start)
+            if body.joint.kind in ("ball", "free"):
+                order[-4:] = np.roll(order[-4:], 1)  # w x y z is found at x y z w's positions 3 0 1 2
+            q_index[q] = q_start + order
+            v_index[v] = v_start + np.arange(v.stop - v.start)
+        self._q_index, self._v_index = q_index, v_index
+
+    def _read_efforts(self) -> None:
+        """Damping, armature and springs, by coordinate."""
+        self._damping = np.zeros(self.nv)
+        self._stiffness, self._rest = np.zeros(self.nv), np.zeros(self.nv)
+        self._sprung: list[tuple[int, int]] = []  # (q, v) of hinges and slides with a spring
+        self._sprung_balls: list[tuple[slice, slice, float]] = []
+        armature = np.zeros(self.nv)
+        for body, q, v in zip(self.world.bodies, self.layout.position, self.layout.velocity, strict=True):
+            joint = body.joint
+            self._damping[v] = joint.damping
+            armature[v] = joint.armature
+            if joint.spring_stiffness and joint.kind == "ball":
+                self._sprung_balls.append((q, v, joint.spring_stiffness))
+            elif joint.spring_stiffness:
+                self._sprung.append((q.start, v.start))
+                self._stiffness[v], self._rest[v] = joint.spring_stiffness, joint.spring_rest
+        spread = np.zeros(self._model.nv)
+        spread[self._v_index] = armature
+        self._model.armature = spread
+        self._armature = armature
+        self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
+        self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
+
+    @property
+    def leaves_out(self) -> list[str]:
+        """What this world has and the oracle's motion has not, by name."""
+        found = []
+        if any(body.joint.dry_friction for body in self.world.bodies):
+            found.append("joint.dry_friction")
+        if any(body.joint.position_limits for body in self.world.bodies):
+            found.append("joint.limits.position")
+        return found
+
+    def _spread(self, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        ours_q, ours_v = np.zeros(self._model.nq), np.zeros(self._model.nv)
+        ours_q[self._q_index] = q
+        if v is not None:
+            ours_v[self._v_index] = v
+        return ours_q, ours_v
+
+    def body_poses(self, q: np.ndarray) -> np.ndarray:
+        """Poses (bodies, 7) x y z w x y z of the world's body frames."""
+        self._pin.forwardKinematics(self._model, self._data, self._spread(q)[0])
+        found = np.empty((len(self.world.bodies), 7))
+        for row, joint, placement in zip(found, self._body_joint, self._body_placement, strict=True):
+            pose = self._data.oMi[joint] * placement
+            x, y, z, w = self._pin.Quaternion(pose.rotation).coeffs()
+            row[:3], row[3:] = pose.translation, (w, x, y, z)
+        return found
+
+    def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
+        self._pin.forwardKinematics(self._model, self._data, *self._spread(q, v))
+        found = np.zeros((len(self.world.bodies), 6))
+        for row, joint, placement in zip(found, self._body_joint, self._body_placement, strict=True):
+            if joint:
+                local = placement.actInv(self._data.v[joint])
+                turn = (self._data.oMi[joint] * placement).rotation
+                row[:3], row[3:] = turn @ local.linear, turn @ local.angular
+        return found
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M (nv, nv), armature included."""
+        full = self._pin.crba(self._model, self._data, self._spread(q)[0])
+        full = np.triu(full) + np.triu(full, 1).T
+        return full[np.ix_(self._v_index, self._v_index)]
+
+    def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
+        return self._pin.nonLinearEffects(self._model, self._data, *self._spread(q, v))[self._v_index].copy()
+
+    def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
+        effort = -self._damping * v
+        if len(self._hinge_v):
+            effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
+        for at_q, at_v, stiffness in self._sprung_balls:
+            effort[at_v] -= stiffness * rotation_vector(q[at_q])
+        return effort
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+        """Kinetic energy (armature included) and potential energy (J): gravity zero at the origin, springs at rest.
+
+        Bodies fixed to the world do not count.
+        """
+        ours_q, ours_v = self._spread(q, v)
+        kinetic = self._pin.computeKineticEnergy(self._model, self._data, ours_q, ours_v)
+        potential = self._pin.computePotentialEnergy(self._model, self._data, ours_q)
+        at_v = self._hinge_v
+        stretch = q[self._hinge_q] - self._rest[at_v]
+        potential += 0.5 * float(self._stiffness[at_v] @ (stretch * stretch))
+        for at_q, _, stiffness in self._sprung_balls:
+            turn = rotation_vector(q[at_q])
+            potential += 0.5 * stiffness * float(turn @ turn)
+        return float(kinetic), float(potential)
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
+        ours_q, ours_v = self._spread(q, v)
+        tau = np.zeros(self._model.nv)
+        tau[self._v_index] = effort + self.joint_effort(q, v)
+        return self._pin.aba(self._model, self._data, ours_q, ours_v, tau)[self._v_index]
+
+    def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One step of semi-implicit Euler; returns the new (q, v)."""
+        v = v + self.timestep * self.acceleration(q, v, effort)
+        ours_q, ours_v = self._spread(q, v)
+        return self._pin.integrate(self._model, ours_q, self.timestep * ours_v)[self._q_index], v
+
+    def motion(
+        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
+        ``every``-th and the last."""
+        held = np.zeros(self.nv) if effort is None else np.asarray(effort)
+        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
+        seen = [(q, v)]
+        for done in range(1, steps + 1):
+            q, v = self.step(q, v, held)
+            if done % every == 0 or done == steps:
+                seen.append((q, v))
+        return np.array([q for q, _ in seen]), np.array([v for _, v in seen])
+
+
+def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
+    """log R (3,) of a unit quaternion w x y z: axis times the angle in [0, π]."""
+    w, xyz = quaternion[0], np.asarray(quaternion[1:])
+    if w < 0.0:
+        w, xyz = -w, -xyz
+    sine = np.sqrt(xyz @ xyz)
+    if sine == 0.0:
+        return np.zeros(3)
+    return xyz * (2.0 * np.arctan2(sine, w) / sine)
