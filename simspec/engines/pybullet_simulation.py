@@ -100,20 +100,27 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         self.log: list[str] = []
-        with captured_output(self.log):
-            try:
-                import pybullet
-            except ImportError as error:
-                raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
-            self.bullet = pybullet
-            self.client: int = pybullet.connect(pybullet.DIRECT)
-            if self.client < 0:
-                raise EngineError("pybullet", "no physics client could be made")
-            try:
+        self.client = -1
+        try:
+            with captured_output(self.log):
+                self._connect()
                 self._load(folder, sidecar)
-            except BaseException:
-                self.close()
-                raise
+        except EngineError as error:
+            self.close()
+            raise EngineError("pybullet", "; ".join([str(error).removeprefix("pybullet: "), *self.log])) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        try:
+            import pybullet
+        except ImportError as error:
+            raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
+        self.bullet = pybullet
+        self.client = pybullet.connect(pybullet.DIRECT)
+        if self.client < 0:
+            raise EngineError("pybullet", "no physics client could be made")
 
     # --- loading ----------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Support, Table, unsupported, via_api
 from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
 from simspec.formats.passes import (
@@ -23,7 +24,7 @@ from simspec.formats.passes import (
 )
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, rigid_groups, trees
-from simspec.world.types import Body, Pose, ReadBack, Shape, World
+from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, World
 
 JOINT_TYPES = {"fixed": "fixed", "hinge": "continuous", "slide": "prismatic", "ball": "spherical"}
 """URDF's name of each joint kind; a hinge with position limits is ``revolute``."""
@@ -43,6 +44,10 @@ PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)),))
 
 FILTER_BITS = 31
 """Collision classes that PyBullet's 32-bit group masks can tell apart (the sign bit left alone)."""
+
+POSITION_NUMBERS = 128
+"""Numbers that PyBullet exchanges of one tree's position, 7 of them for its base, fixed or not; beyond that it gives
+states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
 
 WORLD_SUFFIX = "__world"
 """Added to a root's name for the massless base link that stands for the world."""
@@ -104,7 +109,8 @@ class Urdf(Format):
     }
 
     def emit(self, world: World, target: Target) -> dict[str, str]:
-        """The URDF files and ``sidecar.json``."""
+        """The URDF files and ``sidecar.json``. Raises UnsupportedError for a tree with too many joints for PyBullet."""
+        _check_size(world)
         moved, offsets = recentre_free_roots(world)
         surfaces = _surfaces(moved, target)
         coordinates = _Coordinates(world)
@@ -145,6 +151,24 @@ class Urdf(Format):
         from simspec.formats.urdf_reader import read_folder
 
         return read_folder(folder)
+
+
+def _check_size(world: World) -> None:
+    problems = []
+    for root, bodies in trees(world).items():
+        numbers = 7 + sum(POSITION_SIZE[body.joint.kind] for body in bodies if body.joint.kind != "free")
+        if numbers > POSITION_NUMBERS:
+            problems.append(
+                Problem(
+                    "PyBullet cannot have tree.size: it exchanges at most "
+                    f"{POSITION_NUMBERS} position numbers of one tree, 7 of them for the base",
+                    f"bodies.{root}",
+                    found=f"{numbers}: a hinge or slide counts 1, a ball 4",
+                    hint="split the tree, or run without this engine",
+                )
+            )
+    if problems:
+        raise UnsupportedError(problems)
 
 
 class _Coordinates:
