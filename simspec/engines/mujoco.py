@@ -1,0 +1,278 @@
+"""MuJoCo: an MJCF file in, arrays out.
+
+Only stepping touches the simulation's own data; every question (poses, mass matrix, contacts at a state) is answered from
+a second ``mjData`` of the same model, so that asking cannot change the motion by a single bit. Facts marked *measured*
+were obtained with MuJoCo 4.0.0 and hold in 3.3.7.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.engines.base import Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
+from simspec.errors import EngineError
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
+from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
+
+DISTRIBUTIONS = ("mujoco-core", "mujoco")
+"""Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
+
+
+class MuJoCo(Engine):
+    """MuJoCo's semi-implicit Euler in generalised coordinates, with its convex contact solver.
+
+    Friction of two shapes is the larger of their numbers, restitution too. Contact is one constraint law for all pairs (see
+    :class:`simspec.formats.mjcf.Mjcf`). MuJoCo's friction cone is associated (convex): a sliding body is lifted a little, by
+    μ times its sliding speed times the share of slip that is not stopped in a step.
+    """
+
+    NAME: ClassVar[str] = "mujoco"
+    FORMAT: ClassVar[str] = "mjcf"
+    DISTRIBUTION: ClassVar[str] = "mujoco-core"
+    EXTRA: ClassVar[str] = "mujoco"
+    FRICTION_RULE: ClassVar[str] = "max"
+    RESTITUTION_RULE: ClassVar[str] = "max"
+    SUPPORT: ClassVar[Table] = {feature: EXACT for feature in Feature} | {
+        Feature.LIMIT_POSITION: approximate(
+            "stops inelastically one step late: passes the limit by up to one step's motion, then comes back by "
+            "limit_error_reduction of it per step"
+        ),
+        Feature.DRY_FRICTION: approximate("creeps while it should stick"),
+        Feature.TREE_DEPTH: unsupported(
+            "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
+        ),
+        Feature.RESTITUTION: approximate("restitution is reached to about 0.01"),
+        Feature.FRICTION_PAIRS: unsupported(
+            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
+        ),
+        Feature.RESTITUTION_PAIRS: unsupported(
+            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
+        ),
+        Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
+        Feature.CONE_PYRAMID_INSCRIBED: Support(
+            Level.EXACT, "cone=pyramidal, which is the inscribed pyramid (measured)"
+        ),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "solver": Setting(
+            "newton", "The constraint solver; Newton is exact in few iterations.", ("newton", "cg", "pgs")
+        ),
+        "iterations": Setting(100, "Most iterations of the constraint solver in a step.", minimum=1),
+        "ls_iterations": Setting(50, "Most iterations of its line search.", minimum=1),
+        "tolerance": Setting(1e-8, "The solver stops early below this improvement.", minimum=0.0),
+        "ls_tolerance": Setting(0.01, "The line search stops early below this.", minimum=0.0),
+        "impratio": Setting(10.0, "Hardness of friction over that of the normal direction.", minimum=1e-6),
+        "noslip_iterations": Setting(0, "Extra sweeps against slow slip.", minimum=0),
+        "multiccd": Setting(True, "Several contact points between curved or convex shapes."),
+        "warmstart": Setting(True, "Start the solver from the last step's solution."),
+        "island": Setting(False, "Solve groups of bodies that do not touch each other apart."),
+        "contact_error_reduction": Setting(0.01, "Share of an overlap taken back per step.", minimum=0.0, maximum=1.0),
+        "contact_impedance": Setting(
+            0.999, "Share of the reference that contact reaches.", minimum=1e-4, maximum=0.9999
+        ),
+        "limit_error_reduction": Setting(0.01, "As for contacts.", minimum=0.0, maximum=1.0),
+        "limit_impedance": Setting(0.999, "As for contacts.", minimum=1e-4, maximum=0.9999),
+        "dry_friction_impedance": Setting(0.9999, "As for contacts.", minimum=1e-4, maximum=0.9999),
+    }
+    UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
+
+    def __init__(self) -> None:
+        self._log: list[str] = []
+        self._mujoco: Any = None
+
+    @classmethod
+    def version(cls) -> str | None:
+        for name in DISTRIBUTIONS:
+            try:
+                return importlib.metadata.version(name)
+            except importlib.metadata.PackageNotFoundError:
+                continue
+        return None
+
+    # --- life -----------------------------------------------------------------------------------------------------
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._mujoco = mujoco = _import()
+        mujoco.set_mju_user_warning(self._log.append)
+        try:
+            self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
+        except (ValueError, mujoco.FatalError) as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+        self._check_flags()
+        self._sidecar = sidecar
+        self.data = mujoco.MjData(self.model)
+        self._probe = mujoco.MjData(self.model)
+        self._index(sidecar["bodies"])
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
+        if key < 0:
+            raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
+        mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+
+    def _check_flags(self) -> None:
+        """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
+        bits = self._mujoco.mjtEnableBit.__members__
+        asked = {f"mjENBL_{name.upper()}" for name, value in FLAGS if value == "enable"} | {"mjENBL_MULTICCD"}
+        on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
+        if on:
+            raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")
+
+    def _index(self, entries: list[dict[str, Any]]) -> None:
+        mujoco, model = self._mujoco, self.model
+        bodies, positions, velocities = [], [], []
+        for entry in entries:
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry["name"]))
+            if body < 0:
+                raise EngineError(self.NAME, f"{MODEL} has no body {entry['name']!r}")
+            bodies.append(body)
+            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+                kind = JOINT_KINDS[int(model.jnt_type[joint])]
+                start, first = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+                positions.extend(range(start, start + POSITION_SIZE[kind]))
+                velocities.extend(range(first, first + VELOCITY_SIZE[kind]))
+        if model.nbody != len(bodies) + 1 or len(positions) != model.nq:
+            raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(bodies)}")
+        self._bodies = np.array(bodies, dtype=np.intp)
+        self._q = np.array(positions, dtype=np.intp)
+        self._v = np.array(velocities, dtype=np.intp)
+        self._world_index = np.full(model.nbody, -1, dtype=np.int64)
+        self._world_index[self._bodies] = np.arange(len(bodies))
+        self._offsets = np.array([entry["frame_offset"] for entry in entries]).reshape(-1, 3)
+
+    def read_back(self) -> ReadBack:
+        return read_back(self._mujoco, self.model, self._sidecar)
+
+    def log(self) -> list[str]:
+        found = list(self._log)
+        if self._mujoco is not None:
+            kinds = self._mujoco.mjtWarning.__members__
+            for name, kind in kinds.items():
+                if name.startswith("mjWARN_") and self.data.warning[int(kind)].number:
+                    found.append(f"{name.removeprefix('mjWARN_').lower()}: {self.data.warning[int(kind)].number} times")
+        return found
+
+    def close(self) -> None:
+        if self._mujoco is not None:
+            self._mujoco.set_mju_user_warning(None)
+            self._mujoco = None
+            del self.data, self._probe, self.model
+        self._log.clear()
+
+    # --- state ----------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._q] = q
+        self.data.qvel[self._v] = v
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.data.qpos[self._q], self.data.qvel[self._v]
+
+    def _at_state(self) -> Any:
+        """The probe's data with kinematics at the present state."""
+        mujoco, probe = self._mujoco, self._probe
+        probe.qpos[:] = self.data.qpos
+        probe.qvel[:] = self.data.qvel
+        mujoco.mj_kinematics(self.model, probe)
+        mujoco.mj_comPos(self.model, probe)
+        return probe
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        probe, bodies = self._at_state(), self._bodies
+        self._mujoco.mj_comVel(self.model, probe)
+        poses = np.concatenate([probe.xpos[bodies], probe.xquat[bodies]], axis=1)
+        angular, central = probe.cvel[bodies, :3], probe.cvel[bodies, 3:]
+        # cvel is the velocity of the point of the body at its tree's centre of mass
+        lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
+        velocities = np.concatenate([central + np.cross(angular, lever), angular], axis=1)
+        return restore_velocities(poses, velocities, self._offsets)
+
+    # --- dynamics -------------------------------------------------------------------------------------------------
+
+    def mass_matrix(self) -> np.ndarray:
+        mujoco, model = self._mujoco, self.model
+        probe = self._at_state()
+        _composite_inertia(mujoco, model, probe)
+        full = np.zeros((model.nv, model.nv))
+        if hasattr(probe, "qM"):  # before MuJoCo 4
+            mujoco.mj_fullM(model, full, probe.qM)
+        else:
+            mujoco.mj_fullM(model, probe, full)
+        return full[np.ix_(self._v, self._v)]
+
+    def bias_force(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_comVel(self.model, probe)
+        bias = np.zeros(self.model.nv)
+        self._mujoco.mj_rne(self.model, probe, 0, bias)
+        return bias[self._v]
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if effort is None:
+            self.data.qfrc_applied[:] = 0.0
+        else:
+            self.data.qfrc_applied[self._v] = effort
+        self._mujoco.mj_step(self.model, self.data, nstep=count)
+
+    def energy(self) -> tuple[float, float]:
+        mujoco, probe = self._mujoco, self._at_state()
+        _composite_inertia(mujoco, self.model, probe)
+        mujoco.mj_comVel(self.model, probe)
+        mujoco.mj_energyPos(self.model, probe)
+        mujoco.mj_energyVel(self.model, probe)
+        return float(probe.energy[1]), float(probe.energy[0])
+
+    # --- contact --------------------------------------------------------------------------------------------------
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        data = self.data
+        if data.ncon == 0:
+            return empty_contacts()
+        held = data.contact
+        return {
+            "body": self._world_index[self.model.geom_bodyid[held.geom]],
+            "position": held.pos.copy(),
+            "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
+            "distance": held.dist.copy(),
+            "normal_force": self._normal_forces(held.efc_address, held.dim),
+        }
+
+    def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:
+        """As ``mj_contactForce``: the first row of an elliptic contact, the sum over a pyramid's edges."""
+        force = np.append(self.data.efc_force, 0.0)
+        first = np.where(address >= 0, address, len(force) - 1)
+        if self.model.opt.cone == self._mujoco.mjtCone.mjCONE_ELLIPTIC:
+            return force[first]
+        rows = np.where(dim > 1, 2 * (dim - 1), 1)
+        return np.array([force[start : start + count].sum() for start, count in zip(first, rows, strict=True)])
+
+    def detect_contacts(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_collision(self.model, probe)
+        touching = probe.contact.geom[probe.contact.dist <= 0.0]
+        pairs = np.sort(self._world_index[self.model.geom_bodyid[touching]].reshape(-1, 2), axis=1)
+        return np.unique(pairs, axis=0).astype(np.int64).reshape(-1, 2)
+
+    def disable_contact(self) -> None:
+        self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+
+def _import() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise EngineError(MuJoCo.NAME, f"not installed: pip install 'simspec[{MuJoCo.EXTRA}]' ({error})") from error
+    return mujoco
+
+
+def _composite_inertia(mujoco: Any, model: Any, data: Any) -> None:
+    """The mass matrix, armature included; ``mj_makeM`` where it exists."""
+    getattr(mujoco, "mj_makeM", mujoco.mj_crb)(model, data)

@@ -1,0 +1,185 @@
+"""What MuJoCo says it holds (``mjModel``), in the world's frames and order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simspec.errors import EngineError
+from simspec.formats.mjcf import CONES, GROUPS, KEYFRAME, MODEL, NO_RATING, SIZES, file_name, restitution_of, world_name
+from simspec.formats.passes import restore_frames, tensor
+from simspec.world import frames
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
+
+UNREADABLE = {
+    "collision_group": "MuJoCo keeps bit masks and excluded pairs, not the names of groups; the filter is probed"
+}
+
+JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
+"""MuJoCo's mjtJoint numbers."""
+SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+"""MuJoCo's mjtGeom numbers."""
+CONE_NAMES = {0: "pyramidal", 1: "elliptic"}
+"""MuJoCo's mjtCone numbers."""
+
+
+def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any]) -> ReadBack:
+    """The model as ``mjModel`` holds it; names of models and of rigid joints, which it has no place for, come from the sidecar."""
+    return _ReadBack(mujoco, model, sidecar).world()
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = values.tolist()
+    return (x + 0.0, y + 0.0, z + 0.0)
+
+
+def _pose(position: Any, quaternion: Any) -> Pose:
+    return Pose(_vector(position), frames.normalise(tuple(quaternion.tolist())))
+
+
+def _single(values: Any) -> tuple[float, ...]:
+    """Numbers that MuJoCo keeps in single precision, as the shortest decimals that give them."""
+    return tuple(float(str(value)) for value in np.asarray(values, dtype=np.float32))
+
+
+class _ReadBack:
+    def __init__(self, mujoco: Any, model: Any, sidecar: Mapping[str, Any]):
+        self._mujoco, self._model, self._sidecar = mujoco, model, sidecar
+        self._names = {kind: self._all_names(kind) for kind in ("BODY", "JOINT", "GEOM", "KEY")}
+        if KEYFRAME not in self._names["KEY"]:
+            raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
+        self._key = self._names["KEY"].index(KEYFRAME)
+        self._explicit = self._pair_surfaces()
+
+    def _all_names(self, kind: str) -> list[str]:
+        count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
+        object_type = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}")
+        return [
+            self._mujoco.mj_id2name(self._model, object_type, index) or ""
+            for index in range(getattr(self._model, count))
+        ]
+
+    def world(self) -> ReadBack:
+        entries = self._sidecar["bodies"]
+        place = {name: index for index, name in enumerate(self._names["BODY"])}
+        bodies = tuple(
+            self._body(place[file_name(entry["name"])], entry["name"], model)
+            for entry, model in zip(entries, self._sidecar["models"], strict=True)
+        )
+        offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in entries if any(entry["frame_offset"])}
+        option = self._model.opt
+        cones = {theirs: ours for ours, theirs in CONES.items()}
+        return ReadBack(
+            restore_frames(bodies, offsets),
+            _vector(option.gravity),
+            float(option.timestep),
+            cones[CONE_NAMES[int(option.cone)]],
+            dict(UNREADABLE),
+        )
+
+    def _body(self, index: int, name: str, model_name: str) -> Body:
+        model = self._model
+        moments = _vector(model.body_inertia[index])
+        principal = _pose(model.body_ipos[index], model.body_iquat[index])
+        inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
+        geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
+        return Body(name, model_name, inertial, self._joint(index, name), tuple(map(self._shape, geoms)))
+
+    def _joint(self, body: int, name: str) -> Joint:
+        model = self._model
+        above = int(model.body_parentid[body])
+        parent = world_name(self._names["BODY"][above]) if above else None
+        origin = _pose(model.body_pos[body], model.body_quat[body])
+        count = int(model.body_jntnum[body])
+        if count == 0:
+            return Joint(self._sidecar["fixed_joints"].get(name, ""), "fixed", parent, origin)
+        if count > 1:
+            raise EngineError("mujoco", f"body {name!r} holds {count} joints, not one")
+        joint = int(model.body_jntadr[body])
+        kind = JOINT_KINDS[int(model.jnt_type[joint])]
+        first, start = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        position = tuple(model.key_qpos[self._key][start : start + POSITION_SIZE[kind]].tolist())
+        velocity = tuple(model.key_qvel[self._key][first : first + VELOCITY_SIZE[kind]].tolist())
+        axis, rest = (0.0, 0.0, 0.0), 0.0
+        if kind == "free":
+            position = (*position[:3], *frames.normalise(position[3:]))
+            velocity = (*velocity[:3], *frames.rotate(position[3:], velocity[3:]))
+            origin = Pose()
+        elif kind == "ball":
+            position = frames.normalise(position)
+        else:
+            axis = _vector(model.jnt_axis[joint])
+            rest = float(model.qpos_spring[start]) - float(model.qpos0[start])
+            self._check_zero(joint, start)
+        ratings = (None if rating == NO_RATING else float(rating) for rating in model.jnt_user[joint][:2])
+        lower, upper = model.jnt_range[joint].tolist()
+        return Joint(
+            self._names["JOINT"][joint],
+            kind,
+            parent,
+            origin,
+            axis,
+            (lower, upper) if model.jnt_limited[joint] else None,
+            *ratings,
+            damping=float(model.dof_damping[first]),
+            dry_friction=float(model.dof_frictionloss[first]),
+            armature=float(model.dof_armature[first]),
+            spring_stiffness=float(model.jnt_stiffness[joint]),
+            spring_rest=rest,
+            position=position,
+            velocity=velocity,
+        )
+
+    def _check_zero(self, joint: int, start: int) -> None:
+        if self._model.jnt_pos[joint].any() or self._model.qpos0[start] != 0.0:
+            raise EngineError("mujoco", f"joint {self._names['JOINT'][joint]!r} is not at its body's origin and zero")
+
+    def _shape(self, geom: int) -> Shape:
+        model = self._model
+        kind = SHAPE_KINDS[int(model.geom_type[geom])]
+        factors = SIZES.get(kind, ())
+        size = tuple(value / factor for value, factor in zip(model.geom_size[geom].tolist(), factors, strict=False))
+        _, visual = {group: flags for flags, group in GROUPS.items()}[int(model.geom_group[geom])]
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        friction = restitution = None
+        if collides:
+            friction, restitution = self._explicit.get(geom) or self._surface(geom)
+        red, green, blue, alpha = _single(model.geom_rgba[geom])
+        return Shape(
+            self._names["GEOM"][geom],
+            kind,
+            size,
+            _pose(model.geom_pos[geom], model.geom_quat[geom]),
+            "",
+            collides,
+            visual,
+            (red, green, blue, alpha),
+            friction,
+            restitution,
+        )
+
+    def _surface(self, geom: int) -> tuple[float, float]:
+        model = self._model
+        friction = float(model.geom_friction[geom][0]) if model.geom_condim[geom] > 1 else 0.0
+        return friction, self._restitution(model.geom_solref[geom])
+
+    def _restitution(self, solref: Any) -> float:
+        stiffness, damping = solref.tolist()
+        return restitution_of((stiffness, damping), float(self._model.opt.timestep))
+
+    def _pair_surfaces(self) -> dict[int, tuple[float, float]]:
+        """Friction and restitution of shapes whose explicit pair says anything else than the shapes themselves do.
+
+        An explicit pair overrides its shapes. simspec writes the same numbers into both; where they differ the pair's
+        are the truth.
+        """
+        model = self._model
+        found = {}
+        for pair in range(model.npair):
+            one, other = int(model.pair_geom1[pair]), int(model.pair_geom2[pair])
+            held = (float(model.pair_friction[pair][0]), self._restitution(model.pair_solref[pair]))
+            if held != tuple(map(max, self._surface(one), self._surface(other))):
+                found[one] = found[other] = held
+        return found

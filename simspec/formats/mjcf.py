@@ -1,0 +1,499 @@
+"""MJCF, MuJoCo's own language: one ``model.xml``, with nothing left to MuJoCo's defaults.
+
+What is a choice and not the world's is data at the top of this file, each row with its reason. Everything that all joints,
+shapes or explicit pairs share stands once in the file's ``<default>``; a shape's surface stands in the class of its material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simspec.errors import Problem, UnsupportedError
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
+from simspec.formats.base import SIDECAR, Format, Target, environment, number, numbers, sidecar, sidecar_text
+from simspec.formats.passes import (
+    excluded_pairs_to_write,
+    meeting_materials,
+    principal_axes,
+    recentre_free_roots,
+    solid_shapes,
+    surface_numbers,
+)
+from simspec.world import frames
+from simspec.world.kinematics import CollisionFilter
+from simspec.world.types import Body, Joint, Pose, ReadBack, Shape, World
+
+MODEL = "model.xml"
+KEYFRAME = "initial"
+"""The keyframe that holds the world's initial state."""
+
+Attributes = tuple[tuple[str, str], ...]
+
+COMPILER: Attributes = (
+    ("angle", "radian"),
+    ("autolimits", "false"),  # a limit holds where ``limited`` says so, not where a range happens to stand
+    ("inertiafromgeom", "false"),  # mass properties are the world's, never made from shapes
+    ("balanceinertia", "false"),  # no silent repair of an inertia
+    ("boundmass", "0"),
+    ("boundinertia", "0"),
+    ("settotalmass", "-1"),
+    ("alignfree", "false"),  # a free body's frame is not moved into its principal axes
+    ("discardvisual", "false"),
+    ("fusestatic", "false"),  # bodies joined rigidly stay bodies
+    ("usethread", "false"),
+)
+FLAGS: Attributes = (
+    ("constraint", "enable"),
+    ("equality", "enable"),
+    ("frictionloss", "enable"),
+    ("limit", "enable"),
+    ("contact", "enable"),
+    ("spring", "enable"),
+    ("damper", "enable"),
+    ("gravity", "enable"),
+    ("clampctrl", "enable"),
+    ("filterparent", "disable"),  # which bodies touch is said pair by pair, equally in every engine
+    ("actuation", "enable"),
+    ("refsafe", "enable"),
+    ("sensor", "enable"),
+    ("midphase", "enable"),
+    ("eulerdamp", "disable"),  # damping is explicit in time: −d v with the velocity before the step
+    ("autoreset", "disable"),  # a state that is not finite is a result, not a reason to begin again
+    ("nativeccd", "enable"),
+    ("override", "disable"),
+    ("energy", "disable"),
+    ("fwdinv", "disable"),
+    ("invdiscrete", "disable"),
+)
+"""Flags that every supported version knows; ``warmstart``, ``island`` and ``multiccd`` are settings. Newer versions have
+further flags, all off unless asked for; the engine's module checks them after loading."""
+OPTION: Attributes = (
+    ("integrator", "Euler"),  # semi-implicit: what all engines do
+    ("jacobian", "auto"),
+    ("density", "0"),
+    ("viscosity", "0"),
+    ("wind", "0 0 0"),
+    ("magnetic", "0 0 0"),
+    ("noslip_tolerance", "1e-06"),
+    ("ccd_iterations", "50"),
+    ("ccd_tolerance", "1e-06"),
+)
+SIZE: Attributes = (("nuser_jnt", "2"),)
+"""``user`` of a joint: its velocity and its effort rating, ``NO_RATING`` for none. Neither is enforced; MJCF's own
+``actuatorfrcrange`` would be, on actuators only."""
+NO_RATING = -1.0
+JOINT_DEFAULTS: Attributes = (
+    ("pos", "0 0 0"),
+    ("ref", "0"),
+    ("limited", "false"),
+    ("margin", "0"),
+    ("actuatorfrclimited", "false"),
+    ("actuatorgravcomp", "false"),
+    ("damping", "0"),
+    ("frictionloss", "0"),
+    ("armature", "0"),
+    ("stiffness", "0"),
+    ("springref", "0"),
+    ("user", f"{number(NO_RATING)} {number(NO_RATING)}"),
+)
+GEOM_DEFAULTS: Attributes = (
+    ("group", "0"),
+    ("contype", "1"),
+    ("conaffinity", "1"),
+    ("condim", "1"),
+    ("friction", "0 0 0"),
+    ("priority", "0"),  # equal priorities: the larger friction holds
+    ("solmix", "1"),
+    ("margin", "0"),
+    ("gap", "0"),
+    ("mass", "0"),
+    ("rgba", "0.7 0.7 0.7 1"),
+)
+DEFAULT_COLOUR = (0.7, 0.7, 0.7, 1.0)
+
+CONES = {"elliptic": "elliptic", "pyramid-inscribed": "pyramidal"}
+"""MuJoCo's word for each cone; its pyramid is the inscribed one (measured: 0.355 at 45° for μ = 0.5)."""
+GROUPS = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
+"""Geom group of (collision, visual): viewers show 0 to 2 and hide the rest; MuJoCo itself gives groups no meaning."""
+SIZES = {
+    "sphere": (1.0,),
+    "box": (0.5, 0.5, 0.5),
+    "cylinder": (1.0, 0.5),
+    "capsule": (1.0, 0.5),
+    "ellipsoid": (1.0, 1.0, 1.0),
+}
+"""What each number of ``Shape.size`` is multiplied with: MuJoCo wants half lengths."""
+PLANE_SIZE = "0 0 1"
+"""Infinite in x and y; the third number is the spacing of a viewer's grid."""
+MATERIAL_CLASS = "material/"
+"""Prefix of the class of a material; shapes that only show are of class ``visual``."""
+VISUAL_CLASS = "visual"
+FILTER_BITS = 31
+"""Collision classes that ``contype`` and ``conaffinity`` can tell apart (the sign bit left alone)."""
+RESERVED = {"world": "world."}
+"""MuJoCo calls its static root ``world``; a body of that name gets one that no spec can give."""
+LARGEST_PAIR_LIST = 20000
+"""Explicit pairs of shapes that a file may hold; more would make a file of megabytes that MuJoCo reads for seconds."""
+DEEPEST_INDENT = 24
+"""Levels that are indented; deeper ones stay there, so that a chain's text grows with its length, not its square."""
+
+
+class Mjcf(Format):
+    """MJCF files for MuJoCo.
+
+    Contact. One law for every pair: in one step the normal velocity v becomes −e v + β r / dt (e restitution, r overlap, β
+    ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``. With e = 0 that is what DART does by itself. MuJoCo
+    takes the smaller number of each pair, so the larger restitution holds. The same reference acts on the tangential
+    velocity, which must not bounce: where a pair has restitution and friction, its shapes are listed as explicit
+    pairs, which have a reference of their own for friction.
+    """
+
+    NAME: ClassVar[str] = "mjcf"
+    SUPPORT: ClassVar[Table] = {feature: EXACT for feature in Feature} | {
+        Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
+        Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
+        Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
+        Feature.RESTITUTION: approximate("a reference velocity of the contact constraint, −e times the approach speed"),
+        Feature.FRICTION_PAIRS: unsupported(
+            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
+        ),
+        Feature.RESTITUTION_PAIRS: unsupported(
+            "MuJoCo takes the harder of two shapes' references, and none give these pairs"
+        ),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+    }
+
+    def emit(self, world: World, target: Target) -> dict[str, str]:
+        """``model.xml`` and ``sidecar.json``. Raises UnsupportedError for what this world cannot have in MJCF."""
+        _check(world)
+        moved, offsets = recentre_free_roots(world)
+        order = depth_first(moved)
+        masks, group_excludes = _collision_masks(moved)
+        content = {
+            "name": world.name,
+            "compiler": COMPILER,
+            "flags": (*FLAGS, *_flag_settings(target)),
+            "option": _option(world, target),
+            "size": SIZE,
+            "joint_defaults": (*JOINT_DEFAULTS, *_joint_references(world, target)),
+            "geom_defaults": (*GEOM_DEFAULTS, *_contact_reference(world, target, 0.0)),
+            "pair_defaults": _pair_defaults(world, target),
+            "classes": _classes(world, target),
+            "events": _events(order, masks),
+            "pairs": _explicit_pairs(moved, target),
+            "excludes": [
+                (file_name(a), file_name(b)) for a, b in sorted({*excluded_pairs_to_write(moved), *group_excludes})
+            ],
+            "qpos": numbers(value for body, *_ in order for value in body.joint.position),
+            "qvel": numbers(value for body, *_ in order for value in _joint_velocity(body.joint)),
+        }
+        beside = sidecar(
+            self.NAME,
+            world,
+            target,
+            offsets,
+            models=[body.model for body in world.bodies],
+            # MJCF has no element for a rigid joint, so its name has no place there
+            fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},
+        )
+        return {
+            MODEL: environment().get_template("mjcf/model.xml.j2").render(content),
+            SIDECAR: sidecar_text(beside),
+        }
+
+    def read(self, folder: Path) -> ReadBack:
+        """Read ``model.xml`` with the standard library's XML parser (see ``formats/mjcf_reader.py``)."""
+        from simspec.formats.mjcf_reader import read_folder
+
+        return read_folder(folder)
+
+
+def file_name(name: str) -> str:
+    """The name of a body in the file."""
+    return RESERVED.get(name, name)
+
+
+def world_name(name: str) -> str:
+    """The inverse of :func:`file_name`."""
+    return {there: here for here, there in RESERVED.items()}.get(name, name)
+
+
+def _check(world: World) -> None:
+    problems = [
+        Problem(
+            "MuJoCo has no hinge or slide whose lower and upper position limits are equal",
+            f"bodies.{body.name}.joint.limits.position",
+            found=f"{body.joint.position_limits}",
+            hint="make the joint fixed",
+        )
+        for body in world.bodies
+        if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
+    ]
+    if problems:
+        raise UnsupportedError(problems)
+
+
+def depth_first(world: World) -> list[tuple[Body, int, int]]:
+    """The bodies in the order of the file, each with its depth and how many levels close after it."""
+    children: dict[str | None, list[Body]] = {}
+    for body in world.bodies:
+        children.setdefault(body.joint.parent, []).append(body)
+    found: list[tuple[Body, int]] = []
+    waiting = [(body, 0) for body in reversed(children.get(None, []))]
+    while waiting:
+        body, depth = waiting.pop()
+        found.append((body, depth))
+        waiting.extend((child, depth + 1) for child in reversed(children.get(body.name, [])))
+    following = [depth for _, depth in found[1:]] + [0]
+    return [(body, depth, depth + 1 - after) for (body, depth), after in zip(found, following, strict=True)]
+
+
+def _events(order: list[tuple[Body, int, int]], masks: Mapping[str, Attributes]) -> Iterator[tuple[str, Any]]:
+    """Opening and closing of bodies, in the order of the file: (indent, body row), or (indent, None) to close."""
+    indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
+    for body, depth, closing in order:
+        yield indents[min(depth, DEEPEST_INDENT - 1)], _body(body, masks)
+        for level in range(depth, depth - closing, -1):
+            yield indents[min(level, DEEPEST_INDENT - 1)], None
+
+
+def _body(body: Body, masks: Mapping[str, Attributes]) -> dict[str, Any]:
+    joint = body.joint
+    place = Pose(joint.position[:3], joint.position[3:7]) if joint.kind == "free" else joint.origin
+    inertial = None
+    if body.inertial.mass > 0.0:
+        moments, turn = principal_axes(body.inertial.inertia)
+        inertial = {
+            "pos": numbers(body.inertial.centre_of_mass),
+            "quat": numbers(turn),
+            "mass": number(body.inertial.mass),
+            "diaginertia": numbers(moments),
+        }
+    return {
+        "name": file_name(body.name),
+        "pos": numbers(place.position),
+        "quat": numbers(place.quaternion),
+        "inertial": inertial,
+        "joint": None if joint.kind == "fixed" else _joint(joint),
+        "geoms": [_geom(shape, masks[body.collision_group]) for shape in body.shapes],
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    more: list[tuple[str, str]] = []
+    if joint.kind in ("hinge", "slide"):
+        more.append(("axis", numbers(joint.axis)))
+    if joint.position_limits is not None:
+        more += [("limited", "true"), ("range", numbers(joint.position_limits))]
+    for name, value in (
+        ("damping", joint.damping),
+        ("frictionloss", joint.dry_friction),
+        ("armature", joint.armature),
+        ("stiffness", joint.spring_stiffness),
+        ("springref", joint.spring_rest),
+    ):
+        if value:
+            more.append((name, number(value)))
+    ratings = (joint.velocity_limit, joint.effort_limit)
+    if ratings != (None, None):
+        more.append(("user", numbers(NO_RATING if rating is None else rating for rating in ratings)))
+    return {"name": joint.name, "type": joint.kind, "more": more}
+
+
+def _geom(shape: Shape, mask: Attributes) -> dict[str, Any]:
+    more: list[tuple[str, str]] = []
+    if shape.collision:
+        more.extend(mask)
+    group = GROUPS[shape.collision, shape.visual]
+    if group:
+        more.append(("group", str(group)))
+    if shape.colour != DEFAULT_COLOUR:
+        more.append(("rgba", numbers(shape.colour)))
+    size = PLANE_SIZE
+    if shape.kind != "plane":
+        size = numbers(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
+    return {
+        "name": shape.name,
+        "class": MATERIAL_CLASS + shape.material if shape.collision else VISUAL_CLASS,
+        "type": shape.kind,
+        "size": size,
+        "pos": numbers(shape.pose.position),
+        "quat": numbers(shape.pose.quaternion),
+        "more": more,
+    }
+
+
+def _joint_velocity(joint: Joint) -> tuple[float, ...]:
+    """MuJoCo's velocity of a joint: a free one turns about its own axes."""
+    if joint.kind != "free":
+        return joint.velocity
+    return (*joint.velocity[:3], *frames.rotate(frames.conjugate(joint.position[3:7]), joint.velocity[3:]))
+
+
+# --- contact ------------------------------------------------------------------------------------------------------
+
+
+def _impedance(value: float) -> str:
+    return numbers((value, value, 0.001, 0.5, 2.0))
+
+
+def reference(error_reduction: float, restitution: float, timestep: float) -> tuple[float, float]:
+    """``solref`` of the law v' = −e v + β r / dt over one step."""
+    return (0.0 - error_reduction / (timestep * timestep), 0.0 - (1.0 + restitution) / timestep)
+
+
+def restitution_of(solref: tuple[float, float], timestep: float) -> float:
+    """The inverse of :func:`reference` for the restitution."""
+    return 0.0 - solref[1] * timestep - 1.0
+
+
+def _contact_reference(world: World, target: Target, restitution: float) -> Attributes:
+    beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
+    return (
+        ("solref", numbers(reference(beta, restitution, dt))),
+        ("solimp", _impedance(float(target.settings["contact_impedance"]))),
+    )
+
+
+def _joint_references(world: World, target: Target) -> Attributes:
+    """How hard position limits and dry friction are; a stop is inelastic, and dry friction has no spring."""
+    dt = world.physics.timestep
+    return (
+        ("solreflimit", numbers(reference(float(target.settings["limit_error_reduction"]), 0.0, dt))),
+        ("solimplimit", _impedance(float(target.settings["limit_impedance"]))),
+        ("solreffriction", numbers(reference(0.0, 0.0, dt))),
+        ("solimpfriction", _impedance(float(target.settings["dry_friction_impedance"]))),
+    )
+
+
+def _pair_defaults(world: World, target: Target) -> Attributes:
+    return (
+        ("condim", "3"),
+        ("margin", "0"),
+        ("gap", "0"),
+        *_contact_reference(world, target, 0.0),
+        ("solreffriction", numbers(reference(0.0, 0.0, world.physics.timestep))),
+    )
+
+
+def _classes(world: World, target: Target) -> list[dict[str, Any]]:
+    """One class for each material, and the class of shapes that only show."""
+    friction, _ = surface_numbers(world, "friction", target.friction_rule)
+    restitution, _ = surface_numbers(world, "restitution", target.restitution_rule)
+    found: list[dict[str, Any]] = [
+        {"name": VISUAL_CLASS, "geom": (("contype", "0"), ("conaffinity", "0"), ("group", "2"))}
+    ]
+    for material in world.contact.materials:
+        mu = friction[material.name]
+        surface = (("condim", "3" if mu else "1"), ("friction", f"{number(mu)} 0 0"))
+        solref = _contact_reference(world, target, restitution[material.name])
+        found.append({"name": MATERIAL_CLASS + material.name, "geom": (*surface, *solref)})
+    return found
+
+
+def _explicit_pairs(world: World, target: Target) -> list[dict[str, str]]:
+    """Pairs of shapes with both restitution and friction (see :class:`Mjcf`).
+
+    Raises UnsupportedError when there are more than ``LARGEST_PAIR_LIST``.
+    """
+    laws = {
+        (pair.first, pair.second): pair
+        for pair in world.contact.pairs
+        if pair.friction and pair.restitution and (pair.first, pair.second) in meeting_materials(world)
+    }
+    if not laws:
+        return []
+    allowed = CollisionFilter(world)
+    concerned = {name for pair in laws for name in pair}
+    shapes = [
+        (body.name, shape) for body in world.bodies for shape in solid_shapes(body) if shape.material in concerned
+    ]
+    rows = []
+    for index, (body, shape) in enumerate(shapes):
+        for other_body, other in shapes[index + 1 :]:
+            law = laws.get((min(shape.material, other.material), max(shape.material, other.material)))
+            if law is None or not allowed.may_touch(body, other_body):
+                continue
+            if len(rows) == LARGEST_PAIR_LIST:
+                raise UnsupportedError([_too_many_pairs(law.first, law.second)])
+            beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
+            rows.append(
+                {
+                    "geom1": shape.name,
+                    "geom2": other.name,
+                    "friction": numbers((law.friction, law.friction, 0.0, 0.0, 0.0)),
+                    "solref": numbers(reference(beta, law.restitution, dt)),
+                }
+            )
+    return rows
+
+
+def _too_many_pairs(first: str, second: str) -> Problem:
+    return Problem(
+        "in MuJoCo every two shapes with both restitution and friction need an explicit pair, and there are more "
+        f"than {LARGEST_PAIR_LIST}",
+        f"contact.pairs.{first}.{second}.restitution",
+        hint="set the restitution or the friction of the many bodies' material to zero",
+    )
+
+
+def _collision_masks(world: World) -> tuple[dict[str, Attributes], list[tuple[str, str]]]:
+    """``contype`` and ``conaffinity`` of each collision group, and pairs to exclude where masks do not suffice.
+
+    MuJoCo lets two shapes touch when (type1 & affinity2) or (type2 & affinity1). Each group that ignores another has a
+    bit of its own as its type, and the bits of all groups that it may touch as its affinity: both terms are then
+    the same, and their "or" is exactly the wanted matrix. Groups that ignore nothing share the first bit.
+    """
+    ignored = set(world.contact.ignored_groups)
+    groups = sorted({body.collision_group for body in world.bodies})
+    special = [group for group in groups if any(group in pair for pair in ignored)]
+    if not special:
+        return {group: () for group in groups}, []
+    if len(special) >= FILTER_BITS:
+        return {group: () for group in groups}, _ignored_bodies(world)
+    bits = {group: 0 for group in groups} | {group: index for index, group in enumerate(special, 1)}
+
+    def affinity(group: str) -> int:
+        # the first bit stands for all that ignore nothing, and stays set when no such group is there
+        return 1 | sum(1 << bits[o] for o in special if (min(group, o), max(group, o)) not in ignored)
+
+    masks = {group: (("contype", str(1 << bits[group])), ("conaffinity", str(affinity(group)))) for group in groups}
+    return masks, []
+
+
+def _ignored_bodies(world: World) -> list[tuple[str, str]]:
+    members: dict[str, list[str]] = {}
+    for body in world.bodies:
+        if solid_shapes(body):
+            members.setdefault(body.collision_group, []).append(body.name)
+    return [
+        (min(one, other), max(one, other))
+        for first, second in world.contact.ignored_groups
+        for one in members.get(first, ())
+        for other in members.get(second, ())
+        if one != other
+    ]
+
+
+# --- options ------------------------------------------------------------------------------------------------------
+
+
+def _option(world: World, target: Target) -> Attributes:
+    settings = target.settings
+    return (
+        ("timestep", number(world.physics.timestep)),
+        ("gravity", numbers(world.physics.gravity)),
+        ("cone", CONES[world.contact.friction_cone]),
+        ("solver", {"newton": "Newton", "cg": "CG", "pgs": "PGS"}[str(settings["solver"])]),
+        *((name, str(settings[name])) for name in ("iterations", "ls_iterations", "noslip_iterations")),
+        *((name, number(float(settings[name]))) for name in ("tolerance", "ls_tolerance", "impratio")),
+        *OPTION,
+    )
+
+
+def _flag_settings(target: Target) -> Attributes:
+    return tuple(
+        (name, "enable" if target.settings[name] else "disable") for name in ("warmstart", "island", "multiccd")
+    )

@@ -1,0 +1,225 @@
+"""Read ``model.xml`` and its sidecar with the standard library's XML parser: neither the emitter nor MuJoCo (level L0).
+
+It knows the part of MJCF that simspec writes (defaults and classes, nested bodies, one joint and one inertial per body,
+primitive geoms, explicit pairs, one keyframe) and refuses, by ValueError, what it does not know.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from simspec.formats import mjcf
+from simspec.formats.base import read_sidecar
+from simspec.formats.passes import restore_frames, tensor
+from simspec.world import frames
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape
+
+UNREADABLE = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
+
+_ELEMENTS = {"inertial", "joint", "geom", "body"}
+
+
+def read_folder(folder: Path) -> ReadBack:
+    """The world as the files in ``folder`` say it. Raises ValueError, KeyError or ParseError for damaged files."""
+    beside = read_sidecar(folder)
+    reader = _Reader(ElementTree.parse(folder / mjcf.MODEL).getroot(), beside)
+    bodies = reader.bodies()
+    order = [entry["name"] for entry in beside["bodies"]]
+    if sorted(order) != sorted(bodies):
+        missing, unknown = sorted(set(order) - set(bodies)), sorted(set(bodies) - set(order))
+        raise ValueError(f"{mjcf.MODEL}: bodies missing {missing}, not in the sidecar {unknown}")
+    offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in beside["bodies"] if any(entry["frame_offset"])}
+    found = tuple(
+        dataclasses.replace(bodies[name], model=model) for name, model in zip(order, beside["models"], strict=True)
+    )
+    option = reader.section("option").attrib
+    cones = {theirs: ours for ours, theirs in mjcf.CONES.items()}
+    return ReadBack(
+        restore_frames(found, offsets),
+        _vector(option["gravity"]),
+        reader.timestep,
+        cones[option["cone"]],
+        dict(UNREADABLE),
+    )
+
+
+def _floats(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in text.split())
+
+
+def _vector(text: str) -> tuple[float, float, float]:
+    x, y, z = _floats(text)
+    return (x, y, z)
+
+
+def _turn(text: str) -> Quaternion:
+    w, x, y, z = _floats(text)
+    return frames.normalise((w, x, y, z))
+
+
+class _Reader:
+    """One parsed file."""
+
+    def __init__(self, root: ElementTree.Element, beside: Mapping[str, Any]):
+        self._root = root
+        self._fixed_joints = beside["fixed_joints"]
+        if self.section("compiler").attrib["angle"] != "radian":
+            raise ValueError("only files with angles in radian are read")
+        self.timestep = float(self.section("option").attrib["timestep"])
+        defaults = self.section("default")
+        self._joint_defaults = self._one(defaults, "joint").attrib
+        main = self._one(defaults, "geom").attrib
+        self._classes = {
+            found.attrib["class"]: {**main, **self._one(found, "geom").attrib} for found in defaults.findall("default")
+        }
+        key = self._one(self.section("keyframe"), "key")
+        self._position, self._velocity = _floats(key.attrib["qpos"]), _floats(key.attrib["qvel"])
+        self._nq = self._nv = 0
+        self._explicit = self._pair_surfaces()
+
+    def section(self, name: str) -> ElementTree.Element:
+        return self._one(self._root, name)
+
+    @staticmethod
+    def _one(element: ElementTree.Element, name: str) -> ElementTree.Element:
+        found = element.findall(name)
+        if len(found) != 1:
+            raise ValueError(f"<{element.tag}> has {len(found)} <{name}>, not one")
+        return found[0]
+
+    def bodies(self) -> dict[str, Body]:
+        """Every body by name, in the file's frames; walks without recursion, since chains may be long."""
+        found: dict[str, Body] = {}
+        waiting: list[tuple[ElementTree.Element, str | None]] = [
+            (element, None) for element in reversed(self.section("worldbody"))
+        ]
+        while waiting:
+            element, parent = waiting.pop()
+            if element.tag != "body" or {child.tag for child in element} - _ELEMENTS:
+                raise ValueError(f"<{element.tag}> holds what is not read: {sorted({child.tag for child in element})}")
+            body = self._body(element, parent)
+            if body.name in found:
+                raise ValueError(f"two bodies are called {body.name!r}")
+            found[body.name] = body
+            waiting.extend((child, body.name) for child in reversed(element.findall("body")))
+        if (self._nq, self._nv) != (len(self._position), len(self._velocity)):
+            raise ValueError(
+                f"the keyframe holds {len(self._position)} positions and {len(self._velocity)} velocities, "
+                f"the joints {self._nq} and {self._nv}"
+            )
+        return found
+
+    def _body(self, element: ElementTree.Element, parent: str | None) -> Body:
+        name = mjcf.world_name(element.attrib["name"])
+        place = Pose(_vector(element.attrib["pos"]), _turn(element.attrib["quat"]))
+        inertial = Inertial(0.0)
+        if element.find("inertial") is not None:
+            given = self._one(element, "inertial").attrib
+            inertial = Inertial(
+                float(given["mass"]),
+                _vector(given["pos"]),
+                tensor(_vector(given["diaginertia"]), _turn(given["quat"])),
+            )
+        return Body(
+            name,
+            "",
+            inertial,
+            self._joint(element, name, parent, place),
+            tuple(self._shape(geom) for geom in element.findall("geom")),
+        )
+
+    def _joint(self, element: ElementTree.Element, name: str, parent: str | None, place: Pose) -> Joint:
+        if element.find("joint") is None:
+            return Joint(self._fixed_joints[name], "fixed", parent, place)
+        given = {**self._joint_defaults, **self._one(element, "joint").attrib}
+        kind = given["type"]
+        if any(_floats(given["pos"])) or float(given["ref"]) != 0.0:
+            raise ValueError(f"joint {given['name']!r} is not at its body's origin and zero")
+        position = self._position[self._nq : self._nq + POSITION_SIZE[kind]]
+        velocity = self._velocity[self._nv : self._nv + VELOCITY_SIZE[kind]]
+        self._nq += POSITION_SIZE[kind]
+        self._nv += VELOCITY_SIZE[kind]
+        if kind == "free":
+            position = (*position[:3], *frames.normalise(position[3:7]))
+            velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))
+        elif kind == "ball":
+            position = frames.normalise(position)
+        velocity_limit, effort_limit = (
+            None if rating == mjcf.NO_RATING else rating for rating in _floats(given["user"])
+        )
+        lower, upper = _floats(given["range"]) if given["limited"] == "true" else (0.0, 0.0)
+        return Joint(
+            given["name"],
+            kind,
+            parent,
+            Pose() if kind == "free" else place,
+            _vector(given["axis"]) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0),
+            (lower, upper) if given["limited"] == "true" else None,
+            velocity_limit,
+            effort_limit,
+            damping=float(given["damping"]),
+            dry_friction=float(given["frictionloss"]),
+            armature=float(given["armature"]),
+            spring_stiffness=float(given["stiffness"]),
+            spring_rest=float(given["springref"]),
+            position=position,
+            velocity=velocity,
+        )
+
+    def _shape(self, geom: ElementTree.Element) -> Shape:
+        given = {**self._classes[geom.attrib["class"]], **geom.attrib}
+        kind = given["type"]
+        size: tuple[float, ...] = ()
+        if kind != "plane":
+            size = tuple(value / factor for value, factor in zip(_floats(given["size"]), mjcf.SIZES[kind], strict=True))
+        flags = {group: flags for flags, group in mjcf.GROUPS.items()}[int(given["group"])]
+        collides = given["contype"] != "0" or given["conaffinity"] != "0"
+        friction = restitution = None
+        if collides:
+            friction, restitution = self._explicit.get(given["name"]) or self._surface(given)
+        red, green, blue, alpha = _floats(given["rgba"])
+        return Shape(
+            given["name"],
+            kind,
+            size,
+            Pose(_vector(given["pos"]), _turn(given["quat"])),
+            "",
+            collides,
+            flags[1],
+            (red, green, blue, alpha),
+            friction,
+            restitution,
+        )
+
+    def _surface(self, given: Mapping[str, str]) -> tuple[float, float]:
+        stiffness, damping = _floats(given["solref"])
+        friction = _floats(given["friction"])[0] if given["condim"] == "3" else 0.0
+        return friction, mjcf.restitution_of((stiffness, damping), self.timestep)
+
+    def _pair_surfaces(self) -> dict[str, tuple[float, float]]:
+        """Friction and restitution of shapes whose explicit pair says anything else than the shapes themselves do.
+
+        An explicit pair overrides its shapes. simspec writes the same numbers into both; where they differ the pair's
+        are the truth.
+        """
+        pairs = self.section("contact").findall("pair")
+        if not pairs:
+            return {}
+        wanted = {pair.attrib[end] for pair in pairs for end in ("geom1", "geom2")}
+        shapes = {
+            name: self._surface({**self._classes[geom.attrib["class"]], **geom.attrib})
+            for geom in self.section("worldbody").iter("geom")
+            if (name := geom.attrib["name"]) in wanted
+        }
+        found = {}
+        for pair in pairs:
+            one, other = pair.attrib["geom1"], pair.attrib["geom2"]
+            stiffness, damping = _floats(pair.attrib["solref"])
+            held = (_floats(pair.attrib["friction"])[0], mjcf.restitution_of((stiffness, damping), self.timestep))
+            if held != tuple(map(max, shapes[one], shapes[other])):
+                found[one] = found[other] = held
+        return found
