@@ -11,17 +11,18 @@ away from limits, and worlds with dry friction say so (``Oracle.leaves_out``).
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout, trees
 from simspec.world.types import Body, Pose, World
 
 
-class Oracle:
-    """Kinematics and dynamics of a world's bodies. States are (q (nq,), v (nv,)) in the world's own order."""
+class _Tree:
+    """One tree's Pinocchio model; the same methods as :class:`Oracle`, for the tree's own coordinates."""
 
     def __init__(self, world: World):
         import pinocchio
@@ -114,16 +115,6 @@ class Oracle:
         self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
         self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
 
-    @property
-    def leaves_out(self) -> list[str]:
-        """What this world has and the oracle's motion has not, by name."""
-        found = []
-        if any(body.joint.dry_friction for body in self.world.bodies):
-            found.append("joint.dry_friction")
-        if any(body.joint.position_limits for body in self.world.bodies):
-            found.append("joint.limits.position")
-        return found
-
     def _spread(self, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         ours_q, ours_v = np.zeros(self._model.nq), np.zeros(self._model.nv)
         ours_q[self._q_index] = q
@@ -132,7 +123,7 @@ class Oracle:
         return ours_q, ours_v
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:
-        """Poses (bodies, 7) x y z w x y z of the world's body frames."""
+        """See :meth:`Oracle.body_poses`."""
         self._pin.forwardKinematics(self._model, self._data, self._spread(q)[0])
         found = np.empty((len(self.world.bodies), 7))
         for row, joint, placement in zip(found, self._body_joint, self._body_placement, strict=True):
@@ -200,19 +191,110 @@ class Oracle:
         ours_q, ours_v = self._spread(q, v)
         return self._pin.integrate(self._model, ours_q, self.timestep * ours_v)[self._q_index], v
 
+
+class Oracle:
+    """Kinematics and dynamics of a world's bodies. States are (q (nq,), v (nv,)) in the world's own order.
+
+    One Pinocchio model for each tree: trees do not act on each other without contact, and one model of 216 free bodies
+    would take memory with the square of their number.
+    """
+
+    def __init__(self, world: World):
+        self.world = world
+        self.layout = layout(world.bodies)
+        self.nq, self.nv = self.layout.nq, self.layout.nv
+        self.timestep = world.physics.timestep
+        index = {body.name: number for number, body in enumerate(world.bodies)}
+        self._parts: list[tuple[_Tree, list[int], np.ndarray, np.ndarray]] = []
+        for bodies in trees(world).values():
+            rows = [index[body.name] for body in bodies]
+            at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
+            at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
+            self._parts.append((_Tree(dataclasses.replace(world, bodies=bodies)), rows, at_q, at_v))
+
+    @property
+    def leaves_out(self) -> list[str]:
+        """What this world has and the oracle's motion has not, by name."""
+        found = []
+        if any(body.joint.dry_friction for body in self.world.bodies):
+            found.append("joint.dry_friction")
+        if any(body.joint.position_limits for body in self.world.bodies):
+            found.append("joint.limits.position")
+        return found
+
+    def body_poses(self, q: np.ndarray) -> np.ndarray:
+        """Poses (bodies, 7) x y z w x y z of the world's body frames."""
+        found = np.empty((len(self.world.bodies), 7))
+        for tree, rows, at_q, _ in self._parts:
+            found[rows] = tree.body_poses(q[at_q])
+        return found
+
+    def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
+        found = np.empty((len(self.world.bodies), 6))
+        for tree, rows, at_q, at_v in self._parts:
+            found[rows] = tree.body_velocities(q[at_q], v[at_v])
+        return found
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M (nv, nv), armature included."""
+        full = np.zeros((self.nv, self.nv))
+        for tree, _, at_q, at_v in self._parts:
+            if len(at_v):
+                full[np.ix_(at_v, at_v)] = tree.mass_matrix(q[at_q])
+        return full
+
+    def _by_tree(self, method: str, q: np.ndarray, v: np.ndarray, *more: np.ndarray) -> np.ndarray:
+        found = np.zeros(self.nv)
+        for tree, _, at_q, at_v in self._parts:
+            if len(at_v):
+                found[at_v] = getattr(tree, method)(q[at_q], v[at_v], *(value[at_v] for value in more))
+        return found
+
+    def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
+        return self._by_tree("bias_force", q, v)
+
+    def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
+        return self._by_tree("joint_effort", q, v)
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
+        return self._by_tree("acceleration", q, v, effort)
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+        """Kinetic energy (armature included) and potential energy (J): gravity zero at the origin, springs at rest.
+
+        Bodies fixed to the world do not count.
+        """
+        parts = [tree.energy(q[at_q], v[at_v]) for tree, _, at_q, at_v in self._parts if len(at_v)]
+        return sum(kinetic for kinetic, _ in parts), sum(potential for _, potential in parts)
+
+    def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One step of semi-implicit Euler; returns the new (q, v)."""
+        (_, q), (_, v) = self.motion(q, v, effort, 1, 1)
+        return q, v
+
     def motion(
         self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
         ``every``-th and the last."""
         held = np.zeros(self.nv) if effort is None else np.asarray(effort)
-        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
-        seen = [(q, v)]
-        for done in range(1, steps + 1):
-            q, v = self.step(q, v, held)
-            if done % every == 0 or done == steps:
-                seen.append((q, v))
-        return np.array([q for q, _ in seen]), np.array([v for _, v in seen])
+        count = 1 + -(-steps // every)
+        all_q, all_v = np.tile(np.asarray(q, dtype=float), (count, 1)), np.tile(np.asarray(v, dtype=float), (count, 1))
+        for tree, _, at_q, at_v in self._parts:
+            if not len(at_v):
+                continue
+            tree.timestep = self.timestep
+            part_q, part_v = all_q[0, at_q], all_v[0, at_v]
+            for done in range(1, steps + 1):
+                part_q, part_v = tree.step(part_q, part_v, held[at_v])
+                if done % every == 0 or done == steps:
+                    row = -(-done // every)
+                    all_q[row, at_q], all_v[row, at_v] = part_q, part_v
+        return all_q, all_v
 
 
 def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
