@@ -233,7 +233,7 @@ def diff_tables(one: Diff) -> list[Table]:
             verdict(True, out) if body.within else Text(out, style="yellow"),
         )
     if len(one.bodies) > SHOWN_BODIES:
-        bodies.add_row(f"and {len(one.bodies) - SHOWN_BODIES} more, less far", *[""] * 6)
+        bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, less far apart"
     scalars = table("Quantities", "", one.first, one.second, "difference", right=(1, 2, 3))
     for item in one.quantities:
         if item.first is None and item.second is None:

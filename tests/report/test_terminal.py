@@ -1,0 +1,138 @@
+"""Tables: they answer the question, fit the width, and show no colour where none is wanted."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import itertools
+import json
+
+import pytest
+from rich.console import Console
+
+from simspec.comparison.floor import measure_floor
+from simspec.comparison.runs import diff
+from simspec.comparison.study import Study
+from simspec.comparison.worlds import diff_worlds
+from simspec.errors import EngineError, Location, Problem, SpecError
+from simspec.report import terminal
+from simspec.report.plain import error_data, plain, study_data
+from simspec.report.plain import text as json_text
+from simspec.runner.expectations import evaluate
+from simspec.runner.run import failed_run
+from simspec.world.types import Expectation
+from tests import worlds
+from tests.runner.synthetic import column, free_body, run, world
+
+RATES = {"mujoco": 0.0, "pybullet": 1e-5, "dart": 0.4}
+WORLD = world(
+    free_body("upper_arm_link_of_the_robot"),
+    free_body("mover"),
+    expect=(Expectation("position", (("body", "mover"), ("tolerance", 0.1), ("xyz", (0.0, 0.0, 0.0)))),),
+)
+
+
+def a_study(crashed: bool = False) -> Study:
+    runs = {
+        name: run(WORLD, lambda body, t, rate=rate: column(rate * t * (body == "mover"), 0, 0), engine=name)
+        for name, rate in RATES.items()
+    }
+    floors = {
+        name: measure_floor(one, [one, dataclasses.replace(one, provenance={**one.provenance, "perturb": 1e-15})])
+        for name, one in runs.items()
+    }
+    diffs = tuple(diff(a, b, floor=list(floors.values())) for a, b in itertools.combinations(runs.values(), 2))
+    if crashed:
+        runs["dart"] = failed_run(WORLD, "dart", EngineError("dart", "the process was ended by signal 11 (SIGSEGV)"))
+    outcomes = {name: tuple(evaluate(one)) for name, one in runs.items()}
+    return Study(WORLD, None, runs, {}, floors, outcomes, diffs)
+
+
+def shown(work, width: int = 80) -> str:
+    screen = Console(file=io.StringIO(), width=width)
+    work(screen)
+    return screen.file.getvalue()
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_study_fits_and_answers(width):
+    text = shown(lambda screen: terminal.show_study(a_study(), screen), width)
+    assert max(len(line) for line in text.splitlines()) <= width
+    for name in RATES:
+        assert name in text
+    whole = " ".join(text.split())
+    assert "400 mm" in whole
+    assert "the same bits" in whole
+    assert "FAILED" in whole
+    assert "out of tolerance" in whole or "out of" in whole
+
+
+def test_a_crash_stands_in_the_table():
+    text = shown(lambda screen: terminal.show_study(a_study(crashed=True), screen), 120)
+    assert "SIGSEGV" in text
+
+
+def test_a_diff_lists_the_worst_bodies_first_and_counts_the_rest():
+    many = world(*(free_body(f"ball_{k:02d}") for k in range(20)))
+    a = run(many)
+    b = run(many, lambda body, t: column(1e-3 * int(body[-2:]) * t, 0, 0), engine="second")
+    found = diff(a, b)
+    text = shown(lambda screen: [screen.print(one) for one in terminal.diff_tables(found)])
+    assert text.index("ball_19") < text.index("ball_18")
+    assert f"and {20 - terminal.SHOWN_BODIES} more" in text
+
+
+def test_changes_of_a_world():
+    one = worlds.spheres(2)
+    heavy = dataclasses.replace(one.bodies[1].inertial, mass=11.0)
+    other = dataclasses.replace(one, bodies=(one.bodies[0], dataclasses.replace(one.bodies[1], inertial=heavy)))
+    text = shown(lambda screen: screen.print(terminal.changes(diff_worlds(one, other))), 120)
+    assert "bodies.ball_0.inertial.mass" in text
+    assert "10.0" in text
+    assert "11.0" in text
+    assert "bodies.ball_1" in text
+
+
+@pytest.mark.parametrize(
+    ("metres", "words"),
+    [(0.0, "0"), (1.5, "1.5 m"), (0.0032, "3.2 mm"), (4e-6, "4 µm"), (1.5e-9, "1.5e-09 m"), (None, "–"),
+     (float("inf"), "∞"), (float("nan"), "NaN")],
+)  # fmt: skip
+def test_lengths(metres, words):
+    assert terminal.length(metres) == words
+
+
+def test_errors_put_the_place_first(capsys):
+    problem = Problem("no such key", "bodies.ball.mas", Location("a.yaml", 3, 5), found="mas", hint="did you mean 'mass'?")
+    terminal.show_error(SpecError([problem, problem]))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "a.yaml:3:5: error: bodies.ball.mas: no such key"
+    assert lines[2].strip() == "hint:    did you mean 'mass'?"
+    assert lines[-1] == "2 problems"
+
+
+def test_text_of_users_is_not_read_as_markup(capsys):
+    terminal.show_error(SpecError([Problem("found [bold]this[/bold] and [/nothing]")]))
+    assert "[bold]this[/bold] and [/nothing]" in capsys.readouterr().err
+
+
+def test_errors_as_data():
+    found = error_data(EngineError("dart", "gone"))["error"]
+    assert (found["engine"], found["exit_code"]) == ("dart", 3)
+
+
+def test_everything_of_a_study_is_json():
+    found = json.loads(json_text(study_data(a_study(crashed=True))))
+    assert found["exit_code"] == 3
+    assert found["runs"]["dart"]["quantities"] == {}
+    assert len(found["diffs"]) == 3
+
+
+def test_what_is_not_finite_is_null():
+    assert plain({"a": [float("nan"), float("inf"), 1.0]}) == {"a": [None, None, 1.0]}
+
+
+def test_no_progress_in_a_pipe(capsys):
+    with terminal.progress() as say:
+        say("running")
+    assert capsys.readouterr() == ("", "")

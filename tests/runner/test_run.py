@@ -1,0 +1,183 @@
+"""One run in one engine: what it holds, how it can be told from another, and what failure looks like."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import engines
+from simspec.errors import EngineError, SpecError
+from simspec.runner import metrics
+from simspec.runner.expectations import evaluate
+from simspec.runner.run import (
+    artifacts_sha256,
+    perturbed_state,
+    run,
+    run_all,
+    run_jobs,
+)
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import initial_state
+from simspec.world.types import Expectation, Physics, Record
+from tests import worlds
+
+ENGINES = sorted(engines())
+
+
+def short(base, steps: int = 200, every: int = 10):
+    return dataclasses.replace(
+        base,
+        physics=dataclasses.replace(base.physics, steps=steps),
+        record=dataclasses.replace(base.record, every_steps=every),
+    )
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_run_and_its_provenance(engine, tmp_path):
+    world = short(worlds.damped_springs())
+    one = run(world, engine)
+    assert one.failed is None
+    assert one.time.tolist() == pytest.approx([0.01 * k for k in range(21)])
+    assert one.arrays["pose"].shape == (21, len(world.bodies), 7)
+    q, v = initial_state(world)
+    assert np.allclose(one.arrays["q"][0], q, atol=1e-12)
+    assert np.allclose(one.arrays["v"][0], v, atol=1e-12)
+    facts = one.provenance
+    assert facts["world_sha256"] == sha256(world)
+    assert facts["engine_version"] == engines()[engine].version()
+    assert facts["steps"] == 200
+    assert facts["artifacts_sha256"] == compile_world(world, [engine])[engine].sha256
+    assert set(facts["settings"]) == set(engines()[engine].SETTINGS)
+    # the real-time factor is simulated time over the step calls alone; end to end there is more than that
+    assert one.real_time_factor == pytest.approx(0.2 / facts["seconds"]["step"])
+    assert one.end_to_end_factor == pytest.approx(0.2 / facts["seconds"]["process"])
+    assert facts["seconds"]["step"] < facts["seconds"]["process"]
+    again = one.save(tmp_path / "run")
+    assert (again / "bodies.parquet").is_file()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_engines_own_energy_is_that_of_the_metrics(engine):
+    world = short(worlds.every_joint())
+    one = run(world, engine)
+    kinetic, potential = metrics.energy(world, one.arrays)
+    assert np.allclose(one.arrays["energy"][:, 0], kinetic, rtol=1e-8)
+    assert np.allclose(one.arrays["energy"][:, 1], potential, rtol=1e-8)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_following_the_oracle_is_measured(engine):
+    close = Expectation("follows_oracle", (("tolerance", 1e-8),))
+    world = dataclasses.replace(short(worlds.damped_springs()), expectations=(close,))
+    one = run(world, engine)
+    (found,) = evaluate(one)
+    assert found.passed, found
+    # the same motion moved by a micrometre does not pass
+    one.arrays["pose"][-1, -1, 0] += 1e-6
+    (found,) = evaluate(one)
+    assert not found.passed
+    assert found.measured == pytest.approx(1e-6, rel=1e-2)
+    assert found.detail.startswith(world.bodies[-1].name)
+
+
+def test_what_the_oracle_leaves_out_is_said():
+    limited = dataclasses.replace(
+        short(worlds.limits_and_armature(), 2000), expectations=(Expectation("follows_oracle", (("tolerance", 1.0),)),)
+    )
+    dry = dataclasses.replace(short(worlds.limits_and_armature(dry_friction=0.1)), expectations=limited.expectations)
+    for world, words in ((limited, "beyond its own"), (dry, "no dry friction")):
+        steps = np.arange(0, world.physics.steps + 1, 10)
+        arrays = {"step": steps, "time": steps * 1e-3, "pose": np.zeros((len(steps), 4, 7))}
+        from simspec.runner.run import Run
+
+        (found,) = evaluate(Run(world, "any", arrays, {}))
+        assert not found.passed
+        assert words in found.detail
+
+
+def test_given_artifacts_are_used_and_checked(tmp_path):
+    world = short(worlds.spheres(2))
+    compiled = compile_world(world, ["mujoco"])["mujoco"]
+    write_folder(compiled.files, tmp_path / "mujoco")
+    assert artifacts_sha256(tmp_path / "mujoco") == compiled.sha256
+    assert run(world, "mujoco", artifacts=tmp_path / "mujoco").provenance["artifacts_sha256"] == compiled.sha256
+    with pytest.raises(SpecError, match="compiled from another world"):
+        run(short(worlds.spheres(3)), "mujoco", artifacts=tmp_path / "mujoco")
+    with pytest.raises(SpecError, match="no readable artifacts"):
+        run(world, "mujoco", artifacts=tmp_path)
+
+
+def test_another_record_replaces_the_worlds_own():
+    one = run(short(worlds.spheres(2)), "mujoco", record=Record(50, ("pose",)))
+    assert one.time.tolist() == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
+    assert "contact.row" not in one.arrays
+    assert "energy" not in one.arrays
+
+
+def test_a_perturbed_state_moves_everything_a_little_and_stays_a_state():
+    world = worlds.every_joint()
+    q, v = initial_state(world)
+    moved_q, moved_v = perturbed_state(world, 1e-6)
+    assert np.abs(moved_q - q).max() < 5e-6
+    assert np.allclose(moved_v, v * (1 + 1e-6), rtol=1e-15)
+    turned = [k for k, body in enumerate(world.bodies) if body.joint.kind in ("ball", "free")]
+    from simspec.world.kinematics import layout
+
+    for k in turned:
+        quaternion = moved_q[layout(world.bodies).position[k]][-4:]
+        assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-15)
+        assert not np.array_equal(quaternion, q[layout(world.bodies).position[k]][-4:])
+    # also where every coordinate is zero
+    assert np.any(perturbed_state(worlds.gripper(), 1e-15)[0] != initial_state(worlds.gripper())[0])
+
+
+def test_a_perturbed_run_starts_elsewhere():
+    world = short(worlds.spheres(2))
+    one = run(world, "mujoco", perturb=1e-3)
+    assert one.arrays["q"][0][2] == pytest.approx(initial_state(world)[0][2] * 1.001)
+    assert one.provenance["perturb"] == 1e-3
+
+
+def test_a_state_that_stops_being_finite_is_the_runs_result():
+    heavy = worlds.damped_springs()
+    bodies = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, damping=body.joint.damping and 1e9))
+        for body in heavy.bodies
+    )
+    # an explicit damping of 1e9 at 1 ms is unstable by eight orders of magnitude
+    one = run(short(dataclasses.replace(heavy, bodies=bodies)), "pybullet")
+    assert one.failed is not None
+    assert "not finite" in one.failed
+    assert one.recorded
+    assert one.provenance["steps"] < 200
+
+
+def test_one_engine_that_fails_leaves_the_others_alone(monkeypatch):
+    world = short(worlds.spheres(2))
+    monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
+    with pytest.raises(EngineError, match="not installed"):
+        run(world, "dart")
+    found = run_all(world, ["dart", "mujoco"])
+    assert list(found) == ["dart", "mujoco"]
+    assert "not installed" in found["dart"].failed
+    assert found["dart"].real_time_factor is None
+    assert found["mujoco"].failed is None
+
+
+def test_a_deadline_is_an_error_of_that_engine():
+    world = dataclasses.replace(worlds.spheres(2), physics=Physics(steps=100_000_000), record=Record(1_000_000))
+    with pytest.raises(EngineError, match="deadline of 2 s"):
+        run(world, "mujoco", deadline=2.0)
+
+
+def test_jobs_side_by_side_come_in_order(tmp_path):
+    world = short(worlds.spheres(2))
+    for name, compiled in compile_world(world, ["mujoco", "pybullet"]).items():
+        write_folder(compiled.files, tmp_path / name)
+    jobs = [(name, tmp_path / name, perturb) for name in ("mujoco", "pybullet") for perturb in (0.0, 1e-15)]
+    found = run_jobs(jobs, world)
+    assert [(one.engine, one.provenance["perturb"]) for one in found] == [(name, perturb) for name, _, perturb in jobs]
+    assert all(one.failed is None for one in found)

@@ -1,0 +1,373 @@
+"""The command line: words in, files, tables and exit codes out; every error is a message, none a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.engines.base import engines
+from simspec.resources import resource_folder
+
+PACKAGE = Path(cli.__file__).resolve().parent
+COMMANDS = ("new", "check", "fmt", "schema", "compile", "verify", "run", "diff", "engines")
+FALL = """\
+simspec: 1
+name: fall
+physics: {timestep: 1 ms, duration: 0.1 s}
+bodies:
+  ball: {mass: 1, inertia: {principal: [0.01, 0.01, 0.01]}, pose: {xyz: [0, 0, 1]}}
+record: {every: 10 ms}
+expect:
+  - displacement: {body: ball, xyz: [0, 0, -0.0495], tolerance: 1 mm}
+"""
+WRONG = FALL.replace("mass: 1,", "mas: 1,").replace("timestep: 1 ms", "timestep: 1 deg")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with a good and a wrong spec, to work in."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.yaml").write_text(FALL)
+    (tmp_path / "wrong.yaml").write_text(WRONG)
+    return tmp_path
+
+
+def simspec(*words: object, code: int = 0):
+    """One command line; its exit code must be ``code``."""
+    done = CliRunner().invoke(cli.app, [str(word) for word in words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == code, done.output
+    return done
+
+
+def data(*words: object, code: int = 0):
+    return json.loads(simspec(*words, "--json", code=code).stdout)
+
+
+def process(*words: object, **environment: str):
+    return subprocess.run(
+        [sys.executable, "-m", "simspec", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+
+
+# --- help -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_stored_help_is_that_of_the_commands():
+    assert (PACKAGE / "help.txt").read_text(encoding="utf-8") == cli.help_text()
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("-h",)])
+def test_help_needs_nothing_but_the_stored_text(words):
+    done = process(*words)
+    assert done.returncode == 0
+    assert done.stdout == (PACKAGE / "help.txt").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_teaches_by_an_example_and_speaks_json(command):
+    text = simspec(command, "--help").output
+    assert re.search(rf"^  simspec {command} ", text, re.MULTILINE), text
+    assert "--json" in text
+
+
+def test_the_list_of_commands_is_whole():
+    found = {info.name for info in cli.app.registered_commands}
+    assert found == set(COMMANDS)
+
+
+def test_version():
+    assert re.fullmatch(r"simspec \d+\.\d+\.\d+\n", process("--version").stdout)
+
+
+def test_a_wrong_word_is_exit_2():
+    done = process("simulate")
+    assert done.returncode == 2
+    assert "No such command" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def test_every_problem_is_named_with_its_place(folder):
+    done = process("check", "wrong.yaml", NO_COLOR="1")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    places = [line for line in lines if re.match(r"wrong\.yaml:\d+:\d+: ", line)]
+    assert any(line.startswith("wrong.yaml:3:") for line in places)
+    assert any(line.startswith("wrong.yaml:5:") for line in places)
+    assert "Traceback" not in done.stderr
+    assert "\x1b" not in done.stderr
+
+
+def test_errors_as_json(folder):
+    found = data("check", "wrong.yaml", code=2)["error"]
+    assert found["exit_code"] == 2
+    assert {problem["location"]["line"] for problem in found["problems"]} >= {3, 5}
+
+
+def test_the_problems_of_all_specs_come_together(folder):
+    (folder / "other.yaml").write_text(FALL.replace("mass: 1,", "mass: -1,"))
+    found = data("check", "wrong.yaml", "other.yaml", "fall.yaml", code=2)["error"]
+    assert {problem["location"]["file"] for problem in found["problems"]} == {"wrong.yaml", "other.yaml"}
+
+
+def test_no_such_spec(folder):
+    done = simspec("check", "spheres-126", code=2)
+    assert "did you mean 'spheres-216'" in done.stderr
+
+
+def test_a_folder_is_no_spec(folder):
+    assert "a folder, not a spec" in simspec("check", ".", code=2).stderr
+
+
+def test_a_folder_that_cannot_be_written_is_an_error(folder):
+    (folder / "generated").write_text("in the way")
+    done = simspec("compile", "fall.yaml", code=2)
+    assert "generated" in done.stderr
+
+
+def test_an_engine_that_there_is_not(folder):
+    found = data("run", "fall.yaml", "--engine", "havok", code=3)["error"]
+    assert found["engine"] == "havok"
+    assert "mujoco" in found["message"]
+
+
+@pytest.mark.parametrize("words", [(), ("--all-engines", "--engine", "mujoco")])
+def test_which_engines_must_be_said(folder, words):
+    assert "--all-engines" in simspec("run", "fall.yaml", *words, code=2).stderr
+
+
+def test_another_python_that_is_not_there(folder):
+    done = simspec("run", "fall.yaml", "--engine", "mujoco", "--python", "mujoco=/nowhere/python", code=2)
+    assert "no such interpreter" in done.stderr
+
+
+# --- new, check, fmt, schema --------------------------------------------------------------------------------------------
+
+
+def test_a_new_spec_is_good_laid_out_and_runs(folder):
+    simspec("new", "pendulum")
+    simspec("check", "pendulum.yaml")
+    simspec("fmt", "--check", "pendulum.yaml")
+    simspec("run", "pendulum.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
+
+
+def test_new_never_overwrites_and_wants_a_name(folder):
+    simspec("new", "fall", code=2)
+    assert (folder / "fall.yaml").read_text() == FALL
+    assert "simspec new my-arm" in simspec("new", "my arm.yaml", code=2).stderr
+
+
+def test_check_says_what_it_read(folder):
+    (row,) = data("check", "fall.yaml")["specs"]
+    assert (row["name"], row["bodies"]) == ("fall", 1)
+    heavier = data("check", "fall.yaml", "--set", "bodies.ball.mass=2")["specs"][0]
+    assert heavier["world_sha256"] != row["world_sha256"]
+
+
+def test_fmt(folder):
+    (folder / "ugly.yaml").write_text("# mine\n" + FALL.replace("{timestep: 1 ms, ", "{  timestep:   1 ms,"))
+    assert data("fmt", "--check", "ugly.yaml", code=1)["changed"] == ["ugly.yaml"]
+    simspec("fmt", "ugly.yaml")
+    assert (folder / "ugly.yaml").read_text().startswith("# mine\n")
+    simspec("fmt", "--check", "ugly.yaml")
+
+
+def test_fmt_writes_nothing_when_one_file_is_no_spec(folder):
+    (folder / "ugly.yaml").write_text(FALL.replace("{timestep: 1 ms, ", "{  timestep:   1 ms,"))
+    (folder / "broken.yaml").write_text("a: [1\n")
+    before = (folder / "ugly.yaml").read_text()
+    done = simspec("fmt", "ugly.yaml", "broken.yaml", code=2)
+    assert "broken.yaml:" in done.stderr
+    assert (folder / "ugly.yaml").read_text() == before
+
+
+def test_schema(folder):
+    simspec("schema", "--check", "--out", "s.json", code=1)
+    simspec("schema", "--out", "s.json")
+    simspec("schema", "--check", "--out", "s.json")
+    assert json.loads((folder / "s.json").read_text()) == json.loads(simspec("schema", "--out", "-").stdout)
+
+
+# --- compile --------------------------------------------------------------------------------------------------------------
+
+
+def test_compile_writes_every_engine_and_is_stable(folder):
+    simspec("compile", "fall.yaml")
+    place = folder / "generated" / "fall"
+    assert {path.name for path in place.iterdir()} == {"world.json", *engines()}
+    files = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    assert data("compile", "fall.yaml")["compiled"][0]["changed"] is False
+    assert files == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def test_compile_one_engine_keeps_the_others_of_the_same_world(folder):
+    simspec("compile", "fall.yaml")
+    simspec("compile", "fall.yaml", "--engine", "mujoco")
+    assert (folder / "generated" / "fall" / "dart").is_dir()
+    simspec("compile", "fall.yaml", "--engine", "mujoco", "--set", "bodies.ball.mass=2")
+    assert not (folder / "generated" / "fall" / "dart").exists()
+
+
+def test_check_lists_what_is_missing_stale_or_strange(folder):
+    missing = data("compile", "fall.yaml", "--check", code=1)["stale"]
+    assert any(line.startswith("missing: generated/fall/world.json") for line in missing)
+    simspec("compile", "fall.yaml")
+    place = folder / "generated" / "fall"
+    (only,) = data("compile", "fall.yaml", "--check", code=1)["stale"]
+    assert only.startswith("missing: generated/fall/certificate.json")
+    (place / "world.json").write_text("{}")
+    (place / "left-over.txt").write_text("old")
+    found = data("compile", "fall.yaml", "--check", code=1)["stale"]
+    assert "stale: generated/fall/world.json" in found
+    assert "not of this spec: generated/fall/left-over.txt" in found
+
+
+def test_compile_without_a_spec_takes_the_folder(folder):
+    assert "no specs/*.yaml here" in simspec("compile", "--check", code=2).stderr
+    (folder / "specs").mkdir()
+    (folder / "specs" / "fall.yaml").write_text(FALL)
+    simspec("compile")
+    assert (folder / "generated" / "fall" / "world.json").is_file()
+
+
+def test_nothing_is_written_when_one_spec_is_wrong(folder):
+    simspec("compile", "fall.yaml", "wrong.yaml", code=2)
+    assert not (folder / "generated").exists()
+
+
+def test_two_specs_of_one_name_would_share_a_folder(folder):
+    (folder / "again.yaml").write_text(FALL.replace("principal: [0.01,", "principal: [0.011,"))
+    assert "would share one folder" in simspec("compile", "fall.yaml", "again.yaml", code=2).stderr
+
+
+def test_explain_says_how_each_feature_is_realised(folder):
+    text = simspec("compile", "fall.yaml", "--explain", "--engine", "pybullet").output
+    assert "joint.free" in text
+    assert "pybullet" in text
+
+
+# --- verify, run, diff ------------------------------------------------------------------------------------------------------
+
+
+def test_verify_writes_a_certificate_and_then_leaves_it_alone(folder):
+    simspec("verify", "fall.yaml", "--engine", "mujoco")
+    path = folder / "generated" / "fall" / "certificate.json"
+    first = path.read_bytes()
+    assert "unchanged" in simspec("verify", "fall.yaml", "--engine", "mujoco").output
+    assert path.read_bytes() == first
+    simspec("compile", "fall.yaml", "--engine", "mujoco", "--check")
+    # another world: the certificate is of other files, and must go
+    done = simspec("compile", "fall.yaml", "--engine", "mujoco", "--set", "bodies.ball.mass=2")
+    assert "certificate.json dropped" in done.output
+    assert not path.exists()
+
+
+def test_run_writes_results_that_can_be_compared_again(folder):
+    found = data("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart")
+    place = folder / "runs" / "fall"
+    assert found["certificate_valid"] is True
+    assert {path.name for path in place.iterdir()} == {
+        *("mujoco", "dart", "compiled", "certificate.json", "report.json")
+    }
+    assert json.loads((place / "report.json").read_text())["exit_code"] == 0
+    (one,) = found["diffs"]
+    assert one["within"] is True
+    assert one["horizon"] is None
+    assert found["floors"]["mujoco"]["bitwise"] is True
+    again = data("diff", place / "mujoco", place / "dart", "--tolerance", "1e-9")
+    assert again["bodies"] == data("diff", place / "mujoco", place / "dart", "--tolerance", "1e-9")["bodies"]
+    assert again["notes"] == []  # the saved repeats give the noise floor again
+    assert again["bodies"][0]["position_largest"] == one["bodies"][0]["position_largest"]
+
+
+def test_the_tables_of_a_run(folder):
+    text = simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart").output
+    questions = ("Does the model agree", "What came out", "Does it come out as expected", "Where do they differ")
+    at = [text.index(question) for question in questions]
+    assert at == sorted(at)
+    assert "\x1b" not in text
+    assert max(len(line) for line in text.splitlines()) <= 120
+
+
+def test_an_expectation_that_fails_is_exit_1(folder):
+    (folder / "high.yaml").write_text(FALL.replace("-0.0495", "0.5"))
+    found = data("run", "high.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", code=1)
+    (outcome,) = found["runs"]["mujoco"]["expectations"]
+    assert outcome["passed"] is False
+
+
+def test_results_of_an_engine_that_was_not_asked_for_again_go(folder):
+    simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-verify", "--no-repeats")
+    simspec("run", "fall.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
+    assert not (folder / "runs" / "fall" / "dart").exists()
+
+
+def test_a_missing_engine(folder, monkeypatch):
+    monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
+    found = data("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", code=3)
+    assert found["error"]["engine"] == "dart"
+    assert "pip install 'simspec[dart]'" in found["error"]["message"]
+    assert not (folder / "runs").exists()
+    words = ("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--keep-going", "--no-repeats")
+    found = data(*words, code=3)
+    assert found["runs"]["mujoco"]["failed"] is None
+    assert "not installed" in found["runs"]["dart"]["failed"]
+    assert "not installed" in simspec(*words, code=3).output
+
+
+def test_an_engine_that_hangs_is_that_runs_result(folder):
+    long = ("--set", "physics.duration=100000 s", "--set", "record.every=1000 s", "--deadline", "3")
+    words = ("run", "fall.yaml", "--engine", "mujoco", *long, "--no-verify", "--no-repeats")
+    found = data(*words, code=3)
+    assert "deadline of 3 s" in found["runs"]["mujoco"]["failed"]
+    assert found["runs"]["mujoco"]["expectations"][0]["passed"] is False
+
+
+def test_diff_of_two_specs_is_about_their_meaning(folder):
+    (folder / "same.yaml").write_text("# other text\n" + FALL.replace("1 ms", "0.001"))
+    assert "the same world" in simspec("diff", "fall.yaml", "same.yaml").output
+    (folder / "other.yaml").write_text(FALL.replace("mass: 1,", "mass: 1.5,"))
+    (change,) = data("diff", "fall.yaml", "other.yaml", code=1)["changes"]
+    assert change == {"path": "bodies.ball.inertial.mass", "kind": "changed", "before": 1.0, "after": 1.5}
+
+
+def test_diff_wants_two_of_a_kind(folder):
+    (folder / "runs").mkdir()
+    assert "two run folders, or two specs" in simspec("diff", "runs", "fall.yaml", code=2).stderr
+    assert "no saved run" in simspec("diff", "runs", "runs", code=2).stderr
+
+
+# --- engines ----------------------------------------------------------------------------------------------------------------
+
+
+def test_engines(folder):
+    found = data("engines")["engines"]
+    assert set(found) == set(engines())
+    text = simspec("engines").output
+    assert all(name in text for name in found)
+    simspec("engines", "--markdown", "--check", code=1)
+    simspec("engines", "--markdown")
+    simspec("engines", "--markdown", "--check")
+    assert (folder / "docs" / "support-matrix.md").is_file()
+
+
+def test_the_library_is_known_by_name(folder):
+    names = [path.stem for path in resource_folder("specs").glob("*.yaml")]
+    simspec("check", *names)
