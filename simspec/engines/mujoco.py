@@ -39,7 +39,7 @@ class MuJoCo(Engine):
     EXTRA: ClassVar[str] = "mujoco"
     FRICTION_RULE: ClassVar[str] = "max"
     RESTITUTION_RULE: ClassVar[str] = "max"
-    SUPPORT: ClassVar[Table] = {feature: EXACT for feature in Feature} | {
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically one step late: passes the limit by up to one step's motion, then comes back by "
             "limit_error_reduction of it per step"

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import EngineError
-from simspec.formats.mjcf import CONES, GROUPS, KEYFRAME, MODEL, NO_RATING, SIZES, file_name, restitution_of, world_name
+from simspec.formats.mjcf import CONES, GROUPS, KEYFRAME, MODEL, NO_RATING, SIZES, file_name, world_name
+from simspec.formats.mjcf_contact import restitution_of
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
@@ -26,7 +27,10 @@ CONE_NAMES = {0: "pyramidal", 1: "elliptic"}
 
 
 def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any]) -> ReadBack:
-    """The model as ``mjModel`` holds it; names of models and of rigid joints, which it has no place for, come from the sidecar."""
+    """The model as ``mjModel`` holds it.
+
+    It has no place for the names of models and of rigid joints; these come from the sidecar.
+    """
     return _ReadBack(mujoco, model, sidecar).world()
 
 

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 from simspec.formats import mjcf
 from simspec.formats.base import read_sidecar
+from simspec.formats.mjcf_contact import restitution_of
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape
@@ -198,7 +199,7 @@ class _Reader:
     def _surface(self, given: Mapping[str, str]) -> tuple[float, float]:
         stiffness, damping = _floats(given["solref"])
         friction = _floats(given["friction"])[0] if given["condim"] == "3" else 0.0
-        return friction, mjcf.restitution_of((stiffness, damping), self.timestep)
+        return friction, restitution_of((stiffness, damping), self.timestep)
 
     def _pair_surfaces(self) -> dict[str, tuple[float, float]]:
         """Friction and restitution of shapes whose explicit pair says anything else than the shapes themselves do.
@@ -219,7 +220,7 @@ class _Reader:
         for pair in pairs:
             one, other = pair.attrib["geom1"], pair.attrib["geom2"]
             stiffness, damping = _floats(pair.attrib["solref"])
-            held = (_floats(pair.attrib["friction"])[0], mjcf.restitution_of((stiffness, damping), self.timestep))
+            held = (_floats(pair.attrib["friction"])[0], restitution_of((stiffness, damping), self.timestep))
             if held != tuple(map(max, shapes[one], shapes[other])):
                 found[one] = found[other] = held
         return found
