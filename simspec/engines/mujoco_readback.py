@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.errors import EngineError
 from simspec.formats.mjcf import CONES, GROUPS, KEYFRAME, MODEL, NO_RATING, SIZES, file_name, world_name
-from simspec.formats.mjcf_contact import restitution_of
+from simspec.formats.mjcf_contact import inconsistent_pair, restitution_of
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
@@ -55,7 +55,7 @@ class _ReadBack:
         if KEYFRAME not in self._names["KEY"]:
             raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
         self._key = self._names["KEY"].index(KEYFRAME)
-        self._explicit = self._pair_surfaces()
+        self._check_pairs()
 
     def _all_names(self, kind: str) -> list[str]:
         count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
@@ -149,7 +149,7 @@ class _ReadBack:
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         friction = restitution = None
         if collides:
-            friction, restitution = self._explicit.get(geom) or self._surface(geom)
+            friction, restitution = self._surface(geom)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -173,17 +173,14 @@ class _ReadBack:
         stiffness, damping = solref.tolist()
         return restitution_of((stiffness, damping), float(self._model.opt.timestep))
 
-    def _pair_surfaces(self) -> dict[int, tuple[float, float]]:
-        """Friction and restitution of shapes whose explicit pair says anything else than the shapes themselves do.
-
-        An explicit pair overrides its shapes. simspec writes the same numbers into both; where they differ the pair's
-        are the truth.
-        """
+    def _check_pairs(self) -> None:
+        """An explicit pair overrides its shapes; it must hold what they give together."""
         model = self._model
-        found = {}
         for pair in range(model.npair):
-            one, other = int(model.pair_geom1[pair]), int(model.pair_geom2[pair])
+            ends = (int(model.pair_geom1[pair]), int(model.pair_geom2[pair]))
             held = (float(model.pair_friction[pair][0]), self._restitution(model.pair_solref[pair]))
-            if held != tuple(map(max, self._surface(one), self._surface(other))):
-                found[one] = found[other] = held
-        return found
+            surfaces = [self._surface(geom) for geom in ends]
+            given = (max(surface[0] for surface in surfaces), max(surface[1] for surface in surfaces))
+            if held != given or model.pair_friction[pair][1] != held[0]:
+                names = (self._names["GEOM"][ends[0]], self._names["GEOM"][ends[1]])
+                raise EngineError("mujoco", inconsistent_pair(names, held, given))

@@ -138,10 +138,13 @@ class Mjcf(Format):
     """MJCF files for MuJoCo.
 
     Contact. One law for every pair: in one step the normal velocity v becomes −e v + β r / dt (e restitution, r overlap, β
-    ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``. With e = 0 that is what DART does by itself. MuJoCo
-    takes the smaller number of each pair, so the larger restitution holds. The same reference acts on the tangential
-    velocity, which must not bounce: where a pair has restitution and friction, its shapes are listed as explicit
-    pairs, which have a reference of their own for friction.
+    ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``; with e = 0 DART does the same by itself. MuJoCo
+    takes the smaller number of each pair, so the larger restitution holds.
+
+    Friction. A shape's reference acts on the slip as on the normal velocity: it would bounce sideways and, MuJoCo's cone
+    being associated, throw sliding bodies up. Explicit pairs have a reference of their own for friction (which MuJoCo
+    obeys under the elliptic cone only), so every two shapes that may touch with friction are listed. A world with more than
+    ``explicit_pairs_limit`` of them gets none and says so (sidecar ``explicit_pairs: false``, and the engine's log).
     """
 
     NAME: ClassVar[str] = "mjcf"
@@ -165,6 +168,7 @@ class Mjcf(Format):
         moved, offsets = recentre_free_roots(world)
         order = depth_first(moved)
         masks, group_excludes = collision_masks(moved)
+        pairs = explicit_pairs(moved, target)
         content = {
             "name": world.name,
             "compiler": COMPILER,
@@ -176,7 +180,7 @@ class Mjcf(Format):
             "pair_defaults": pair_defaults(world, target),
             "classes": classes(world, target),
             "events": _events(order, masks),
-            "pairs": explicit_pairs(moved, target),
+            "pairs": pairs or (),
             "excludes": [
                 (file_name(a), file_name(b)) for a, b in sorted({*excluded_pairs_to_write(moved), *group_excludes})
             ],
@@ -188,6 +192,7 @@ class Mjcf(Format):
             world,
             target,
             offsets,
+            explicit_pairs=pairs is not None,
             models=[body.model for body in world.bodies],
             # MJCF has no element for a rigid joint, so its name has no place there
             fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},

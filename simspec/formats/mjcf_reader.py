@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from simspec.formats import mjcf
 from simspec.formats.base import read_sidecar
-from simspec.formats.mjcf_contact import restitution_of
+from simspec.formats.mjcf_contact import inconsistent_pair, restitution_of
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape
@@ -80,7 +80,7 @@ class _Reader:
         key = self._one(self.section("keyframe"), "key")
         self._position, self._velocity = _floats(key.attrib["qpos"]), _floats(key.attrib["qvel"])
         self._nq = self._nv = 0
-        self._explicit = self._pair_surfaces()
+        self._check_pairs()
 
     def section(self, name: str) -> ElementTree.Element:
         return self._one(self._root, name)
@@ -181,7 +181,7 @@ class _Reader:
         collides = given["contype"] != "0" or given["conaffinity"] != "0"
         friction = restitution = None
         if collides:
-            friction, restitution = self._explicit.get(given["name"]) or self._surface(given)
+            friction, restitution = self._surface(given)
         red, green, blue, alpha = _floats(given["rgba"])
         return Shape(
             given["name"],
@@ -201,26 +201,19 @@ class _Reader:
         friction = _floats(given["friction"])[0] if given["condim"] == "3" else 0.0
         return friction, restitution_of((stiffness, damping), self.timestep)
 
-    def _pair_surfaces(self) -> dict[str, tuple[float, float]]:
-        """Friction and restitution of shapes whose explicit pair says anything else than the shapes themselves do.
-
-        An explicit pair overrides its shapes. simspec writes the same numbers into both; where they differ the pair's
-        are the truth.
-        """
+    def _check_pairs(self) -> None:
+        """An explicit pair overrides its shapes; it must say what they give together."""
         pairs = self.section("contact").findall("pair")
-        if not pairs:
-            return {}
         wanted = {pair.attrib[end] for pair in pairs for end in ("geom1", "geom2")}
         shapes = {
             name: self._surface({**self._classes[geom.attrib["class"]], **geom.attrib})
             for geom in self.section("worldbody").iter("geom")
             if (name := geom.attrib["name"]) in wanted
         }
-        found = {}
         for pair in pairs:
-            one, other = pair.attrib["geom1"], pair.attrib["geom2"]
+            names = (pair.attrib["geom1"], pair.attrib["geom2"])
             stiffness, damping = _floats(pair.attrib["solref"])
             held = (_floats(pair.attrib["friction"])[0], restitution_of((stiffness, damping), self.timestep))
-            if held != tuple(map(max, shapes[one], shapes[other])):
-                found[one] = found[other] = held
-        return found
+            given = (max(shapes[name][0] for name in names), max(shapes[name][1] for name in names))
+            if held != given:
+                raise ValueError(inconsistent_pair(names, held, given))
