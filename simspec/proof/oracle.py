@@ -12,6 +12,7 @@ away from limits, and worlds with dry friction say so (``Oracle.leaves_out``).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,23 @@ import numpy as np
 from simspec.world import frames
 from simspec.world.kinematics import layout, trees
 from simspec.world.types import Body, Pose, World
+
+
+def _depth_first(bodies: Sequence[Body]) -> list[Body]:
+    """``bodies`` with each one's descendants right behind it.
+
+    Pinocchio's crba takes a joint's subtree to be the columns that follow it: in another order entries of M stay zero in
+    silence (measured).
+    """
+    children: dict[str | None, list[Body]] = {}
+    for body in bodies:
+        children.setdefault(body.joint.parent, []).append(body)
+    found: list[Body] = []
+    ahead = children.get(None, [])[::-1]
+    while ahead:
+        found.append(ahead.pop())
+        ahead.extend(children.get(found[-1].name, ())[::-1])
+    return found
 
 
 class _Tree:
@@ -35,7 +53,8 @@ class _Tree:
         self._model = pinocchio.Model()
         self._model.gravity.linear = np.array(world.physics.gravity)
         self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
-        joints = [self._add(body) for body in world.bodies]
+        added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
+        joints = [added[body.name] for body in world.bodies]
         self._model.armature = np.zeros(self._model.nv)
         self._order_coordinates(joints)
         self._body_joint = [self._held[body.name][0] for body in world.bodies]
@@ -168,7 +187,10 @@ class _Tree:
         Bodies fixed to the world do not count.
         """
         ours_q, ours_v = self._spread(q, v)
-        kinetic = self._pin.computeKineticEnergy(self._model, self._data, ours_q, ours_v)
+        kinetic = self._pin.computeKineticEnergy(
+            self._model, self._data, ours_q, ours_v
+        )  # leaves armature out (measured)
+        kinetic += 0.5 * float(np.sum(self._armature * v**2))
         potential = self._pin.computePotentialEnergy(self._model, self._data, ours_q)
         at_v = self._hinge_v
         stretch = q[self._hinge_q] - self._rest[at_v]
