@@ -152,7 +152,8 @@ class PyBullet(Engine):
         ),
         "collision_margin": Setting(
             0.0,
-            "Added around convex shapes (m); PyBullet's own 0.001 makes them bigger than the spec says.",
+            "Added around convex shapes (m); PyBullet's own 0.001 makes meshes bigger. PyBullet takes it for base links only "
+            "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
             minimum=0.0,
         ),
         "deterministic_pairs": Setting(

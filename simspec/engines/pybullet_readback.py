@@ -49,7 +49,11 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
                 instance["model"],
                 Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
                 joint,
-                _shapes(sim, tree, link, visuals.get(link.link, [])),
+                _named(
+                    _shapes(sim, tree, link, visuals.get(link.link, [])),
+                    instance["shapes"][position],
+                    instance["visual_only"][position],
+                ),
             )
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
@@ -157,6 +161,19 @@ def _shapes(sim: Simulation, tree: Tree, link: Link, visuals: list[Shape]) -> tu
             shape = dataclasses.replace(shape, visual=True, colour=same.colour)
         found.append(shape)
     return (*found, *rest)
+
+
+def _named(shapes: tuple[Shape, ...], names: list[str], visual_only: list[int]) -> tuple[Shape, ...]:
+    """Shapes in the world's order, under the world's names, which PyBullet does not keep.
+
+    A count that differs from the sidecar's leaves them as they came, without names.
+    """
+    solid = [shape for shape in shapes if shape.collision]
+    seen = [shape for shape in shapes if not shape.collision]
+    if len(shapes) != len(names) or len(seen) != len(visual_only):
+        return shapes
+    ordered = [seen.pop(0) if place in visual_only else solid.pop(0) for place in range(len(names))]
+    return tuple(dataclasses.replace(shape, name=name) for shape, name in zip(ordered, names, strict=True))
 
 
 def _kind(number: int) -> str:

@@ -260,6 +260,8 @@ def _instance(file: str, bodies: tuple[Body, ...], coordinates: _Coordinates) ->
         "bodies": [body.name for body in bodies],
         "joints": [body.joint.name for body in bodies],
         "shapes": [[shape.name for shape in body.shapes] for body in bodies],
+        # PyBullet lists collision shapes and visual shapes apart: these are the places of those that are only visual
+        "visual_only": [[i for i, shape in enumerate(body.shapes) if not shape.collision] for body in bodies],
         "position": q,
         "velocity": v,
     }
