@@ -1,0 +1,115 @@
+"""The record of one proof: hashes, versions, each check with its tolerance and worst deviation, and what was not checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from simspec.proof.checks import Check
+from simspec.world.canonical import from_plain, to_plain
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class EngineProof:
+    """What was proven of one engine.
+
+    ``approximations``: features the spec accepted as approximate, and those computed outside the engine, with how;
+    ``not_checked``: fields that could not be asked for, with the reason; ``seconds``: wall time of its process.
+    """
+
+    version: str
+    artifacts_sha256: str
+    checks: tuple[Check, ...]
+    approximations: dict[str, str] = field(default_factory=dict)
+    not_checked: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def valid(self) -> bool:
+        """Whether there are checks and all have passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    def level(self, name: str) -> list[Check]:
+        """The checks of one level."""
+        return [check for check in self.checks if check.level == name]
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """One world held against several engines; ``engines`` by name."""
+
+    name: str
+    world_sha256: str
+    oracle: str
+    engines: dict[str, EngineProof]
+
+    @property
+    def valid(self) -> bool:
+        """Whether every engine's proof is valid."""
+        return bool(self.engines) and all(proof.valid for proof in self.engines.values())
+
+    @property
+    def artifacts_sha256(self) -> Mapping[str, str]:
+        """The hash of each engine's artifacts."""
+        return {name: proof.artifacts_sha256 for name, proof in self.engines.items()}
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """The version of each engine, and of the oracle."""
+        return {"oracle": self.oracle} | {name: proof.version for name, proof in self.engines.items()}
+
+    def failures(self) -> list[tuple[str, Check]]:
+        """Every check that did not pass, with its engine."""
+        return [(name, check) for name, proof in self.engines.items() for check in proof.checks if not check.passed]
+
+    def to_json(self) -> str:
+        """The certificate as text, one check a line, so that version control shows what changed."""
+        data = {
+            "schema": SCHEMA,
+            "valid": self.valid,
+            "name": self.name,
+            "world_sha256": self.world_sha256,
+            "oracle": self.oracle,
+            "engines": {},
+        }
+        text = json.dumps(data, indent=2, allow_nan=False)
+        blocks = []
+        for name, proof in sorted(self.engines.items()):
+            head = {"version": proof.version, "valid": proof.valid, "artifacts_sha256": proof.artifacts_sha256}
+            head |= {"seconds": round(proof.seconds, 3)}
+            head |= {"approximations": proof.approximations, "not_checked": proof.not_checked}
+            lines = [
+                f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
+            ]
+            checks = ",\n".join(
+                f"        {json.dumps(to_plain(check), ensure_ascii=False, allow_nan=False)}" for check in proof.checks
+            )
+            blocks.append(
+                f"    {json.dumps(name)}: {{\n" + "\n".join(lines) + f'\n      "checks": [\n{checks}\n      ]\n    }}'
+            )
+        return text.replace('"engines": {}', '"engines": {\n' + ",\n".join(blocks) + "\n  }") + "\n"
+
+    @classmethod
+    def from_json(cls, text: str) -> Certificate:
+        """Read :meth:`to_json`'s text. Raises ValueError for another schema or a verdict that its checks do not bear out."""
+        data = json.loads(text)
+        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+            raise ValueError(f"not a certificate of schema {SCHEMA}")
+        engines = {
+            name: EngineProof(
+                block["version"],
+                block["artifacts_sha256"],
+                tuple(from_plain(Check, check) for check in block["checks"]),
+                block["approximations"],
+                block["not_checked"],
+                block["seconds"],
+            )
+            for name, block in data["engines"].items()
+        }
+        found = cls(data["name"], data["world_sha256"], data["oracle"], engines)
+        if found.valid != data["valid"]:
+            raise ValueError("the certificate's verdict is not what its checks say")
+        return found

@@ -1,0 +1,66 @@
+"""One check of a proof: what was held against what, how often, how closely, and where it was worst."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+TEXT_TOLERANCE = 1e-12
+"""L0: numbers are printed to round-trip; left is the way from a tensor to principal axes and back, whose largest moment may
+be clipped by 2⁻⁴⁰ ≈ 9e-13 (``formats/passes.py``), and frames composed and undone (a few last bits)."""
+MODEL_TOLERANCE = 1e-9
+"""L1 to L4: engines keep doubles, but diagonalise inertias, shift frames and invert matrices; all stay below 1e-10 when they
+are told the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """``worst`` is the largest deviation, in units of the quantity's own scale; None when something differs in kind (a
+    joint's type, a missing body), which no number can say. ``where`` is its place, ``detail`` what was found there."""
+
+    level: str
+    name: str
+    count: int
+    tolerance: float
+    worst: float | None
+    where: str
+    passed: bool
+    detail: str = ""
+
+
+class Tally:
+    """Collects deviations into one check for each (level, name)."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[str, str], tuple[int, float, float | None, str, str]] = {}
+
+    def add(
+        self, level: str, name: str, tolerance: float, deviation: float | None, where: str, detail: str = ""
+    ) -> None:
+        """Note one deviation; None (or NaN) = different in kind, worse than any number."""
+        if deviation is not None and not math.isfinite(deviation):
+            deviation, detail = None, detail or f"deviation is {deviation}"
+        count, _, worst, place, found = self._rows.get((level, name), (0, tolerance, 0.0, "", ""))
+        if worst is not None and (deviation is None or deviation > worst or not place):
+            worst, place, found = deviation, where, detail
+        self._rows[level, name] = (count + 1, tolerance, worst, place, found)
+
+    def equal(self, level: str, name: str, expected: object, found: object, where: str) -> bool:
+        """Note whether two things are the same."""
+        same = expected == found
+        self.add(level, name, 0.0, 0.0 if same else None, where, "" if same else f"{found}, should be {expected}")
+        return same
+
+    def checks(self) -> list[Check]:
+        """The checks, in the order in which they were first noted within their levels."""
+        return [
+            Check(level, name, count, tolerance, worst, where, worst is not None and worst <= tolerance, detail)
+            for (level, name), (count, tolerance, worst, where, detail) in sorted(
+                self._rows.items(), key=lambda item: item[0][0]
+            )
+        ]
+
+
+def failed(level: str, name: str, detail: str) -> Check:
+    """A check that could not be made at all, and so has failed."""
+    return Check(level, name, 1, 0.0, None, "", False, detail)

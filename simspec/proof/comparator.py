@@ -1,0 +1,268 @@
+"""The one comparator: a world against what an engine, or an independent reader of a file, says it holds.
+
+Fields that a read-back declares unreadable are left out here and named in the certificate. Two things are not compared
+because they move nothing: colours, and turns that a shape's symmetry makes meaningless (any turn of a sphere, turns of a
+cylinder or a capsule about its axis, shifts of a plane within itself).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from simspec.formats.passes import combine_surfaces, meeting_materials
+from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
+from simspec.world import frames
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import Body, Joint, Quaternion, ReadBack, Shape, World
+
+JOINT_NUMBERS = (
+    "damping",
+    "dry_friction",
+    "armature",
+    "spring_stiffness",
+    "spring_rest",
+    "velocity_limit",
+    "effort_limit",
+)
+LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
+
+
+def compare(world: World, held: ReadBack, friction_rule: str, restitution_rule: str, text: bool = False) -> list[Check]:
+    """Hold ``held`` against ``world``. ``text`` = an independent reading of the files: everything is level L0."""
+    return _Comparison(world, held, (friction_rule, restitution_rule), text).run()
+
+
+def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
+    """The length of a − b in units of ``scale``; None-safe callers check lengths first."""
+    return math.sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) / scale
+
+
+def turn_between(a: Quaternion, b: Quaternion) -> float:
+    """The angle (rad) between two orientations: 2 |sin(angle/2)|, exact for small angles, at most 2."""
+    _, x, y, z = frames.multiply(frames.conjugate(a), b)
+    return 2.0 * math.sqrt(x * x + y * y + z * z)
+
+
+def relative(expected: float, found: float) -> float:
+    """|found − expected| relative to the larger of both; 0 when both are 0."""
+    largest = max(abs(expected), abs(found))
+    return abs(found - expected) / largest if largest else 0.0
+
+
+class _Comparison:
+    def __init__(self, world: World, held: ReadBack, rules: tuple[str, str], text: bool):
+        self.world, self.held, self.rules = world, held, rules
+        self.tally = Tally()
+        self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
+        self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
+        self.surfaces: dict[str, dict[str, dict[float, str]]] = {"friction": {}, "restitution": {}}
+
+    def readable(self, field: str) -> bool:
+        return field not in self.held.unreadable
+
+    def note(self, part: str, name: str, deviation: float | None, where: str, detail: str = "") -> None:
+        self.tally.add(self.levels[part], name, self.tolerance, deviation, where, detail)
+
+    def number(self, part: str, name: str, expected: float | None, found: float | None, where: str) -> None:
+        if (expected is None) != (found is None):
+            self.note(part, name, None, where, f"{found}, should be {expected}")
+        elif expected is not None and found is not None:
+            self.note(part, name, relative(expected, found), where, f"{found!r}, should be {expected!r}")
+        else:
+            self.note(part, name, 0.0, where)
+
+    def vector(
+        self, part: str, name: str, expected: Sequence[float], found: Sequence[float], where: str, scale: float = 1.0
+    ):
+        if len(expected) != len(found):
+            self.note(part, name, None, where, f"{len(found)} numbers, should be {len(expected)}")
+        else:
+            self.note(
+                part, name, distance(expected, found, scale), where, f"{tuple(found)}, should be {tuple(expected)}"
+            )
+
+    def run(self) -> list[Check]:
+        expected = {body.name: body for body in self.world.bodies}
+        found = {body.name: body for body in self.held.bodies}
+        self.tally.equal(self.levels["mass"], "bodies", sorted(expected), sorted(found), "bodies")
+        groups = rigid_groups(self.world)
+        for name, body in expected.items():
+            if name in found:
+                self.mass(body, found[name], moves=groups[name] != "world")
+                self.joint(body.joint, found[name].joint, f"bodies.{name}.joint")
+                self.shapes(body, found[name])
+                if self.readable("collision_group"):
+                    self.tally.equal(
+                        self.levels["geometry"],
+                        "collision group",
+                        body.collision_group,
+                        found[name].collision_group,
+                        f"bodies.{name}.collision_group",
+                    )
+        self.pairs()
+        physics = self.world.physics
+        strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
+        if self.readable("gravity"):
+            self.vector("geometry", "gravity", physics.gravity, self.held.gravity, "physics.gravity", strength)
+        if self.readable("timestep"):
+            self.number("geometry", "timestep", physics.timestep, self.held.timestep, "physics.timestep")
+        if self.readable("friction_cone") and any(
+            shape.collision for body in self.world.bodies for shape in body.shapes
+        ):
+            self.tally.equal(
+                self.levels["geometry"],
+                "friction cone",
+                self.world.contact.friction_cone,
+                self.held.friction_cone,
+                "contact.friction_cone",
+            )
+        return self.tally.checks()
+
+    def mass(self, body: Body, found: Body, moves: bool) -> None:
+        """Relative to the body's own mass, radius of gyration (or offset), and trace of the tensor."""
+        if not moves and (not self.readable("static.inertial") or not body.inertial.mass):
+            return
+        where, one, other = f"bodies.{body.name}", body.inertial, found.inertial
+        self.number("mass", "mass", one.mass, other.mass, f"{where}.mass")
+        trace = sum(one.inertia[:3])
+        length = math.sqrt(trace / one.mass) if one.mass else 0.0
+        offset = math.sqrt(sum(x * x for x in one.centre_of_mass))
+        # positions are sums of numbers of about 1 m: below that scale the last bit is absolute, 1e-16 of a metre
+        scale = max(length, offset, 1e-3)
+        at = f"{where}.centre_of_mass"
+        self.vector("mass", "centre of mass", one.centre_of_mass, other.centre_of_mass, at, scale)
+        self.vector("mass", "inertia tensor", one.inertia, other.inertia, f"{where}.inertia", trace or 1.0)
+
+    def joint(self, one: Joint, other: Joint, where: str) -> None:
+        level = self.levels["joint"]
+        if not self.tally.equal(level, "joint type", one.kind, other.kind, f"{where}.type"):
+            return
+        self.tally.equal(level, "parent", one.parent, other.parent, f"{where}.parent")
+        if self.readable("joint.name") and one.kind not in ("fixed", "free"):
+            self.tally.equal(level, "joint name", one.name, other.name, f"{where}.name")
+        if one.kind != "free":  # a free joint's origin is the world's
+            place = max(1.0, math.sqrt(sum(x * x for x in one.origin.position)))
+            at = f"{where}.origin"
+            self.vector("joint", "origin, position", one.origin.position, other.origin.position, at, place)
+            turned = turn_between(one.origin.quaternion, other.origin.quaternion)
+            self.note("joint", "origin, orientation", turned, at, f"{other.origin.quaternion}")
+        if one.kind in ("hinge", "slide"):
+            self.vector("joint", "axis", one.axis, other.axis, f"{where}.axis")
+            if self.readable("joint.position_limits"):
+                self.limits(one, other, where)
+        if one.kind in ("hinge", "slide", "ball"):
+            for name in JOINT_NUMBERS:
+                if self.readable(f"joint.{name}"):
+                    at = f"{where}.{name}"
+                    self.number("joint", name.replace("_", " "), getattr(one, name), getattr(other, name), at)
+        if self.readable("joint.position"):
+            self.position(one, other, where)
+        if self.readable("joint.velocity"):
+            speed = max(1.0, math.sqrt(sum(x * x for x in one.velocity)))
+            self.vector("joint", "initial velocity", one.velocity, other.velocity, f"{where}.velocity", speed)
+
+    def limits(self, one: Joint, other: Joint, where: str) -> None:
+        at = f"{where}.limits.position"
+        if (one.position_limits is None) != (other.position_limits is None):
+            detail = f"{other.position_limits}, should be {one.position_limits}"
+            self.note("joint", "position limits", None, at, detail)
+        elif one.position_limits is not None and other.position_limits is not None:
+            for expected, found in zip(one.position_limits, other.position_limits, strict=True):
+                self.number("joint", "position limits", expected, found, at)
+
+    def position(self, one: Joint, other: Joint, where: str) -> None:
+        at, name = f"{where}.position", "initial position"
+        if len(one.position) != len(other.position):
+            self.vector("joint", name, one.position, other.position, at)
+            return
+        straight = one.position[:3] if one.kind == "free" else one.position if one.kind != "ball" else ()
+        place = max(1.0, math.sqrt(sum(x * x for x in straight)))
+        if straight:
+            self.vector("joint", name, straight, other.position[: len(straight)], at, place)
+        if one.kind in ("ball", "free"):
+            turned = turn_between(one.position[-4:], other.position[-4:])
+            self.note("joint", name, turned, at, f"{other.position}, should be {one.position}")
+
+    def shapes(self, body: Body, found: Body) -> None:
+        where = f"bodies.{body.name}.shapes"
+        left = list(found.shapes)
+        for index, shape in enumerate(body.shapes):
+            if not shape.collision and not self.readable("shape.visual"):
+                continue
+            at = f"{where}.{index}"
+            same_kind = [other for other in left if other.kind == shape.kind and other.collision == shape.collision]
+            if not same_kind:
+                kinds = ", ".join(f"{o.kind}{'' if o.collision else ' (not solid)'}" for o in left) or "nothing"
+                self.note("geometry", "shape type", None, at, f"{kinds}, should be {shape.kind}")
+                continue
+            self.note("geometry", "shape type", 0.0, at)
+            other = min(same_kind, key=lambda candidate, shape=shape: _unlike(shape, candidate))
+            left.remove(other)
+            self.shape(shape, other, at)
+        extra = [shape for shape in left if shape.collision or self.readable("shape.visual")]
+        if extra:
+            self.note("geometry", "shape type", None, where, f"{len(extra)} more than the world has ({extra[0].kind})")
+
+    def shape(self, shape: Shape, other: Shape, at: str) -> None:
+        largest = max(shape.size, default=1.0)
+        self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
+        away, turned = _pose_difference(shape, other)
+        reach = max(1.0, math.sqrt(sum(x * x for x in shape.pose.position)))
+        self.note("geometry", "shape position", away / reach, f"{at}.pose", f"{other.pose.position}")
+        self.note("geometry", "shape orientation", turned, f"{at}.pose", f"{other.pose.quaternion}")
+        if self.readable("shape.visual") and shape.collision:
+            self.tally.equal(self.levels["geometry"], "visible", shape.visual, other.visual, f"{at}.visual")
+        if not shape.collision:
+            return
+        for quantity, seen in self.surfaces.items():
+            if self.readable(f"shape.{quantity}"):
+                value = getattr(other, quantity)
+                if value is None:
+                    self.note("geometry", quantity, None, at, "no number")
+                else:
+                    seen.setdefault(shape.material, {}).setdefault(value, at)
+
+    def pairs(self) -> None:
+        """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rule, against the world's."""
+        meeting = meeting_materials(self.world)
+        for pair in self.world.contact.pairs:
+            if (pair.first, pair.second) not in meeting:
+                continue
+            for (quantity, seen), rule in zip(self.surfaces.items(), self.rules, strict=True):
+                wanted = getattr(pair, quantity)
+                for one, place in seen.get(pair.first, {}).items():
+                    for two, other_place in seen.get(pair.second, {}).items():
+                        self.number(
+                            "geometry", quantity, wanted, combine_surfaces(rule, one, two), _both(place, other_place)
+                        )
+
+
+def _both(one: str, two: str) -> str:
+    return one if one == two else f"{one} with {two}"
+
+
+def _unlike(shape: Shape, other: Shape) -> float:
+    """How little two shapes of one kind resemble each other, to match shapes without names."""
+    away, turned = _pose_difference(shape, other)
+    sizes = distance(shape.size, other.size) if len(shape.size) == len(other.size) else math.inf
+    return away + turned + sizes + (0.0 if shape.name == other.name else 1e-6)
+
+
+def _pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
+    """Metres and radians between two shapes' poses, without what the shape's symmetry makes meaningless."""
+    if shape.kind in ("sphere", "box", "ellipsoid"):
+        turned = 0.0 if shape.kind == "sphere" else turn_between(shape.pose.quaternion, other.pose.quaternion)
+        return distance(shape.pose.position, other.pose.position), turned
+    axis, other_axis = (frames.rotate(one.pose.quaternion, (0.0, 0.0, 1.0)) for one in (shape, other))
+    turned = distance(axis, other_axis)
+    if shape.kind != "plane":
+        flipped = distance(axis, tuple(-x for x in other_axis))
+        return distance(shape.pose.position, other.pose.position), min(turned, flipped)
+    apart = frames.subtract(other.pose.position, shape.pose.position)
+    return abs(frames.dot(axis, apart)), turned
+
+
+def not_checked(unreadable: Mapping[str, str]) -> dict[str, str]:
+    """What a read-back could not tell, with the reasons, sorted."""
+    return dict(sorted(unreadable.items()))

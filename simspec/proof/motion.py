@@ -1,0 +1,143 @@
+"""Level L6: contact-free motion, step by step, against the oracle's semi-implicit Euler.
+
+The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floor: the oracle run again with its state scaled by
+1 + 1e-15. Below that floor no two programs can agree, whatever they hold; it is printed beside the deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.proof.checks import Check
+from simspec.proof.oracle import Oracle
+from simspec.proof.probes import SEED, random_states, rotation_error
+from simspec.world.kinematics import initial_state
+from simspec.world.types import World
+
+STEPS = 2000
+EVERY = 40
+TOLERANCE = 1e-9
+FLOOR_FACTOR = 100.0
+PERTURBATION = 1e-15
+TRIES = 6
+"""Seeded beginnings to try until one keeps all joints off their limits for all steps; the longest is taken."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What to do (``q``, ``v``, ``effort``, ``steps``), what the oracle made of it, and its round-off floor."""
+
+    q: np.ndarray
+    v: np.ndarray
+    effort: np.ndarray
+    steps: int
+    every: int
+    poses: np.ndarray
+    floor: float
+    leaves_out: tuple[str, ...]
+
+    @property
+    def tolerance(self) -> float:
+        """The larger of 1e-9 and 100 × the floor."""
+        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+
+
+def plan(world: World, oracle: Oracle) -> Motion:
+    """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bit."""
+    best: tuple[int, np.ndarray, np.ndarray, np.ndarray] | None = None
+    for attempt in range(TRIES):
+        q, v, effort = _beginning(world, oracle, attempt)
+        steps = _steps_within_limits(world, oracle, q, v, effort)
+        if best is None or steps > best[0]:
+            best = (steps, q, v, effort)
+        if steps == STEPS:
+            break
+    if best is None:
+        raise ValueError("no beginning was tried")
+    steps, q, v, effort = best
+    every = max(1, min(EVERY, steps))
+    exact = _poses(oracle, *oracle.motion(q, v, effort, steps, every))
+    disturbed = _poses(oracle, *oracle.motion(*_disturb(q, v), effort, steps, every))
+    floor = float(np.max(deviation(exact, disturbed), initial=0.0))
+    left_out = tuple(name for name in oracle.leaves_out if name == "joint.dry_friction")
+    return Motion(q, v, effort, steps, every, exact, floor, left_out)
+
+
+def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
+
+    Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike.
+    """
+    q, v = (states[0] for states in random_states(world, 1, SEED + 1 + attempt, speed=0.5))
+    start, _ = initial_state(world)
+    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+        limits = body.joint.position_limits
+        if limits is not None:
+            # the world's own start where it is well inside, since that is where its motion is meant to happen
+            low, high = limits
+            own = float(start[at_q][0])
+            inside = low + 0.1 * (high - low) < own < high - 0.1 * (high - low)
+            q[at_q] = own if inside and attempt % 2 == 0 else (low + high) / 2
+            v[at_v] *= min(1.0, 0.2 * (high - low))
+    generator = np.random.default_rng(SEED + 100 + attempt)
+    diagonal = np.diag(oracle.mass_matrix(q)) if oracle.nv else np.zeros(0)
+    return q, v, generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
+
+
+def _steps_within_limits(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> int:
+    """How many steps the oracle does before a joint comes within 5 % of its range to a limit; STEPS when none does."""
+    rows = [
+        (at.start, *body.joint.position_limits)
+        for body, at in zip(world.bodies, oracle.layout.position, strict=True)
+        if body.joint.position_limits is not None
+    ]
+    if not rows:
+        return STEPS
+    index = np.array([row[0] for row in rows])
+    low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    margin = 0.05 * (high - low)
+    every = 10
+    states, _ = oracle.motion(q, v, effort, STEPS, every)
+    outside = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
+    return STEPS if not outside.any() else max(0, int(np.argmax(outside)) - 1) * every
+
+
+def _disturb(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return q * (1.0 + PERTURBATION), v * (1.0 + PERTURBATION)
+
+
+def _poses(oracle: Oracle, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return np.array([oracle.body_poses(row) for row in q])
+
+
+def deviation(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Per instant and body (n, bodies): metres relative to the larger of 1 m and the body's distance from the origin,
+    plus radians."""
+    reach = np.maximum(1.0, np.linalg.norm(expected[..., :3], axis=-1))
+    away = np.linalg.norm(found[..., :3] - expected[..., :3], axis=-1) / reach
+    return away + rotation_error(found[..., 3:], expected[..., 3:])
+
+
+def motion_checks(world: World, motion: Motion, found: Mapping[str, np.ndarray]) -> list[Check]:
+    """One check: the worst deviation of any body at any instant."""
+    floor = f"floor {motion.floor:.1e}, {motion.steps} steps of {world.physics.timestep:g} s"
+    if motion.leaves_out:
+        return [
+            Check("L6", f"motion without {', '.join(motion.leaves_out)}", 0, motion.tolerance, 0.0, "", True, floor)
+        ]
+    pose = found["pose"]
+    if pose.shape != motion.poses.shape:
+        detail = f"{len(pose)} instants, should be {len(motion.poses)}"
+        return [Check("L6", "motion", 1, motion.tolerance, None, "", False, detail)]
+    error = deviation(motion.poses, pose)
+    if not np.isfinite(error).all():
+        return [Check("L6", "motion", error.size, motion.tolerance, None, "", False, f"not finite; {floor}")]
+    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
+    worst = float(error[instant, body])
+    where = f"bodies.{world.bodies[body].name}, step {min(instant * motion.every, motion.steps)}"
+    passed = worst <= motion.tolerance and not math.isnan(worst)
+    return [Check("L6", "motion", error.size, motion.tolerance, worst, where, passed, floor)]

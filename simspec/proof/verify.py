@@ -1,0 +1,174 @@
+"""Prove that engines hold a world: compile, read the text, load, ask, probe, compare; the result is a certificate."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.engines.base import find_engine
+from simspec.engines.process import DEADLINE, Operation, Reply, start
+from simspec.errors import EngineError, Location
+from simspec.features import Level
+from simspec.formats.base import formats
+from simspec.proof import motion, touch
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.checks import Check, failed
+from simspec.proof.comparator import compare, not_checked
+from simspec.proof.motion import Motion, motion_checks
+from simspec.proof.oracle import Oracle
+from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
+from simspec.proof.touch import Meetings, touch_checks
+from simspec.world.canonical import from_plain, sha256
+from simspec.world.types import ReadBack, World
+
+LEVELS = ("L0", "L1", "L2", "L3", "L4", "L6")
+"""L1, L2's fields and L4's come from one read-back; L5, contact measured, is not there yet."""
+
+
+@dataclass(frozen=True)
+class Probes:
+    """The oracle's side, computed once for all engines: states, meetings, motion."""
+
+    oracle: Oracle
+    q: np.ndarray
+    v: np.ndarray
+    meetings: Meetings
+    motion: Motion | None
+
+    def operations(self) -> list[Operation]:
+        """What each engine is asked, in the order in which :func:`_checks` reads the answers."""
+        still = np.zeros_like(self.v)
+        both = {"q": np.concatenate([self.q, self.q]), "v": np.concatenate([self.v, still])}
+        velocity = np.zeros((1, self.oracle.nv))
+        found = [
+            Operation("read_back"),
+            Operation("kinematics", {}, {"q": self.q, "v": self.v}),
+            Operation("dynamics", {}, both),
+            Operation("touching", {}, {"q": self.meetings.q, "v": velocity}),
+        ]
+        if self.motion is not None:
+            one = self.motion
+            arrays = {"q": one.q, "v": one.v, "effort": one.effort}
+            found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays))
+        return found
+
+
+def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
+    """Choose the probes for ``world`` and run the oracle."""
+    oracle = Oracle(world)
+    q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
+    wanted = set(levels)
+    empty = Meetings(np.zeros((0, oracle.nq)), [])
+    meetings = touch.plan(world, oracle) if "L4" in wanted else empty
+    return Probes(oracle, q, v, meetings, motion.plan(world, oracle) if "L6" in wanted else None)
+
+
+def verify(
+    world: World,
+    engines: Sequence[str],
+    *,
+    artifacts: Mapping[str, Path] | None = None,
+    levels: Iterable[str] = LEVELS,
+    pythons: Mapping[str, str] | None = None,
+    locate: Callable[[str], Location | None] = lambda path: None,
+    deadline: float = DEADLINE,
+    progress: Callable[[str], None] | None = None,
+    probes: Probes | None = None,
+) -> Certificate:
+    """Hold what every engine of ``engines`` makes of ``world`` against the world and the oracle.
+
+    ``artifacts``: folders of compiled files by engine (default: compiled afresh); ``pythons``: interpreters by engine;
+    ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
+    :func:`prepare`, to use again. An engine that fails is a failed check with its message, the others go on.
+    Raises UnsupportedError when the world cannot be compiled for one of the engines.
+    """
+    say = progress or (lambda text: None)
+    compiled = compile_world(world, engines, locate)
+    with contextlib.ExitStack() as stack:
+        folders = dict(artifacts or {})
+        if not set(compiled) <= set(folders):
+            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simspec-verify-")))
+            for name in compiled.keys() - folders.keys():
+                folders[name] = place / name
+                write_folder(compiled[name].files, folders[name])
+        say("choosing probes")
+        probes = probes or prepare(world, levels)
+        running = {}
+        refused: dict[str, EngineError] = {}
+        for name in compiled:
+            try:
+                python = (pythons or {}).get(name)
+                asked = start(name, folders[name], probes.operations(), python=python, deadline=deadline)
+                running[name] = stack.enter_context(asked)
+            except EngineError as error:
+                refused[name] = error
+        proofs = {}
+        for name, one in compiled.items():
+            say(f"verifying {name}")
+            checks = _text_checks(world, one, folders[name])
+            reply: Reply | None = None
+            unreadable: dict[str, str] = {}
+            try:
+                if name in running:
+                    reply = running[name].wait()
+                    found, unreadable = _checks(world, find_engine(name), reply, probes)
+                    checks += found
+            except EngineError as error:
+                refused[name] = error
+            if name in refused:
+                checks.append(failed("L1", "engine", str(refused[name])))
+            proofs[name] = _proof(one, folders[name], checks, unreadable, reply)
+    return Certificate(world.name, sha256(world), _oracle_version(), proofs)
+
+
+def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
+    engine = find_engine(compiled.engine)
+    try:
+        read = formats()[compiled.format].read(folder)
+    except (ValueError, KeyError, TypeError, OSError, SyntaxError) as error:  # a reader's ways to refuse a damaged file
+        return [failed("L0", "text", f"the independent reader refuses the files: {type(error).__name__}: {error}")]
+    return compare(world, read, engine.FRICTION_RULE, engine.RESTITUTION_RULE, text=True)
+
+
+def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Check], dict[str, str]]:
+    answers = reply.answers
+    held = from_plain(ReadBack, answers[0].result)
+    still = np.zeros_like(probes.v)
+    checks = compare(world, held, engine.FRICTION_RULE, engine.RESTITUTION_RULE)
+    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
+    both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
+    checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)
+    if len(probes.meetings.q) or probes.meetings.unreachable:
+        checks += touch_checks(world, probes.meetings, answers[3].arrays["touching"])
+    if probes.motion is not None:
+        checks += motion_checks(world, probes.motion, answers[4].arrays)
+    return sorted(checks, key=lambda check: check.level), held.unreadable
+
+
+def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None):
+    approximations = {
+        decision.feature.value: f"{decision.level.value}: {decision.how}"
+        for decision in compiled.decisions
+        if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
+    }
+    version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
+    texts = {str(path.relative_to(folder).as_posix()): path.read_text(encoding="utf-8") for path in _files(folder)}
+    on_disk = Compiled(compiled.engine, compiled.format, texts, ())
+    seconds = reply.wall_seconds if reply else 0.0
+    return EngineProof(version, on_disk.sha256, tuple(checks), approximations, not_checked(unreadable), seconds)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _oracle_version() -> str:
+    import pinocchio
+
+    return f"pinocchio {pinocchio.__version__}"
