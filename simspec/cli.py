@@ -72,6 +72,11 @@ def command(function: Callable[..., int | None]) -> Callable[..., None]:
             code = function(*args, **keywords)
         except SimspecError as error:
             code = _report_error(error, keywords.get("as_json", False))
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.startswith("simspec"):
+                raise
+            missing = EngineError(error.name, "not installed: pip install 'simspec[all]'")
+            code = _report_error(missing, keywords.get("as_json", False))
         except OSError as error:
             if isinstance(error, BrokenPipeError):
                 raise
@@ -376,8 +381,19 @@ def run_command(
         fail_on_diff=fail_on_diff is not None,
         pythons=_pythons(python),
         deadline=deadline,
+        source=_source(spec, sets),
         as_json=as_json,
     )
+
+
+def _source(name: str, sets: list[str] | None) -> dict[str, Any]:
+    """Where a run's world came from, for its provenance."""
+    import hashlib
+
+    from simspec.resources import find_spec
+
+    path = find_spec(name)
+    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "sets": list(sets or ())}
 
 
 @app.command("diff")

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
@@ -73,6 +73,7 @@ def study(
     tolerance: float = TOLERANCE,
     pythons: Mapping[str, str] | None = None,
     deadline: float = DEADLINE,
+    source: Mapping[str, Any] | None = None,
     locate: Callable[[str], Location | None] = lambda path: None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Study:
@@ -83,6 +84,7 @@ def study(
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
     keep_going whether the others go on when an engine is missing or fails
     tolerance  position (m) and angle (rad) tolerance of the comparison
+    source     where the world came from, for the runs' provenance
 
     Runs are timed one after the other; only repeats, whose timing does not count, go two at a time. Raises EngineError
     when an engine is missing (unless ``keep_going``), UnsupportedError when the world cannot be compiled for one.
@@ -99,7 +101,7 @@ def study(
         certificate = None
         if prove and there:
             certificate = _prove(world, there, artifacts, pythons, locate, deadline, progress)
-        runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, progress)
+        runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress)
         again = _repeat(runs, artifacts, pythons, deadline, progress) if repeats else {}
     floors = {name: floor for name in again if (floor := measure_floor(runs[name], again[name])) is not None}
     progress("comparing")
@@ -146,6 +148,7 @@ def _run_each(
     keep_going: bool,
     pythons: Mapping[str, str] | None,
     deadline: float,
+    source: Mapping[str, Any] | None,
     progress: Callable[[str], None],
 ) -> dict[str, Run]:
     runs: dict[str, Run] = {}
@@ -156,7 +159,12 @@ def _run_each(
         progress(f"running {name}")
         try:
             runs[name] = run(
-                world, name, artifacts=artifacts[name], python=(pythons or {}).get(name), deadline=deadline
+                world,
+                name,
+                artifacts=artifacts[name],
+                python=(pythons or {}).get(name),
+                deadline=deadline,
+                source=source,
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error)

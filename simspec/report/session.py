@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from simspec.comparison.floor import Floor, measure_floor
 from simspec.comparison.runs import diff
@@ -38,6 +39,7 @@ def run(
     fail_on_diff: bool,
     pythons: Mapping[str, str],
     deadline: float,
+    source: Mapping[str, Any],
     as_json: bool,
 ) -> int:
     """Study ``world`` in ``engines``, write ``folder``, and print."""
@@ -53,6 +55,7 @@ def run(
             pythons=pythons,
             deadline=deadline,
             locate=locate,
+            source=source,
             progress=progress,
         )
         progress("writing")

@@ -26,10 +26,13 @@ from simspec.runner.run import Run
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
+    from simspec.proof.checks import Check
 
 PIPE_WIDTH = 120
 """Columns where there is no terminal to ask."""
 NARROWEST, WIDEST = 80, 120
+SHOWN_FAILURES = 12
+"""Failed checks that the terminal lists; the certificate has all."""
 SHOWN_BODIES = 8
 """Bodies that a comparison lists; the others are within what is shown."""
 
@@ -269,9 +272,90 @@ def _value(value: object) -> str:
 # --- does the model agree ---------------------------------------------------------------------------------------------
 
 
-def certificate_table(certificate: Certificate) -> Table:
-    """Does the model agree: one row per level and engine, with the worst deviation and its place."""
-    raise NotImplementedError(certificate)
+LEVEL_WORDS = {
+    "L0": "text",
+    "L1": "mass",
+    "L2": "kinematics",
+    "L3": "dynamics",
+    "L4": "geometry, contact law",
+    "L6": "contact-free motion",
+}
+
+
+def certificate_tables(certificate: Certificate) -> list[Table]:
+    """Does the model agree: one row per level, one column per engine; then what failed."""
+    found = table("Does the model agree: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
+    levels = sorted({check.level for proof in certificate.engines.values() for check in proof.checks})
+    for level in levels:
+        blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
+        # of checks with tolerances of their own, the one nearest to its own stands for the level
+        tightest = {name: max(checks, key=_strain) for name, checks in blocks.items() if checks}
+        tolerances = sorted({one.tolerance for one in tightest.values() if one.tolerance})
+        found.add_row(
+            f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
+            ", ".join(f"{value:.1e}" for value in tolerances) or "the same",
+            *(_level_cell(blocks[name], tightest.get(name)) for name in certificate.engines),
+        )
+    counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
+    found.add_row("comparisons", "", *(f"{count:,}" for count in counts))
+    found.add_row(
+        "verdict", "", *(verdict(proof.valid, "valid", "NOT VALID") for proof in certificate.engines.values())
+    )
+    return [found, *_failures(certificate)]
+
+
+def _strain(check: Check) -> float:
+    """How near a check came to its tolerance; beyond any number when something differs in kind."""
+    if check.worst is None:
+        return math.inf
+    if check.tolerance:
+        return check.worst / check.tolerance
+    return math.inf if check.worst else 0.0
+
+
+def _level_cell(checks: list[Check], worst: Check | None) -> Text:
+    if worst is None:
+        return Text("–")
+    bad = sum(not check.passed for check in checks)
+    if bad:
+        return Text(f"{bad} FAILED", style="bold red")
+    largest = max((check.worst or 0.0 for check in checks), default=0.0)
+    return Text(f"{largest:.1e}" if largest else "equal", style="green")
+
+
+def _failures(certificate: Certificate) -> list[Table]:
+    failures = certificate.failures()
+    if not failures:
+        return []
+    found = table("What does not agree", "engine", "check", "deviation", "where", "found", right=(2,))
+    for engine, check in failures[:SHOWN_FAILURES]:
+        worst = "in kind" if check.worst is None else f"{check.worst:.1e}"
+        found.add_row(engine, f"{check.level} {check.name}", worst, check.where, _shorten(check.detail))
+    if len(failures) > SHOWN_FAILURES:
+        found.caption = f"and {len(failures) - SHOWN_FAILURES} more checks"
+    return [found]
+
+
+def certificate_notes(certificate: Certificate) -> list[str]:
+    """What must be known beside the verdict: the motion's own floor, approximations, what could not be asked."""
+    notes = []
+    motion = {
+        check.detail: None for proof in certificate.engines.values() for check in proof.level("L6") if check.detail
+    }
+    notes += [f"motion: {detail}" for detail in motion]
+    for name, proof in certificate.engines.items():
+        notes += [f"{name} has {feature} as accepted: {how}" for feature, how in proof.approximations.items()]
+        if proof.not_checked:
+            notes.append(f"{name} cannot be asked for {', '.join(proof.not_checked)}")
+    return notes
+
+
+def show_certificate(certificate: Certificate, screen: Console) -> None:
+    """The tables of a certificate and its notes."""
+    for one in certificate_tables(certificate):
+        screen.print(one)
+    for note in certificate_notes(certificate):
+        screen.print(Text(note, style="dim"), soft_wrap=True)
 
 
 def decisions(compiled: Compiled) -> Table:
@@ -313,7 +397,7 @@ STYLES = {
 def show_study(study: Study, screen: Console) -> None:
     """All tables of one study, in the order of the questions."""
     if study.certificate is not None:
-        screen.print(certificate_table(study.certificate))
+        show_certificate(study.certificate, screen)
     for one in (
         results(study.runs),
         expectations(study.outcomes),

@@ -44,7 +44,7 @@ def verify(
         sys.stdout.write(text({"certificate": plain(certificate), "valid": certificate.valid, "file": path}))
     else:
         screen = terminal.console()
-        screen.print(terminal.certificate_table(certificate))
+        terminal.show_certificate(certificate, screen)
         screen.print(f"{path}: {'written' if written else 'unchanged'}", soft_wrap=True)
     return EXIT_OK if certificate.valid else EXIT_FAILED
 

@@ -150,10 +150,12 @@ def start_run(
     deadline: float = DEADLINE,
     perturb: float = 0.0,
     record: Record | None = None,
+    source: Mapping[str, Any] | None = None,
 ) -> Iterator[PendingRun]:
     """Start one engine process and give a handle to wait on, so that several may work side by side.
 
-    ``record`` replaces the world's own; ``perturb`` moves the initial state (see :func:`perturbed_state`).
+    ``record`` replaces the world's own; ``perturb`` moves the initial state (see :func:`perturbed_state`); ``source`` goes
+    into the provenance as ``spec``.
     """
     record = record or world.record
     parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
@@ -174,6 +176,7 @@ def start_run(
             "outside": list(world.options(engine).outside),
             "record": {"every_steps": record.every_steps, "channels": list(record.channels)},
             "perturb": perturb,
+            "spec": dict(source or {}),
         }
         yield PendingRun(world, engine, running, facts)
 
@@ -222,6 +225,7 @@ def run(
     deadline: float = DEADLINE,
     perturb: float = 0.0,
     record: Record | None = None,
+    source: Mapping[str, Any] | None = None,
 ) -> Run:
     """Run ``world`` in ``engine``, in a process of its own.
 
@@ -232,13 +236,16 @@ def run(
     deadline  seconds that the process may take
     perturb   relative change of the initial state, for the noise floor (1e-15)
     record    what to record, in place of the world's own ``record``
+    source    where the world came from (file, hash, overrides): kept in the provenance as ``spec``
 
     A state that stops being finite is the run's result (``Run.failed``). Raises EngineError when the engine is missing,
     crashes or hangs, and UnsupportedError when the world cannot be compiled for it.
     """
     with (
         compiled_folder(world, engine, artifacts) as folder,
-        start_run(world, engine, folder, python=python, deadline=deadline, perturb=perturb, record=record) as pending,
+        start_run(
+            world, engine, folder, python=python, deadline=deadline, perturb=perturb, record=record, source=source
+        ) as pending,
     ):
         return pending.wait()
 

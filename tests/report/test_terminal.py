@@ -15,6 +15,8 @@ from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EngineError, Location, Problem, SpecError
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.checks import Check
 from simspec.report import terminal
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
@@ -102,8 +104,44 @@ def test_lengths(metres, words):
     assert terminal.length(metres) == words
 
 
+def a_certificate(worst: float | None = 3e-12) -> Certificate:
+    checks = (
+        Check("L0", "mass", 4, 1e-12, 0.0, "bodies.arm", True),
+        Check("L1", "inertia", 4, 1e-9, worst, "bodies.arm", worst is not None and worst <= 1e-9, "joint is a slide"),
+        Check("L6", "motion", 40, 2e-8, 1e-8, "bodies.arm, step 3", True, "floor 2.0e-10, 2000 steps of 0.001 s"),
+    )
+    good = EngineProof("4.0", "abc", checks[::2], {}, {"shape.visual": "no such thing"})
+    approximate = EngineProof("3.2", "def", checks, {"joint.limits.position": "approximate: soft"}, {})
+    return Certificate("arm", "0" * 64, "pinocchio 4", {"dart": good, "mujoco": approximate})
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_a_certificate_shows_the_worst_of_each_level_and_what_is_behind_it(width):
+    text = shown(lambda screen: terminal.show_certificate(a_certificate(), screen), width)
+    assert max(len(line) for line in text.splitlines()[:14]) <= width
+    lines = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
+    assert lines["L1"][-2:] == ["–", "3.0e-12"]
+    assert lines["L0"][-2:] == ["equal", "equal"]
+    assert lines["L6"][-3:] == ["2.0e-08", "1.0e-08", "1.0e-08"]
+    assert lines["verdict"][1:] == ["valid", "valid"]
+    assert "motion: floor 2.0e-10" in text
+    assert "mujoco has joint.limits.position as accepted" in text
+    assert "dart cannot be asked for shape.visual" in text
+
+
+@pytest.mark.parametrize(("worst", "words"), [(1e-3, "1.0e-03"), (None, "in kind")])
+def test_a_certificate_that_fails_says_where(worst, words):
+    text = shown(lambda screen: terminal.show_certificate(a_certificate(worst), screen), 120)
+    assert "NOT VALID" in text
+    assert "1 FAILED" in text
+    row = next(line for line in text.splitlines() if "L1 inertia" in line)
+    assert all(word in row for word in ("mujoco", words, "bodies.arm", "joint is a slide"))
+
+
 def test_errors_put_the_place_first(capsys):
-    problem = Problem("no such key", "bodies.ball.mas", Location("a.yaml", 3, 5), found="mas", hint="did you mean 'mass'?")
+    problem = Problem(
+        "no such key", "bodies.ball.mas", Location("a.yaml", 3, 5), found="mas", hint="did you mean 'mass'?"
+    )
     terminal.show_error(SpecError([problem, problem]))
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "a.yaml:3:5: error: bodies.ball.mas: no such key"
