@@ -91,9 +91,12 @@ def classes(world: World, target: Target) -> list[dict[str, Any]]:
 def explicit_pairs(world: World, target: Target) -> list[dict[str, str]] | None:
     """Every two shapes that may touch with friction, or None when there may be more than ``explicit_pairs_limit``.
 
+    None are needed under the pyramid, where MuJoCo ignores their reference for friction.
     Raises UnsupportedError in that case where one of the pairs has restitution too: without an explicit pair it would bounce
     sideways.
     """
+    if world.contact.friction_cone != "elliptic":
+        return []
     met = meeting_materials(world)
     laws = {(p.first, p.second): p for p in world.contact.pairs if p.friction and (p.first, p.second) in met}
     shapes: dict[str, list[tuple[int, str, Shape]]] = {}
