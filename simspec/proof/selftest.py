@@ -1,0 +1,150 @@
+"""Does the proof catch anything? One defect at a time is planted into compiled files, in each engine."""
+
+from __future__ import annotations
+
+import importlib
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.errors import UnsupportedError
+from simspec.formats.base import formats
+from simspec.formats.defects import NAMES, Plant
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.proof.verify import Probes, prepare, verify
+from simspec.world.types import World
+
+DEADLINE = 120.0
+"""Seconds for one defective load: a hundred times what a sound one takes."""
+WORKERS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one defect in one engine.
+
+    ``caught``: True, False, or None where the engine cannot hold it (``reason`` says why). ``by``: the levels that noticed;
+    only those above L0 count as catching, since the text alone says nothing of the engine. ``first``: what was found.
+    """
+
+    engine: str
+    defect: str
+    caught: bool | None
+    by: tuple[str, ...] = ()
+    first: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """All outcomes, in the order of engines and defects."""
+
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def planted(self) -> int:
+        """How many defects were planted (those that the engines can hold)."""
+        return sum(outcome.caught is not None for outcome in self.outcomes)
+
+    @property
+    def caught(self) -> int:
+        """How many of them the proof noticed."""
+        return sum(outcome.caught is True for outcome in self.outcomes)
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was planted and all of it was caught."""
+        return self.planted > 0 and self.caught == self.planted
+
+
+def defects_of(format_name: str) -> Mapping[str, Plant | str]:
+    """The table of defects of a format: the module beside its own, called ``<format>_defects``.
+
+    Raises LookupError when the table leaves out a defect.
+    """
+    module = importlib.import_module(f"{type(formats()[format_name]).__module__}_defects")
+    missing = [name for name in NAMES if name not in module.DEFECTS]
+    if missing:
+        raise LookupError(f"{module.__name__} says nothing of {missing}")
+    table: Mapping[str, Plant | str] = module.DEFECTS
+    return table
+
+
+def self_test(
+    engines: Sequence[str],
+    *,
+    defects: Sequence[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+    pythons: Mapping[str, str] | None = None,
+) -> SelfTest:
+    """Plant every defect (or those named) into every engine's files, one at a time, and verify each.
+
+    Before the first defect of a world, the world itself must verify: a proof that refuses a sound world catches nothing.
+    Raises AssertionError when it does not.
+    """
+    say = progress or (lambda text: None)
+    outcomes = []
+    for engine in engines:
+        bench = _Bench(engine, pythons or {})
+        names = [name for name in NAMES if defects is None or name in defects]
+        for world in dict.fromkeys(NAMES[name] for name in names):
+            say(f"{engine}: the sound world “{world}”")
+            bench.open(world)
+        say(f"{engine}: {len(names)} defects")
+        with ThreadPoolExecutor(WORKERS) as pool:
+            outcomes.extend(pool.map(bench.plant, names))
+    return SelfTest(tuple(outcomes))
+
+
+class _Bench:
+    """One engine's sound worlds, compiled and with their probes."""
+
+    def __init__(self, engine: str, pythons: Mapping[str, str]):
+        self.engine = engine
+        self._pythons = pythons
+        self._sound: dict[str, tuple[World, Compiled, Probes] | str] = {}
+
+    def open(self, name: str) -> None:
+        world = WORLDS[name](self.engine)
+        try:
+            compiled = compile_world(world, [self.engine])[self.engine]
+        except UnsupportedError as error:
+            self._sound[name] = error.problems[0].message
+            return
+        probes = prepare(world)
+        certificate = verify(world, [self.engine], probes=probes, pythons=self._pythons, deadline=DEADLINE)
+        if not certificate.valid:
+            _, check = certificate.failures()[0]
+            raise AssertionError(
+                f"{self.engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}"
+            )
+        self._sound[name] = (world, compiled, probes)
+
+    def plant(self, defect: str) -> Outcome:
+        sound = self._sound[NAMES[defect]]
+        if isinstance(sound, str):
+            return Outcome(self.engine, defect, None, reason=sound)
+        world, compiled, probes = sound
+        plant = defects_of(compiled.format)[defect]
+        if isinstance(plant, str):
+            return Outcome(self.engine, defect, None, reason=plant)
+        with tempfile.TemporaryDirectory(prefix="simspec-defect-") as place:
+            folder = Path(place) / self.engine
+            write_folder(plant(compiled.files), folder)
+            certificate = verify(
+                world,
+                [self.engine],
+                artifacts={self.engine: folder},
+                probes=probes,
+                pythons=self._pythons,
+                deadline=DEADLINE,
+            )
+        failures = [check for _, check in certificate.failures()]
+        levels = tuple(sorted({check.level for check in failures}))
+        beyond_text = [check for check in failures if check.level != "L0"]
+        first = beyond_text[0] if beyond_text else None
+        said = f"{first.level} {first.name}: {first.detail or first.worst}" if first else ""
+        return Outcome(self.engine, defect, bool(beyond_text), levels, said)

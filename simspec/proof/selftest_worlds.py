@@ -1,0 +1,155 @@
+"""The worlds into which the self-test plants its defects: small, and between them everything an engine can hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+from simspec.world.types import (
+    Body,
+    Contact,
+    EngineOptions,
+    Inertial,
+    Joint,
+    Material,
+    PairContact,
+    Physics,
+    Pose,
+    Shape,
+    World,
+)
+
+TENSOR = (0.021, 0.024, 0.013, 0.0021, -0.0017, 0.0013)
+FREE = (1.0, 0.0, 0.0, 0.0)
+STILL = (0.0,) * 6
+PHYSICS = Physics((0.3, -0.2, -9.81), 0.001, 2000)
+
+
+def _options(engine: str, *accept: str, outside: tuple[str, ...] = ()) -> tuple[EngineOptions, ...]:
+    return (EngineOptions(engine, accept=tuple(sorted(accept)), outside=outside),)
+
+
+def _contact(restitution: float = 0.0, **more: object) -> Contact:
+    return Contact(
+        materials=(Material("rubber", 0.5, restitution),),
+        pairs=(PairContact("rubber", "rubber", 0.5, restitution),),
+        **more,
+    )
+
+
+def _hinge(name: str, parent: str | None, **more: object) -> Joint:
+    tilt = Pose((0.05, 0.02, 0.3), (math.sqrt(0.75), 0.5, 0.0, 0.0))
+    return Joint(f"{name}_joint", "hinge", parent, tilt, (0.6, 0.0, 0.8), position=(0.2,), velocity=(0.1,), **more)
+
+
+def model(engine: str) -> World:
+    """A floor, an arm of a hinge and a slide with limits, damping and springs, a ball and two cubes; filters by group
+    and by name."""
+    shape = {
+        "floor": Shape("floor_0", "box", (6.0, 6.0, 0.4), Pose((0.0, 0.0, -0.2)), "rubber"),
+        "upper": Shape("upper_0", "capsule", (0.03, 0.2), Pose((0.01, 0.0, 0.1)), "rubber"),
+        "lower": Shape("lower_0", "box", (0.1, 0.12, 0.14), Pose((0.0, 0.02, 0.05), (0.8, 0.0, 0.6, 0.0)), "rubber"),
+        "ball": Shape("ball_0", "sphere", (0.08,), Pose((0.01, 0.0, 0.0)), "rubber"),
+        "cube": Shape("cube_0", "box", (0.1, 0.1, 0.1), Pose(), "rubber"),
+        "quiet": Shape("quiet_0", "box", (0.1, 0.1, 0.1), Pose(), "rubber"),
+    }
+    limits = {"position_limits": (-1.5, 1.7), "velocity_limit": 3.0, "effort_limit": 40.0}
+    spring = {"damping": 0.4, "spring_stiffness": 5.0, "spring_rest": 0.1}
+    slide = Joint(
+        "lower_joint",
+        "slide",
+        "upper",
+        Pose((0.0, 0.1, 0.25), (0.8, 0.0, 0.0, 0.6)),
+        (0.0, 0.6, 0.8),
+        position=(0.05,),
+        velocity=(0.2,),
+        **(limits | spring | {"position_limits": (-0.4, 0.5)}),
+    )
+    solid = Inertial(1.2, (0.02, 0.01, 0.08), TENSOR)
+
+    def free(name: str, x: float) -> Body:
+        at = (x, 0.5, 0.4, *FREE)
+        joint = Joint(f"{name}_joint", "free", position=at, velocity=(0.1, 0.0, 0.2, 0.3, 0.0, 0.0))
+        group = "quiet" if name == "quiet" else "default"
+        return Body(name, name, Inertial(0.8, (0.01, 0.0, 0.0), TENSOR), joint, (shape[name],), group)
+
+    bodies = (
+        Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (shape["floor"],)),
+        Body("base", "base", Inertial(2.0, inertia=TENSOR), Joint("base_joint", "fixed", origin=Pose((0.0, 0.0, 0.8)))),
+        Body("upper", "base", solid, _hinge("upper", "base", **limits, **spring), (shape["upper"],), "arm"),
+        Body("lower", "base", Inertial(0.7, (0.0, 0.03, 0.05), TENSOR), slide, (shape["lower"],), "arm"),
+        free("ball", 0.0),
+        free("cube", 0.5),
+        free("quiet", -0.5),
+    )
+    contact = _contact(
+        ignored_groups=(("arm", "quiet"),),
+        excluded_bodies=(("ball", "cube"), ("base", "upper"), ("lower", "upper")),
+    )
+    return World("self-test-model", bodies, contact, PHYSICS, engines=_options(engine, "joint.limits.position"))
+
+
+def bench(engine: str, **joint: float) -> World:
+    """A fixed base and two hinges that touch nothing."""
+    bodies = (
+        Body("base", "base", Inertial(2.0, inertia=TENSOR), Joint("base_joint", "fixed")),
+        Body("upper", "base", Inertial(1.2, (0.02, 0.01, 0.08), TENSOR), _hinge("upper", "base", **joint)),
+        Body("lower", "base", Inertial(0.7, (0.0, 0.03, 0.05), TENSOR), _hinge("lower", "upper", **joint)),
+    )
+    contact = Contact(excluded_bodies=(("base", "upper"), ("lower", "upper")))
+    options = _options(engine, "joint.dry_friction", outside=("joint.armature",))
+    return World("self-test-bench", bodies, contact, PHYSICS, engines=options)
+
+
+def armature(engine: str) -> World:
+    """The bench with armature."""
+    return bench(engine, armature=0.03)
+
+
+def dry_friction(engine: str) -> World:
+    """The bench with dry friction."""
+    return bench(engine, dry_friction=0.4)
+
+
+def ball_joint(engine: str) -> World:
+    """A body on a ball joint with damping and a spring."""
+    tilt = Pose((0.0, 0.0, 1.0), (0.8, 0.0, 0.6, 0.0))
+    turn = (0.6, 0.0, 0.8, 0.0)
+    joint = Joint(
+        "bob_joint", "ball", None, tilt, damping=0.2, spring_stiffness=3.0, position=turn, velocity=(0.3, 0.1, -0.2)
+    )
+    bodies = (Body("bob", "bob", Inertial(1.2, (0.02, 0.01, -0.2), TENSOR), joint),)
+    return World("self-test-ball", bodies, Contact(), PHYSICS, engines=_options(engine))
+
+
+def bouncing(engine: str) -> World:
+    """A sphere above a floor, with restitution."""
+    at = (0.0, 0.0, 0.5, *FREE)
+    bodies = (
+        Body(
+            "floor",
+            "floor",
+            Inertial(0.0),
+            Joint("floor_joint", "fixed"),
+            (Shape("floor_0", "box", (6.0, 6.0, 0.4), Pose((0.0, 0.0, -0.2)), "rubber"),),
+        ),
+        Body(
+            "ball",
+            "ball",
+            Inertial(1.0, inertia=(0.004, 0.004, 0.004, 0.0, 0.0, 0.0)),
+            Joint("ball_joint", "free", position=at, velocity=STILL),
+            (Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"),),
+        ),
+    )
+    options = _options(engine, "material.restitution")
+    return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
+
+
+WORLDS: Mapping[str, Callable[[str], World]] = {
+    "model": model,
+    "armature": armature,
+    "dry friction": dry_friction,
+    "ball joint": ball_joint,
+    "bouncing": bouncing,
+}
+"""By name, each for one engine: what an engine has only approximately or outside is asked for there."""
