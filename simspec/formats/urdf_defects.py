@@ -50,6 +50,8 @@ def _drop_lower(root: Element) -> None:
 def _not_limited(root: Element) -> None:
     joint = one(root, HINGE)
     joint.set("type", "continuous")
+    for name in ("lower", "upper"):  # PyBullet keeps the limits of a continuous joint that has some (measured)
+        del one(joint, "limit").attrib[name]
 
 
 def _sphere_for_box(root: Element) -> None:
@@ -124,7 +126,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "spring rest": _sidecar_number("springs", "rest", 1e-3),
     "dry friction": _attribute(f"{HINGE}/dynamics", "friction", scaled),
     "armature": _sidecar_number("armature", "armature", 1e-3),
-    "ball damping": _sidecar_number("ball_damping", "damping", 1e-3),
+    "ball damping": _attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
     "ball spring": _sidecar_number("springs", "stiffness", 1e-3),
     "initial position": _instance("position"),
     "initial velocity": _instance("velocity"),
