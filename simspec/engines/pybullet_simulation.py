@@ -154,7 +154,6 @@ class Simulation:
     def _set_parameters(self, sidecar: Mapping[str, Any]) -> None:
         given = self.settings
         self.bullet.setPhysicsEngineParameter(
-            enableFileCaching=0,  # a file that changed on disk would be read as it was (measured)
             numSolverIterations=given["iterations"],
             solverResidualThreshold=given["residual_threshold"],
             contactERP=given["contact_erp"],

@@ -301,8 +301,12 @@ def crowd():
     return worlds.world(bodies, contact=contact)
 
 
-def test_what_touches_is_what_may_touch(load):
+@pytest.mark.parametrize("parents_touch", [False, True])
+def test_what_touches_is_what_may_touch(parents_touch, load):
     world = crowd()
+    if parents_touch:  # worlds always exclude parent and child; the engine must not do so by itself
+        excluded = tuple(pair for pair in world.contact.excluded_bodies if pair != ("a", "root"))
+        world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=excluded))
     allowed = CollisionFilter(world)
     names = [body.name for body in world.bodies]
     wanted = [
@@ -319,15 +323,16 @@ def test_what_touches_is_what_may_touch(load):
     assert engine.detect_contacts().tolist() == []
 
 
-def scene(shape, at, velocity, friction=0.0, restitution=0.0, cone="elliptic", floor_mass=0.0):
-    """One body of 1 kg above a big box that cannot move."""
+def scene(shape, at, velocity, friction=0.0, restitution=0.0, cone="elliptic", floor_mass=0.0, gravity=-9.81):
+    """One body of 1 kg above a big box, 20 m wide, that cannot move."""
     inertia = (0.004, 0.004, 0.004, 0.0, 0.0, 0.0)
     floor = Body(
         "floor",
         "floor",
         Inertial(floor_mass, inertia=inertia if floor_mass else (0.0,) * 6),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", "box", (20.0, 20.0, 0.2), Pose((0.0, 0.0, -0.1)), "default"),),
+        # a shape apart from its body's frame becomes a compound, which has no speculative contact to be switched off
+        Joint("floor_joint", "fixed", None, Pose((0.0, 0.0, -0.1))),
+        (Shape("floor_0", "box", (20.0, 20.0, 0.2), Pose(), "default"),),
     )
     joint = Joint("b_joint", "free", position=(*at, 1.0, 0.0, 0.0, 0.0), velocity=(*velocity, 0.0, 0.0, 0.0))
     body = Body("b", "b", Inertial(1.0, inertia=inertia), joint, (Shape("b_0", *shape, Pose(), "default"),))
@@ -336,7 +341,7 @@ def scene(shape, at, velocity, friction=0.0, restitution=0.0, cone="elliptic", f
         materials=(Material("default", friction, restitution),),
         pairs=(PairContact("default", "default", friction, restitution),),
     )
-    return worlds.world((floor, body), contact=contact)
+    return worlds.world((floor, body), contact=contact, physics=Physics((0.0, 0.0, gravity), 0.001, 1000))
 
 
 @pytest.mark.parametrize("floor_mass", [0.0, 5.0])
@@ -371,18 +376,40 @@ def test_detecting_contacts_neither_moves_nor_remembers(load):
     q[2] = 0.0999
     engine.set_state(q, v)
     assert engine.detect_contacts().tolist() == [[0, 1]]
+    engine.step(5)
+    assert len(engine.contacts()["distance"]) == 1
+    engine.set_state(q, v)
+    assert len(engine.contacts()["distance"]) == 0, "a new state has no past"
 
 
+def test_a_point_that_has_slid_off_an_edge_is_no_contact(load):
+    """PyBullet keeps a point until it has moved 20 mm: the sphere is 5 mm beyond the edge, on no floor any more."""
+    engine = load(scene(("sphere", (0.1,)), (9.991, 0.0, 0.0999), (5.0, 0.0, 0.0), gravity=0.0))
+    engine.step(1)
+    assert engine.detect_contacts().tolist() == [[0, 1]]
+    engine.step(3)
+    assert engine.get_state()[0][0] == pytest.approx(10.011, abs=1e-9)
+    assert engine.detect_contacts().tolist() == []
+
+
+def test_a_gap_is_no_contact(load):
+    engine = load(scene(("sphere", (0.1,)), (0.0, 0.0, 0.1005), (1.0, 0.0, 0.0), gravity=0.0))
+    engine.step(3)
+    assert len(engine.contacts()["distance"]) == 0
+
+
+@pytest.mark.parametrize("height", [0.5971, 0.5977, 0.5999])
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
-def test_restitution(restitution, load):
-    engine = load(scene(("sphere", (0.1,)), (0.0, 0.0, 0.6), (0.0, 0.0, 0.0), 0.3, restitution))
+def test_restitution(restitution, height, load):
+    """Heights that leave gaps of 0.05 to 3 mm before the impact: speculative contact would take the bounce away."""
+    engine = load(scene(("sphere", (0.1,)), (0.0, 0.0, height), (0.0, 0.0, 0.0), 0.3, restitution))
     speeds = []
     for _ in range(500):
         engine.step(1)
         speeds.append(engine.get_state()[1][2])
     down = int(np.argmin(speeds))
-    # 0.006 is the declared effect of taking back the overlap
-    assert max(speeds[down : down + 5]) / -speeds[down] == pytest.approx(restitution, abs=0.006)
+    # 0.013 is the declared effect of taking back the overlap
+    assert max(speeds[down : down + 5]) / -speeds[down] == pytest.approx(restitution, abs=0.013)
 
 
 @pytest.mark.parametrize(
@@ -404,7 +431,7 @@ def test_friction_has_the_asked_cone(cone, degrees, factor, load):
     # slide distance v²/2μg − v dt/2 of semi-implicit Euler; 1e-3: 0.4 % is known of this contact law at μ g dt
     distance = math.hypot(q[0], q[1])
     assert 4.0 / (2.0 * 9.81 * (distance + 2.0 * 0.001 / 2.0)) == pytest.approx(0.5 * factor, rel=1e-3)
-    assert np.abs(v).max() < 1e-9
+    assert np.abs(v[:2]).max() < 1e-15, "no creep"
 
 
 def test_a_state_set_again_gives_the_same_bits(load):
@@ -440,7 +467,7 @@ def test_several_simulations_live_side_by_side(load):
 
 
 def test_loading_again_reads_the_changed_file(load, tmp_path):
-    """PyBullet caches files by path unless told not to."""
+    """PyBullet caches files by path, as long as a physics client lives."""
     engine = load(slider())
     folder = tmp_path / "0"
     text = (folder / "a.urdf").read_text(encoding="utf-8")
