@@ -1,0 +1,180 @@
+"""What DART says it holds, in the world's frames and order."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.dart_simulation import JOINT_KINDS, NAME, Simulation
+from simspec.errors import EngineError
+from simspec.formats.passes import restore_frames
+from simspec.formats.skel import world_name
+from simspec.world import frames
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
+
+SHAPE_KINDS = {
+    "SphereShape": "sphere",
+    "BoxShape": "box",
+    "CylinderShape": "cylinder",
+    "CapsuleShape": "capsule",
+    "EllipsoidShape": "ellipsoid",
+    "PlaneShape": "plane",
+}
+"""DART's shape types."""
+
+
+def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
+    """The model and its present state as DART holds them."""
+    q, v = sim.get_state()
+    names: dict[str, list[dict[str, Any]]] = {}
+    for entry in sim.sidecar["shapes"]:
+        names.setdefault(entry["body"], []).append(entry)
+    bodies = []
+    for index, (name, node) in enumerate(zip(sim.names, sim.bodies, strict=True)):
+        joint = _joint(sim, node.getParentJoint(), index, q, v)
+        bodies.append(
+            Body(name, sim.sidecar["models"][index], _inertial(node), joint, _shapes(sim, node, names.get(name, [])))
+        )
+    offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
+    return ReadBack(
+        restore_frames(tuple(bodies), offsets),
+        _vector(sim.world.getGravity()),
+        float(sim.world.getTimeStep()),
+        _cone(sim),
+        dict(unreadable),
+    )
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = np.asarray(values).tolist()
+    return (x + 0.0, y + 0.0, z + 0.0)
+
+
+def _pose(transform: Any) -> Pose:
+    turn = tuple(map(tuple, transform.rotation().tolist()))
+    return Pose(_vector(transform.translation()), frames.from_matrix(turn))  # type: ignore[arg-type]
+
+
+def _cone(sim: Simulation) -> str:
+    solver = sim.solver.getBoxedLcpSolver()
+    kind = sim.dartpy.constraint.NsgsFrictionSolver
+    if isinstance(solver, kind):
+        law = solver.getOptions().law
+        if law == kind.Law.Coulomb:
+            return "elliptic"
+        if law != kind.Law.Box:
+            raise EngineError(NAME, f"holds the friction law {law}, unknown here")
+    return "pyramid-circumscribed"
+
+
+def _inertial(node: Any) -> Inertial:
+    inertia = node.getInertia()
+    m = inertia.getMoment().tolist()
+    tensor = (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2])
+    return Inertial(float(inertia.getMass()), _vector(inertia.getLocalCOM()), tensor)
+
+
+def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
+    kind = JOINT_KINDS[joint.getType()]
+    if np.any(joint.getTransformFromChildBodyNode().matrix() != np.eye(4)):
+        raise EngineError(NAME, f"joint {joint.getName()!r} is not at its child's frame")
+    above = joint.getParentBodyNode()
+    parent = None if above is None else world_name(above.getName())
+    position, velocity = tuple(q[sim.q_places[index]].tolist()), tuple(v[sim.v_places[index]].tolist())
+    held = Joint(joint.getName(), kind, parent, _pose(joint.getTransformFromParentBodyNode()))
+    if kind == "fixed":
+        return held
+    if kind == "free":
+        start = held.origin
+        place = frames.compose(start, Pose(position[:3], frames.normalise(position[3:])))  # type: ignore[arg-type]
+        angular = frames.rotate(place.quaternion, velocity[3:])  # type: ignore[arg-type]
+        return dataclasses.replace(
+            held,
+            origin=Pose(),
+            position=(*place.position, *place.quaternion),
+            velocity=(*frames.rotate(start.quaternion, velocity[:3]), *angular),  # type: ignore[arg-type]
+        )
+    tree = next(tree for tree in sim.trees if tree.skeleton.getName() == joint.getSkeleton().getName())
+    start_dof = joint.getIndexInSkeleton(0)
+    own_damping = joint.getDampingCoefficient(0)
+    stiffness = joint.getSpringStiffness(0)
+    if stiffness:
+        raise EngineError(NAME, f"joint {joint.getName()!r} has a spring of DART's own, which is implicit in time")
+    # the armature is DART's implicit damping A / dt; what is left of the applied loss is the explicit damping
+    held = dataclasses.replace(
+        held,
+        damping=float(tree.loss[start_dof] + own_damping),
+        spring_stiffness=float(tree.stiffness[start_dof]),
+        position=position if kind != "ball" else frames.normalise(position),  # type: ignore[arg-type]
+        velocity=velocity,
+    )
+    if kind == "ball":
+        return held
+    lower, upper = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
+    limited = joint.areLimitsEnforced() and (np.isfinite(lower) or np.isfinite(upper))
+    effort = joint.getForceUpperLimit(0)
+    return dataclasses.replace(
+        held,
+        axis=_vector(joint.getAxis()),
+        position_limits=(lower, upper) if limited else None,
+        effort_limit=float(effort) if np.isfinite(effort) else None,
+        dry_friction=joint.getCoulombFriction(0),
+        armature=own_damping * sim.dt,
+        spring_rest=float(tree.rest[start_dof]),
+    )
+
+
+def _size(kind: str, shape: Any) -> tuple[float, ...]:
+    if kind == "sphere":
+        return (shape.getRadius(),)
+    if kind == "box":
+        return _vector(shape.getSize())
+    if kind == "ellipsoid":
+        return _vector(shape.getRadii())
+    if kind == "plane":
+        return ()
+    return (shape.getRadius(), shape.getHeight())
+
+
+def _shape(node: Any) -> Shape:
+    held = node.getShape()
+    kind = SHAPE_KINDS.get(held.getType())
+    if kind is None:
+        raise EngineError("dart", f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
+    pose = _pose(node.getRelativeTransform())
+    if kind == "plane" and (_vector(held.getNormal()) != (0.0, 0.0, 1.0) or held.getOffset() != 0.0):
+        raise EngineError("dart", f"the plane {node.getName()!r} is not the x-y plane of its frame")
+    shape = Shape("", kind, _size(kind, held), pose, collision=False, visual=False)
+    if node.hasVisualAspect():
+        colour = node.getVisualAspect().getRGBA().tolist()
+        shape = dataclasses.replace(shape, visual=True, colour=tuple(colour))
+    if node.hasCollisionAspect() and node.getCollisionAspect().isCollidable():
+        surface = node.getDynamicsAspect()
+        shape = dataclasses.replace(
+            shape, collision=True, friction=surface.getFrictionCoeff(), restitution=surface.getRestitutionCoeff()
+        )
+    return shape
+
+
+def _shapes(sim: Simulation, body: Any, given: list[dict[str, Any]]) -> tuple[Shape, ...]:
+    """A body's shapes in the world's order. DART has a node for the visual and one for the collision side of a shape;
+    two that are alike and that the sidecar says are one are joined, all else is left as it is."""
+    held = [_shape(node) for node in sim.shape_nodes(body)]
+    solid = [shape for shape in held if not shape.visual]
+    seen = [shape for shape in held if shape.visual]
+    if len(solid) != sum(entry["collision"] for entry in given) or len(seen) != sum(entry["visual"] for entry in given):
+        return tuple(held)
+    found = []
+    for entry in given:
+        one = solid.pop(0) if entry["collision"] else None
+        other = seen.pop(0) if entry["visual"] else None
+        if (
+            one is not None
+            and other is not None
+            and (one.kind, one.size, one.pose) == (other.kind, other.size, other.pose)
+        ):
+            one, other = dataclasses.replace(one, visual=True, colour=other.colour), None
+        found.extend(dataclasses.replace(shape, name=entry["name"]) for shape in (one, other) if shape is not None)
+    return tuple(found)

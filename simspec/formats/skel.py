@@ -1,0 +1,295 @@
+"""DART's .skel: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
+
+Poses in .skel are a position and intrinsic X-Y-Z Euler angles: of bodies in the world at zero configuration, of shapes in
+their body, of joints in their child. A free root stands at the world's origin at zero configuration, so that DART's
+coordinates of a free joint are those of the world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simspec.errors import Problem, UnsupportedError
+from simspec.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
+from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
+from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes, surface_numbers
+from simspec.world import frames
+from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.types import Body, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
+
+WORLD = "world.skel"
+
+JOINT_TYPES = {"fixed": "weld", "hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
+"""The name of each joint kind in .skel."""
+
+GEOMETRY: Mapping[str, tuple[str, tuple[tuple[str, slice], ...], float]] = {
+    "sphere": ("sphere", (("radius", slice(0, 1)),), 1.0),
+    "box": ("box", (("size", slice(0, 3)),), 1.0),
+    "cylinder": ("cylinder", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "capsule": ("capsule", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "ellipsoid": ("ellipsoid", (("size", slice(0, 3)),), 2.0),
+}
+"""For each shape kind the element, which part of ``Shape.size`` goes into which child, and what it is multiplied with: an
+ellipsoid's size are its diameters."""
+
+PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,))))
+
+RESERVED = {"world": "world."}
+"""A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
+
+DETECTOR_REASONS: tuple[tuple[frozenset[str], str, str], ...] = (
+    (frozenset({"cylinder"}), "ode", "the others give a lying or stacked cylinder one contact or none"),
+    (frozenset({"plane", "box"}), "ode", "the others give a box on a plane one contact"),
+)
+"""(shape kinds that are all present, detector that is sound with them, reason); the first that fits holds."""
+DETECTOR = "dart"
+"""The detector for everything else: sound and exact for spheres, boxes and capsules."""
+
+SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
+"""Which contact solver has each cone by default (setting ``contact_solver: auto``)."""
+
+SMALL_TURN = (1e-5, 1e-3)
+"""Rotation vectors whose length lies in between are written as the same rotation the long way round (θ − 2π): DART turns
+vectors shorter than 1e-3 by a Taylor form, which is off by θ³/6, up to 1.7e-10 (measured). Below 1e-5 that is 2e-16."""
+
+_SIDECAR = "in the sidecar, set through the engine's API"
+_COMPUTED = "in the sidecar: .skel's own is implicit in time"
+
+
+class Skel(Format):
+    """DART's own XML, for dartpy 6."""
+
+    NAME: ClassVar[str] = "skel"
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
+        Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
+        Feature.LIMIT_EFFORT: via_api(_SIDECAR),
+        Feature.DAMPING: via_api(_COMPUTED),
+        Feature.BALL_DAMPING: via_api(_COMPUTED),
+        Feature.ARMATURE: via_api(_SIDECAR),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+        Feature.FRICTION: via_api(_SIDECAR),
+        Feature.FRICTION_PAIRS: unsupported("DART takes the smaller of two shapes' numbers, and none give these pairs"),
+        Feature.RESTITUTION: via_api(_SIDECAR),
+        Feature.RESTITUTION_PAIRS: unsupported("DART multiplies two shapes' numbers, and none give these pairs"),
+        Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
+        Feature.COLLISION_GROUPS: via_api(_SIDECAR),
+        Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+    }
+
+    def emit(self, world: World, target: Target) -> dict[str, str]:
+        """``world.skel`` and ``sidecar.json``. Raises UnsupportedError when the settings contradict the world."""
+        _check_settings(world, target)
+        moved, offsets = recentre_free_roots(world)
+        at_zero = poses(_at_origin(moved), at_zero=True)
+        static = {name for name, group in rigid_groups(moved).items() if group == "world"}
+        content = {
+            "name": world.name,
+            "timestep": world.physics.timestep,
+            "gravity": world.physics.gravity,
+            "collision_detector": collision_detector(world, target),
+            "skeletons": [
+                {
+                    "name": root,
+                    "mobile": "false" if all(body.name in static for body in bodies) else "true",
+                    "bodies": [_body(body, at_zero[body.name]) for body in bodies],
+                    "joints": [_joint(body) for body in bodies],
+                }
+                for root, bodies in trees(moved).items()
+            ],
+        }
+        return {
+            WORLD: environment().get_template("skel/world.skel.j2").render(content),
+            SIDECAR: sidecar_text(_sidecar(self.NAME, world, target, offsets)),
+        }
+
+    def read(self, folder: Path) -> ReadBack:
+        """Read ``world.skel`` with the standard library's XML parser (see ``formats/skel_reader.py``)."""
+        from simspec.formats.skel_reader import read_folder
+
+        return read_folder(folder)
+
+
+def file_name(name: str) -> str:
+    """The name of a body in the file."""
+    return RESERVED.get(name, name)
+
+
+def world_name(name: str) -> str:
+    """The inverse of :func:`file_name`."""
+    return {there: here for here, there in RESERVED.items()}.get(name, name)
+
+
+def contact_solver(world: World, target: Target) -> str:
+    """The setting ``contact_solver``, with ``auto`` resolved by the friction cone."""
+    chosen = str(target.settings["contact_solver"])
+    return SOLVERS.get(world.contact.friction_cone, "nsgs") if chosen == "auto" else chosen
+
+
+def collision_detector(world: World, target: Target) -> str:
+    """The setting ``collision_detector``, with ``auto`` resolved by the collision shapes that are present."""
+    chosen = str(target.settings["collision_detector"])
+    if chosen != "auto":
+        return chosen
+    present = {shape.kind for body in world.bodies for shape in solid_shapes(body)}
+    return next((detector for kinds, detector, _ in DETECTOR_REASONS if kinds <= present), DETECTOR)
+
+
+def _check_settings(world: World, target: Target) -> None:
+    """A solver setting must not change the model: Dantzig's solver has no elliptic cone."""
+    if world.contact.friction_cone == "elliptic" and contact_solver(world, target) == "dantzig":
+        raise UnsupportedError(
+            [
+                Problem(
+                    "DART's Dantzig solver has the circumscribed pyramid only",
+                    f"engines.{target.engine}.settings.contact_solver",
+                    found="dantzig, with contact.friction_cone: elliptic",
+                    allowed="auto, nsgs",
+                    hint="leave the setting out, or set contact.friction_cone: pyramid-circumscribed",
+                )
+            ]
+        )
+
+
+def rotation_vector(q: Quaternion) -> Vector3:
+    """log R, in DART's coordinates (see ``SMALL_TURN``)."""
+    w, x, y, z = q
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return (0.0, 0.0, 0.0)
+    turn = 2.0 * frames.angle(sine, w)
+    if SMALL_TURN[0] < turn < SMALL_TURN[1]:
+        turn -= 2.0 * math.pi
+    factor = turn / sine
+    return (x * factor, y * factor, z * factor)
+
+
+def _at_origin(world: World) -> World:
+    """The world with every free root at the origin, unturned."""
+    return dataclasses.replace(
+        world,
+        bodies=tuple(
+            dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=(0.0, 0.0, 0.0, *frames.IDENTITY)))
+            if body.joint.kind == "free"
+            else body
+            for body in world.bodies
+        ),
+    )
+
+
+def _transformation(pose: Pose) -> tuple[float, ...]:
+    return (*pose.position, *frames.to_euler_xyz(pose.quaternion))
+
+
+def _body(body: Body, at_zero: Pose) -> dict[str, Any]:
+    return {
+        "name": file_name(body.name),
+        "pose": _transformation(at_zero),
+        "mass": body.inertial.mass,
+        "inertia": body.inertial.inertia,
+        "centre_of_mass": body.inertial.centre_of_mass,
+        "shapes": [_shape(shape) for shape in body.shapes],
+    }
+
+
+def _shape(shape: Shape) -> dict[str, Any]:
+    if shape.kind == "plane":
+        tag, sizes = PLANE
+    else:
+        tag, parts, factor = GEOMETRY[shape.kind]
+        sizes = tuple((name, tuple(value * factor for value in shape.size[part])) for name, part in parts)
+    return {
+        "tag": tag,
+        "sizes": sizes,
+        "pose": _transformation(shape.pose),
+        "colour": shape.colour,
+        "visual": shape.visual,
+        "collision": shape.collision,
+    }
+
+
+def _joint(body: Body) -> dict[str, Any]:
+    joint = body.joint
+    position, velocity = _coordinates(joint)
+    return {
+        "name": joint.name,
+        "type": JOINT_TYPES[joint.kind],
+        "parent": "world" if joint.parent is None else file_name(joint.parent),
+        "child": file_name(body.name),
+        "axis": joint.axis if joint.kind in ("hinge", "slide") else None,
+        "limits": joint.position_limits,
+        "dry_friction": joint.dry_friction,
+        "position": position,
+        "velocity": velocity,
+    }
+
+
+def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A joint's initial position and velocity in DART's coordinates; of a free joint the rotation comes first."""
+    if joint.kind == "ball":
+        return rotation_vector(joint.position), joint.velocity  # type: ignore[arg-type]
+    if joint.kind == "free":
+        turn = rotation_vector(joint.position[3:7])  # type: ignore[arg-type]
+        return (*turn, *joint.position[:3]), (*joint.velocity[3:], *joint.velocity[:3])
+    return joint.position, joint.velocity
+
+
+def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
+    friction, _ = surface_numbers(world, "friction", target.friction_rule)
+    restitution, _ = surface_numbers(world, "restitution", target.restitution_rule)
+    settings = dict(target.settings)
+    settings["contact_solver"] = contact_solver(world, target)
+    settings["collision_detector"] = collision_detector(world, target)
+    groups: dict[str, list[str]] = {}
+    for body in world.bodies:
+        if solid_shapes(body):
+            groups.setdefault(body.collision_group, []).append(body.name)
+    ignored = [pair for pair in world.contact.ignored_groups if pair[0] in groups and pair[1] in groups]
+    named = {group for pair in ignored for group in pair}
+
+    def entries(field: str) -> list[dict[str, Any]]:
+        return [
+            {"body": body.name, "value": getattr(body.joint, field)}
+            for body in world.bodies
+            if getattr(body.joint, field)
+        ]
+
+    return sidecar(
+        name,
+        world,
+        dataclasses.replace(target, settings=settings),
+        offsets,
+        models=[body.model for body in world.bodies],
+        shapes=[
+            {
+                "name": shape.name,
+                "body": body.name,
+                "visual": shape.visual,
+                "collision": shape.collision,
+                "surface": [friction[shape.material], restitution[shape.material]] if shape.collision else [],
+            }
+            for body in world.bodies
+            for shape in body.shapes
+        ],
+        enforce_limits=[body.name for body in world.bodies if body.joint.position_limits is not None],
+        velocity_limits=entries("velocity_limit"),
+        effort_limits=entries("effort_limit"),
+        damping=entries("damping"),
+        armature=entries("armature"),
+        springs=[
+            {"body": body.name, "stiffness": body.joint.spring_stiffness, "rest": body.joint.spring_rest}
+            for body in world.bodies
+            if body.joint.spring_stiffness
+        ],
+        ignored_groups=ignored,
+        groups={group: names for group, names in sorted(groups.items()) if group in named},
+        excluded=excluded_pairs_to_write(world),
+    )

@@ -1,0 +1,239 @@
+"""Read a folder of .skel and its sidecar with the standard library's XML parser (proof level L0).
+
+Nothing here is shared with the emitter but the names of the files: poses are put together from the angles' own rotations,
+and a joint's place in its parent follows from the two bodies' poses at zero configuration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from simspec.formats.base import read_sidecar
+from simspec.formats.passes import restore_frames
+from simspec.world import frames
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3
+
+KINDS = {"weld": "fixed", "revolute": "hinge", "prismatic": "slide", "ball": "ball", "free": "free"}
+SIZES: Mapping[str, tuple[tuple[str, ...], float]] = {
+    "sphere": (("radius",), 1.0),
+    "box": (("size",), 1.0),
+    "cylinder": (("radius", "height"), 1.0),
+    "capsule": (("radius", "height"), 1.0),
+    "ellipsoid": (("size",), 0.5),
+}
+"""Of each geometry the elements that give the size, and their factor."""
+
+UNREADABLE = {"collision_group": "the files carry what touches what, not the names of groups"}
+
+
+def _text(element: ElementTree.Element, path: str) -> str:
+    found = element.find(path)
+    if found is None or found.text is None:
+        raise ValueError(f"a <{element.tag}> has no <{path}>")
+    return found.text.strip()
+
+
+def _numbers(element: ElementTree.Element, path: str, count: int) -> tuple[float, ...]:
+    found = tuple(float(word) for word in _text(element, path).split())
+    if len(found) != count:
+        raise ValueError(f"<{path}> of a <{element.tag}> has {len(found)} numbers, not {count}")
+    return found
+
+
+def _about(axis: int, turn: float) -> Quaternion:
+    parts = [math.cos(turn / 2.0), 0.0, 0.0, 0.0]
+    parts[1 + axis] = math.sin(turn / 2.0)
+    return (parts[0], parts[1], parts[2], parts[3])
+
+
+def _pose(element: ElementTree.Element) -> Pose:
+    """The <transformation> of an element: a position, then rotations about the x, the new y and the new z axis."""
+    x, y, z, *angles = _numbers(element, "transformation", 6)
+    turn = frames.IDENTITY
+    for axis, angle in enumerate(angles):
+        turn = frames.multiply(turn, _about(axis, angle))
+    return Pose((x, y, z), frames.normalise(turn))
+
+
+def _turn(vector: Sequence[float]) -> Quaternion:
+    """The rotation of a rotation vector."""
+    angle = math.sqrt(sum(x * x for x in vector))
+    if angle == 0.0:
+        return frames.IDENTITY
+    share = math.sin(angle / 2.0) / angle
+    return frames.normalise((math.cos(angle / 2.0), *(share * x for x in vector)))  # type: ignore[arg-type]
+
+
+def _inertial(body: ElementTree.Element) -> Inertial:
+    inertia = body.find("inertia")
+    if inertia is None:
+        raise ValueError(f"body {body.get('name')!r} has no <inertia>")
+    moments = tuple(
+        _numbers(inertia, f"moment_of_inertia/{name}", 1)[0] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    )
+    return Inertial(
+        _numbers(inertia, "mass", 1)[0],
+        _numbers(inertia, "offset", 3),  # type: ignore[arg-type]
+        moments,  # type: ignore[arg-type]
+    )
+
+
+def _geometry(element: ElementTree.Element) -> tuple[str, tuple[float, ...]]:
+    geometry = element.find("geometry")
+    if geometry is None or len(geometry) != 1:
+        raise ValueError(f"a <{element.tag}> has no single geometry")
+    kind = geometry[0]
+    if kind.tag == "plane":
+        if _numbers(kind, "normal", 3) != (0.0, 0.0, 1.0) or any(_numbers(kind, "offset", 1)):
+            raise ValueError("a <plane> is not the x-y plane of its own frame")
+        return "plane", ()
+    if kind.tag not in SIZES:
+        raise ValueError(f"a geometry <{kind.tag}> is not known here")
+    names, factor = SIZES[kind.tag]
+    return kind.tag, tuple(float(word) * factor for name in names for word in _text(kind, name).split())
+
+
+def _shapes(body: ElementTree.Element, given: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
+    """The shapes in the order of the sidecar, which says which of them are visual, collision, or both."""
+    collisions, visuals = body.findall("collision_shape"), body.findall("visualization_shape")
+    found = []
+    for entry in given:
+        shape = None
+        for role, elements in (("collision", collisions), ("visual", visuals)):
+            if not entry[role]:
+                continue
+            if not elements:
+                raise ValueError(f"body {body.get('name')!r} has too few {role} shapes for {entry['name']!r}")
+            element = elements.pop(0)
+            kind, size = _geometry(element)
+            read = Shape(entry["name"], kind, size, _pose(element), collision=False, visual=False)
+            if shape is not None and (shape.kind, shape.size, shape.pose) != (read.kind, read.size, read.pose):
+                raise ValueError(f"visual and collision of shape {entry['name']!r} differ")
+            shape = shape or read
+            if role == "visual":
+                shape = dataclasses.replace(shape, visual=True, colour=_numbers(element, "color", 4))
+            else:
+                friction, restitution = entry["surface"]
+                shape = dataclasses.replace(shape, collision=True, friction=friction, restitution=restitution)
+        if shape is None:
+            raise ValueError(f"shape {entry['name']!r} is neither visual nor collision")
+        found.append(shape)
+    if collisions or visuals:
+        raise ValueError(f"body {body.get('name')!r} has shapes that the sidecar does not name")
+    return tuple(found)
+
+
+def _joint(joint: ElementTree.Element, places: Mapping[str, Pose]) -> Joint:
+    kind = KINDS[joint.attrib["type"]]
+    above, child = _text(joint, "parent"), _text(joint, "child")
+    if any(_numbers(joint, "transformation", 6)):
+        raise ValueError(f"joint {joint.get('name')!r} is not at its child's frame")
+    start = places[child]
+    parent = None if above == "world" else above
+    if parent is not None:
+        start = frames.compose(frames.inverse(places[parent]), start)
+    axis: Vector3 = (0.0, 0.0, 0.0)
+    limits = None
+    friction = 0.0
+    if kind in ("hinge", "slide"):
+        axis = _numbers(joint, "axis/xyz", 3)  # type: ignore[assignment]
+        if joint.find("axis/limit") is not None:
+            limits = (_numbers(joint, "axis/limit/lower", 1)[0], _numbers(joint, "axis/limit/upper", 1)[0])
+        friction = _numbers(joint, "axis/dynamics/friction", 1)[0]
+        for name in ("damping", "spring_stiffness", "spring_rest_position"):
+            if _numbers(joint, f"axis/dynamics/{name}", 1)[0]:
+                raise ValueError(f"joint {joint.get('name')!r} has DART's own, implicit, {name}")
+    position: tuple[float, ...] = ()
+    velocity: tuple[float, ...] = ()
+    if kind != "fixed":
+        count = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}[kind]
+        position, velocity = _numbers(joint, "init_pos", count), _numbers(joint, "init_vel", count)
+    if kind == "ball":
+        position = _turn(position)
+    elif kind == "free":
+        placed = frames.compose(start, Pose(position[3:], _turn(position[:3])))  # type: ignore[arg-type]
+        position = (*placed.position, *placed.quaternion)
+        velocity = (*velocity[3:], *velocity[:3])
+        start = Pose()
+    return Joint(
+        joint.attrib["name"],
+        kind,
+        parent,
+        start,
+        axis,
+        limits,
+        dry_friction=friction,
+        position=position,
+        velocity=velocity,
+    )
+
+
+def read_folder(folder: Path) -> ReadBack:
+    """The model that ``world.skel`` and the sidecar in ``folder`` say, in the world's frames and order.
+
+    Raises ValueError where the file and the sidecar do not fit together.
+    """
+    content = read_sidecar(folder)
+    root = ElementTree.fromstring((folder / "world.skel").read_bytes())
+    held = root.find("world")
+    if held is None:
+        raise ValueError("world.skel has no <world>")
+    elements = {body.attrib["name"]: body for body in held.iterfind("skeleton/body")}
+    places = {name: _pose(body) for name, body in elements.items()}
+    joints = {}
+    for element in held.iterfind("skeleton/joint"):
+        joints[_text(element, "child")] = _joint(element, places)
+    entries = content["bodies"]
+    if len(entries) != len(elements):
+        raise ValueError(f"world.skel holds {len(elements)} bodies, the sidecar {len(entries)}")
+    shapes: dict[str, list[Mapping[str, Any]]] = {}
+    for shape in content["shapes"]:
+        shapes.setdefault(shape["body"], []).append(shape)
+    # a body that is called "world" goes by another name in the file
+    own = {"world": "world."}
+    back = {there: here for here, there in own.items()}
+    found: dict[str, Body] = {}
+    for entry, model in zip(entries, content["models"], strict=True):
+        name = own.get(entry["name"], entry["name"])
+        joint = joints[name]
+        if joint.parent is not None:
+            joint = dataclasses.replace(joint, parent=back.get(joint.parent, joint.parent))
+        found[entry["name"]] = Body(
+            entry["name"],
+            model,
+            _inertial(elements[name]),
+            joint,
+            _shapes(elements[name], shapes.get(entry["name"], ())),
+        )
+    for key, field in (
+        ("velocity_limits", "velocity_limit"),
+        ("effort_limits", "effort_limit"),
+        ("damping", "damping"),
+        ("armature", "armature"),
+    ):
+        for value in content[key]:
+            _set_joint(found, value["body"], **{field: value["value"]})
+    for spring in content["springs"]:
+        _set_joint(found, spring["body"], spring_stiffness=spring["stiffness"], spring_rest=spring["rest"])
+    limited = {name for name, body in found.items() if body.joint.position_limits is not None}
+    if limited != set(content["enforce_limits"]):
+        raise ValueError(
+            f"limits of {sorted(limited ^ set(content['enforce_limits']))} are not both given and enforced"
+        )
+    offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in entries if any(entry["frame_offset"])}
+    return ReadBack(
+        restore_frames(tuple(found[entry["name"]] for entry in entries), offsets),
+        _numbers(held, "physics/gravity", 3),  # type: ignore[arg-type]
+        _numbers(held, "physics/time_step", 1)[0],
+        content["friction_cone"],
+        dict(UNREADABLE),
+    )
+
+
+def _set_joint(bodies: dict[str, Body], name: str, **changes: float) -> None:
+    bodies[name] = dataclasses.replace(bodies[name], joint=dataclasses.replace(bodies[name].joint, **changes))
