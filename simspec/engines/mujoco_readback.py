@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import EngineError
-from simspec.formats.mjcf import CONES, GROUPS, KEYFRAME, MODEL, NO_RATING, SIZES, file_name, world_name
-from simspec.formats.mjcf_contact import inconsistent_pair, restitution_of
+from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
+from simspec.formats.mjcf_contact import pair_problem
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
@@ -22,8 +22,18 @@ JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
 """MuJoCo's mjtJoint numbers."""
 SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
 """MuJoCo's mjtGeom numbers."""
-CONE_NAMES = {0: "pyramidal", 1: "elliptic"}
+HALVED = {
+    "sphere": (False,),
+    "box": (True, True, True),
+    "cylinder": (False, True),
+    "capsule": (False, True),
+    "ellipsoid": (False, False, False),
+    "plane": (),
+}
+"""Which numbers of a geom's size are half lengths."""
+CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
+GROUP_IS_VISUAL = {0: True, 2: True, 3: False, 4: False}
 
 
 def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any]) -> ReadBack:
@@ -74,12 +84,11 @@ class _ReadBack:
         )
         offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in entries if any(entry["frame_offset"])}
         option = self._model.opt
-        cones = {theirs: ours for ours, theirs in CONES.items()}
         return ReadBack(
             restore_frames(bodies, offsets),
             _vector(option.gravity),
             float(option.timestep),
-            cones[CONE_NAMES[int(option.cone)]],
+            CONE_NAMES[int(option.cone)],
             dict(UNREADABLE),
         )
 
@@ -143,9 +152,10 @@ class _ReadBack:
     def _shape(self, geom: int) -> Shape:
         model = self._model
         kind = SHAPE_KINDS[int(model.geom_type[geom])]
-        factors = SIZES.get(kind, ())
-        size = tuple(value / factor for value, factor in zip(model.geom_size[geom].tolist(), factors, strict=False))
-        _, visual = {group: flags for flags, group in GROUPS.items()}[int(model.geom_group[geom])]
+        size = tuple(
+            2.0 * value if halved else value
+            for value, halved in zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
+        )
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         friction = restitution = None
         if collides:
@@ -158,7 +168,7 @@ class _ReadBack:
             _pose(model.geom_pos[geom], model.geom_quat[geom]),
             "",
             collides,
-            visual,
+            GROUP_IS_VISUAL[int(model.geom_group[geom])],
             (red, green, blue, alpha),
             friction,
             restitution,
@@ -170,8 +180,8 @@ class _ReadBack:
         return friction, self._restitution(model.geom_solref[geom])
 
     def _restitution(self, solref: Any) -> float:
-        stiffness, damping = solref.tolist()
-        return restitution_of((stiffness, damping), float(self._model.opt.timestep))
+        """The damping of the reference, per step, is one plus the restitution."""
+        return float(-solref[1] * self._model.opt.timestep - 1.0)
 
     def _check_pairs(self) -> None:
         """An explicit pair overrides its shapes; it must hold what they give together."""
@@ -181,6 +191,8 @@ class _ReadBack:
             held = (float(model.pair_friction[pair][0]), self._restitution(model.pair_solref[pair]))
             surfaces = [self._surface(geom) for geom in ends]
             given = (max(surface[0] for surface in surfaces), max(surface[1] for surface in surfaces))
-            if held != given or model.pair_friction[pair][1] != held[0]:
-                names = (self._names["GEOM"][ends[0]], self._names["GEOM"][ends[1]])
-                raise EngineError("mujoco", inconsistent_pair(names, held, given))
+            names = (self._names["GEOM"][ends[0]], self._names["GEOM"][ends[1]])
+            if problem := pair_problem(names, held, given):
+                raise EngineError("mujoco", problem)
+            if model.pair_friction[pair][1] != held[0]:
+                raise EngineError("mujoco", f"the explicit pair of {names[0]!r} and {names[1]!r} is not isotropic")

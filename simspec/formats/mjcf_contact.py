@@ -33,11 +33,6 @@ def reference(error_reduction: float, restitution: float, timestep: float) -> tu
     return (0.0 - error_reduction / (timestep * timestep), 0.0 - (1.0 + restitution) / timestep)
 
 
-def restitution_of(solref: tuple[float, float], timestep: float) -> float:
-    """The inverse of :func:`reference` for the restitution."""
-    return 0.0 - solref[1] * timestep - 1.0
-
-
 def contact_reference(world: World, target: Target, restitution: float) -> Attributes:
     beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
     return (
@@ -136,8 +131,14 @@ def _too_many_pairs(law: PairContact, limit: int) -> Problem:
     )
 
 
-def inconsistent_pair(names: tuple[str, str], held: tuple[float, float], of_shapes: tuple[float, float]) -> str:
-    """What is wrong with an explicit pair whose friction and restitution are not what its shapes' numbers give."""
+SAME_NUMBER = 1e-12
+"""Relative and absolute, as proof level L0's: how far an explicit pair may be from what its shapes give together."""
+
+
+def pair_problem(names: tuple[str, str], held: tuple[float, float], of_shapes: tuple[float, float]) -> str | None:
+    """What is wrong with an explicit pair: its friction and restitution are not what its shapes' numbers give; or None."""
+    if all(abs(a - b) <= SAME_NUMBER * max(1.0, abs(b)) for a, b in zip(held, of_shapes, strict=True)):
+        return None
     return (
         f"the explicit pair of {names[0]!r} and {names[1]!r} holds friction {held[0]:g} and restitution {held[1]:g}, "
         f"their own numbers give {of_shapes[0]:g} and {of_shapes[1]:g}"

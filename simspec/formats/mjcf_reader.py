@@ -14,12 +14,24 @@ from xml.etree import ElementTree
 
 from simspec.formats import mjcf
 from simspec.formats.base import read_sidecar
-from simspec.formats.mjcf_contact import inconsistent_pair, restitution_of
+from simspec.formats.mjcf_contact import pair_problem
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape
 
 UNREADABLE = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
+
+# MJCF's own conventions, stated here again and not taken from the emitter, so that one error cannot hide another
+HALVED = {
+    "sphere": (False,),
+    "box": (True, True, True),
+    "cylinder": (False, True),
+    "capsule": (False, True),
+    "ellipsoid": (False, False, False),
+}
+"""Which numbers of a geom's size are half lengths."""
+CONE_NAMES = {"elliptic": "elliptic", "pyramidal": "pyramid-inscribed"}
+GROUP_IS_VISUAL = {"0": True, "2": True, "3": False, "4": False}
 
 _ELEMENTS = {"inertial", "joint", "geom", "body"}
 
@@ -38,12 +50,11 @@ def read_folder(folder: Path) -> ReadBack:
         dataclasses.replace(bodies[name], model=model) for name, model in zip(order, beside["models"], strict=True)
     )
     option = reader.section("option").attrib
-    cones = {theirs: ours for ours, theirs in mjcf.CONES.items()}
     return ReadBack(
         restore_frames(found, offsets),
         _vector(option["gravity"]),
         reader.timestep,
-        cones[option["cone"]],
+        CONE_NAMES[option["cone"]],
         dict(UNREADABLE),
     )
 
@@ -176,8 +187,10 @@ class _Reader:
         kind = given["type"]
         size: tuple[float, ...] = ()
         if kind != "plane":
-            size = tuple(value / factor for value, factor in zip(_floats(given["size"]), mjcf.SIZES[kind], strict=True))
-        flags = {group: flags for flags, group in mjcf.GROUPS.items()}[int(given["group"])]
+            size = tuple(
+                2.0 * value if halved else value
+                for value, halved in zip(_floats(given["size"]), HALVED[kind], strict=True)
+            )
         collides = given["contype"] != "0" or given["conaffinity"] != "0"
         friction = restitution = None
         if collides:
@@ -190,16 +203,20 @@ class _Reader:
             Pose(_vector(given["pos"]), _turn(given["quat"])),
             "",
             collides,
-            flags[1],
+            GROUP_IS_VISUAL[given["group"]],
             (red, green, blue, alpha),
             friction,
             restitution,
         )
 
     def _surface(self, given: Mapping[str, str]) -> tuple[float, float]:
-        stiffness, damping = _floats(given["solref"])
         friction = _floats(given["friction"])[0] if given["condim"] == "3" else 0.0
-        return friction, restitution_of((stiffness, damping), self.timestep)
+        return friction, self._restitution(given["solref"])
+
+    def _restitution(self, solref: str) -> float:
+        """The damping of the reference, per step, is one plus the restitution."""
+        _, damping = _floats(solref)
+        return -damping * self.timestep - 1.0
 
     def _check_pairs(self) -> None:
         """An explicit pair overrides its shapes; it must say what they give together."""
@@ -212,8 +229,7 @@ class _Reader:
         }
         for pair in pairs:
             names = (pair.attrib["geom1"], pair.attrib["geom2"])
-            stiffness, damping = _floats(pair.attrib["solref"])
-            held = (_floats(pair.attrib["friction"])[0], restitution_of((stiffness, damping), self.timestep))
+            held = (_floats(pair.attrib["friction"])[0], self._restitution(pair.attrib["solref"]))
             given = (max(shapes[name][0] for name in names), max(shapes[name][1] for name in names))
-            if held != given:
-                raise ValueError(inconsistent_pair(names, held, given))
+            if problem := pair_problem(names, held, given):
+                raise ValueError(problem)

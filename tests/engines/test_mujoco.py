@@ -132,6 +132,18 @@ def test_wrong_files_are_engine_errors(old, new, message, tmp_path):
         MuJoCo().load(folder, read_sidecar(folder))
 
 
+def test_a_shifted_zero_is_an_engine_error(tmp_path):
+    folder = write(worlds.damped_springs(), tmp_path)
+    text = (folder / MODEL).read_text()
+    for old, new in (('ref="0"', 'ref="0.1"'), ('<joint pos="0 0 0"', '<joint pos="0 0.1 0"')):
+        (folder / MODEL).write_text(text.replace(old, new, 1))
+        engine = MuJoCo()
+        engine.load(folder, read_sidecar(folder))
+        with pytest.raises(EngineError, match="zero"):
+            engine.read_back()
+        engine.close()
+
+
 def test_an_explicit_pair_that_contradicts_its_shapes_is_an_error(tmp_path):
     folder = write(worlds.gripper(), tmp_path)
     text = (folder / MODEL).read_text()
@@ -212,8 +224,10 @@ def test_asking_never_disturbs_the_motion(load):
     asked, bare = load(world), load(world)
     for _ in range(50):
         asked.step(10)
-        asked.contacts()
+        before = asked.contacts()
         asked.detect_contacts()
+        for name, values in asked.contacts().items():
+            np.testing.assert_array_equal(values, before[name])
         asked.body_states()
         asked.mass_matrix()
         asked.bias_force()
@@ -435,6 +449,19 @@ def test_all_on_one_heap_touch_as_the_filter_says(groups, ignored, friction, loa
     count = len(names)
     want = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed.may_touch(names[i], names[j])]
     assert [tuple(row) for row in engine.detect_contacts()] == want
+
+
+def test_parent_and_child_touch_unless_the_world_excludes_them(load):
+    world = worlds.gripper()
+    bodies = tuple(
+        dataclasses.replace(b, joint=dataclasses.replace(b.joint, origin=Pose()))
+        for b in world.bodies
+        if b.name != "bar"
+    )
+    for excluded in ((), (("left", "palm"),)):
+        contact = dataclasses.replace(world.contact, excluded_bodies=excluded)
+        found = load(dataclasses.replace(world, bodies=bodies, contact=contact)).detect_contacts()
+        assert [tuple(row) for row in found] == ([(0, 2)] if excluded else [(0, 1), (0, 2)])
 
 
 def test_bodies_joined_rigidly_never_touch(load):

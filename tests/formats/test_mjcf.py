@@ -14,9 +14,9 @@ from simspec.engines.mujoco import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.formats.base import Target
 from simspec.formats.mjcf import MODEL, Mjcf, depth_first
-from simspec.formats.mjcf_contact import FILTER_BITS, reference, restitution_of
+from simspec.formats.mjcf_contact import FILTER_BITS
 from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
 
 ALL_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid")
@@ -136,8 +136,10 @@ def test_damaged_files_are_refused(tmp_path):
 
 @pytest.mark.parametrize("restitution", [0.0, 0.05, 0.5, 1.0])
 @pytest.mark.parametrize("timestep", [1e-3, 2e-3, 1 / 240])
-def test_restitution_can_be_read_from_the_reference(restitution, timestep):
-    assert restitution_of(reference(0.01, restitution, timestep), timestep) == pytest.approx(restitution, abs=1e-15)
+def test_restitution_is_read_at_any_timestep(restitution, timestep, tmp_path):
+    world = dataclasses.replace(frictional(restitution, 100), physics=Physics(timestep=timestep))
+    write_folder(emit(world), tmp_path / "a")
+    assert differences(as_held(world), Mjcf().read(tmp_path / "a").bodies) == []
 
 
 def box_world(groups: list[str], ignored: tuple[tuple[str, str], ...]) -> World:
