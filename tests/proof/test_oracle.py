@@ -82,7 +82,7 @@ def test_a_symmetric_top_precesses_at_the_rate_of_the_book():
         velocity=(0.0, 0, 0, tilt, 0, spin),
     )
     rate = (axial - transverse) / transverse * spin  # Landau and Lifshitz, Mechanics, § 36
-    states, speeds = oracle.motion(q, v, None, 10_000, 10_000)
+    _, speeds = oracle.motion(q, v, None, 10_000, 10_000)
     expected = (tilt * math.cos(rate * 0.1), tilt * math.sin(rate * 0.1), spin)
     np.testing.assert_allclose(speeds[-1][3:], expected, atol=1e-5)
 

@@ -1,0 +1,390 @@
+"""The comparator notices every field that is not the world's, and nothing that is only said otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from simspec.proof.comparator import compare
+from simspec.world import frames
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, ReadBack, Shape, World
+from tests import worlds
+
+RULE = "min"
+MISS = 1e-8
+"""The size of the planted errors: ten times the tolerance of the model's levels."""
+
+
+def full_world() -> World:
+    """Every kind of joint with every number, every shape, two materials, and surfaces that only show."""
+    more = {"damping": 0.3, "armature": 0.1, "dry_friction": 0.2, "spring_stiffness": 4.0}
+    limits = {"position_limits": (-2.5, 2.0), "velocity_limit": 3.0, "effort_limit": 50.0}
+    tree = worlds.tree(["free", "hinge", "fixed", "slide", "ball"], 7, [-1, 0, 1, 2, 0], **more, **limits)
+    tree = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, spring_rest=0.1))
+        if body.joint.kind in ("hinge", "slide")
+        else body
+        for body in tree
+    )
+    tilted = Pose((0.1, 0.2, 0.3), frames.normalise((0.8, 0.1, -0.5, 0.3)))
+    shapes = tuple(
+        Shape(f"shape_{kind}", kind, worlds.SIZES[kind], tilted, "rubber") for kind in worlds.SIZES if kind != "plane"
+    )
+    seen = Shape("seen", "box", (0.1, 0.2, 0.3), tilted, collision=False)
+    floor = Body(
+        "floor",
+        "floor",
+        Inertial(0.0),
+        Joint("floor_joint", "fixed"),
+        (Shape("floor_0", "plane", (), tilted, "steel"),),
+    )
+    bodies = (dataclasses.replace(tree[0], shapes=(*shapes, seen)), *tree[1:], floor)
+    contact = Contact(
+        materials=(Material("rubber", 0.8, 0.5), Material("steel", 0.3, 0.2)),
+        pairs=(
+            PairContact("rubber", "rubber", 0.8, 0.5),
+            PairContact("rubber", "steel", 0.3, 0.2),
+            PairContact("steel", "steel", 0.3, 0.2),
+        ),
+        excluded_bodies=worlds.parent_pairs(bodies),
+    )
+    return worlds.world(bodies, "full", contact=contact)
+
+
+def held(world: World) -> ReadBack:
+    """A perfect read-back: the world, with numbers on its shapes instead of materials."""
+    surface = {material.name: material for material in world.contact.materials}
+
+    def shape(one: Shape) -> Shape:
+        if not one.collision:
+            return dataclasses.replace(one, material="")
+        own = surface[one.material]
+        return dataclasses.replace(one, material="", friction=own.friction, restitution=own.restitution)
+
+    bodies = tuple(dataclasses.replace(body, shapes=tuple(map(shape, body.shapes))) for body in world.bodies)
+    return ReadBack(bodies, world.physics.gravity, world.physics.timestep, world.contact.friction_cone)
+
+
+def failures(world: World, found: ReadBack, text: bool = False) -> list[tuple[str, str, str]]:
+    return [(c.level, c.name, c.where) for c in compare(world, found, RULE, RULE, text) if not c.passed]
+
+
+def with_body(found: ReadBack, name: str, **changes) -> ReadBack:
+    bodies = tuple(dataclasses.replace(b, **changes) if b.name == name else b for b in found.bodies)
+    return dataclasses.replace(found, bodies=bodies)
+
+
+def body_of(found: ReadBack, name: str) -> Body:
+    return next(body for body in found.bodies if body.name == name)
+
+
+def with_joint(found: ReadBack, name: str, **changes) -> ReadBack:
+    return with_body(found, name, joint=dataclasses.replace(body_of(found, name).joint, **changes))
+
+
+def with_inertial(found: ReadBack, name: str, **changes) -> ReadBack:
+    return with_body(found, name, inertial=dataclasses.replace(body_of(found, name).inertial, **changes))
+
+
+def with_shape(found: ReadBack, body: str, shape: str, **changes) -> ReadBack:
+    shapes = tuple(
+        dataclasses.replace(one, **changes) if one.name == shape else one for one in body_of(found, body).shapes
+    )
+    return with_body(found, body, shapes=shapes)
+
+
+WORLD = full_world()
+HELD = held(WORLD)
+HINGE, FIXED, SLIDE, BALL = "link1", "link2", "link3", "link4"
+
+
+def turned(q, by=MISS):
+    """The orientation turned by ``by`` rad about its own x axis."""
+    return frames.multiply(q, (1.0, by / 2, 0.0, 0.0))
+
+
+def moved(values, index=0, by=MISS):
+    return tuple(value + (by if at == index else 0.0) for at, value in enumerate(values))
+
+
+def _inertial_cases():
+    for name in (b.name for b in WORLD.bodies if b.name != "floor"):
+        own = body_of(HELD, name).inertial
+        scale = sum(own.inertia[:3])
+        yield f"{name} mass", "L1", "mass", with_inertial(HELD, name, mass=own.mass * (1 + MISS))
+        for i in range(3):
+            found = with_inertial(HELD, name, centre_of_mass=moved(own.centre_of_mass, i))
+            yield f"{name} centre {i}", "L1", "centre of mass", found
+        for i in range(6):
+            found = with_inertial(HELD, name, inertia=moved(own.inertia, i, MISS * scale))
+            yield f"{name} inertia {i}", "L1", "inertia tensor", found
+        for i in (3, 4, 5):
+            mirrored = tuple(-x if at == i else x for at, x in enumerate(own.inertia))
+            yield f"{name} product {i} sign", "L1", "inertia tensor", with_inertial(HELD, name, inertia=mirrored)
+
+
+def _joint_cases():
+    for name in (HINGE, FIXED, SLIDE, BALL, "floor"):
+        own = body_of(HELD, name).joint
+        for i in range(3):
+            origin = dataclasses.replace(own.origin, position=moved(own.origin.position, i))
+            yield f"{name} origin {i}", "L2", "origin, position", with_joint(HELD, name, origin=origin)
+        origin = dataclasses.replace(own.origin, quaternion=turned(own.origin.quaternion))
+        yield f"{name} origin turned", "L2", "origin, orientation", with_joint(HELD, name, origin=origin)
+        other = "slide" if own.kind == "hinge" else "hinge"
+        yield f"{name} kind", "L2", "joint type", with_joint(HELD, name, kind=other)
+        yield f"{name} parent", "L2", "parent", with_joint(HELD, name, parent="seat")
+    numbers = ("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest")
+    for name in (HINGE, SLIDE):
+        own = body_of(HELD, name).joint
+        for field in (*numbers, "velocity_limit", "effort_limit"):
+            value = getattr(own, field)
+            assert value, f"{name} has no {field} to change"
+            label = field.replace("_", " ")
+            yield f"{name} {field}", "L2", label, with_joint(HELD, name, **{field: value * (1 + MISS)})
+            gone = 0.0 if field in numbers else None
+            yield f"{name} {field} gone", "L2", label, with_joint(HELD, name, **{field: gone})
+        lower, upper = own.position_limits
+        for label, limits in (
+            ("lower", (lower * (1 + MISS), upper)),
+            ("upper", (lower, upper * (1 + MISS))),
+            ("gone", None),
+        ):
+            found = with_joint(HELD, name, position_limits=limits)
+            yield f"{name} limits {label}", "L2", "position limits", found
+        yield f"{name} axis", "L2", "axis", with_joint(HELD, name, axis=moved(own.axis, 1))
+        yield f"{name} axis flipped", "L2", "axis", with_joint(HELD, name, axis=tuple(-x for x in own.axis))
+        yield f"{name} position", "L2", "initial position", with_joint(HELD, name, position=moved(own.position))
+        yield f"{name} velocity", "L2", "initial velocity", with_joint(HELD, name, velocity=moved(own.velocity, 0, 1e-7))
+        yield f"{name} name", "L2", "joint name", with_joint(HELD, name, name="other")
+    ball = body_of(HELD, BALL).joint
+    for field in ("damping", "spring_stiffness"):
+        found = with_joint(HELD, BALL, **{field: getattr(ball, field) * (1 + MISS)})
+        yield f"ball {field}", "L2", field.replace("_", " "), found
+    for field in ("dry_friction", "armature", "spring_rest"):
+        yield f"ball {field} appears", "L2", field.replace("_", " "), with_joint(HELD, BALL, **{field: 1e-9})
+    yield "ball position", "L2", "initial position", with_joint(HELD, BALL, position=turned(ball.position))
+    free = body_of(HELD, "link0").joint
+    yield "free position", "L2", "initial position", with_joint(HELD, "link0", position=moved(free.position, 2))
+    pose = (*free.position[:3], *turned(free.position[3:]))
+    yield "free orientation", "L2", "initial position", with_joint(HELD, "link0", position=pose)
+    for i in range(6):
+        found = with_joint(HELD, "link0", velocity=moved(free.velocity, i, 1e-7))
+        yield f"free velocity {i}", "L2", "initial velocity", found
+    for i in range(3):
+        found = with_joint(HELD, BALL, velocity=moved(ball.velocity, i, 1e-7))
+        yield f"ball velocity {i}", "L2", "initial velocity", found
+    yield "no position", "L2", "initial position", with_joint(HELD, HINGE, position=())
+    yield "free is fixed", "L2", "joint type", with_joint(HELD, "link0", kind="fixed")
+
+
+def _shape_cases():
+    for shape in body_of(HELD, "link0").shapes:
+        for i in range(len(shape.size)):
+            found = with_shape(HELD, "link0", shape.name, size=moved(shape.size, i))
+            yield f"{shape.name} size {i}", "L4", "shape size", found
+        for i in range(3):
+            pose = dataclasses.replace(shape.pose, position=moved(shape.pose.position, i))
+            found = with_shape(HELD, "link0", shape.name, pose=pose)
+            yield f"{shape.name} position {i}", "L4", "shape position", found
+        if shape.kind != "sphere":
+            pose = dataclasses.replace(shape.pose, quaternion=turned(shape.pose.quaternion))
+            found = with_shape(HELD, "link0", shape.name, pose=pose)
+            yield f"{shape.name} turned", "L4", "shape orientation", found
+        other = "cylinder" if shape.kind == "capsule" else "capsule"
+        changed = with_shape(HELD, "link0", shape.name, kind=other, size=(0.05, 0.2))
+        yield f"{shape.name} kind", "L4", "shape type", changed
+        changed = with_shape(HELD, "link0", shape.name, collision=not shape.collision, friction=0.8, restitution=0.5)
+        yield f"{shape.name} collision", "L4", "shape type", changed
+        rest = tuple(one for one in body_of(HELD, "link0").shapes if one.name != shape.name)
+        yield f"{shape.name} missing", "L4", "shape type", with_body(HELD, "link0", shapes=rest)
+        if shape.collision:
+            unseen = with_shape(HELD, "link0", shape.name, visual=False)
+            yield f"{shape.name} unseen", "L4", "visible", unseen
+            for quantity in ("friction", "restitution"):
+                # RULE is min: the floor's smaller numbers decide, and any shape below them shows
+                lower = with_shape(HELD, "link0", shape.name, **{quantity: 0.1})
+                yield f"{shape.name} {quantity}", "L4", quantity, lower
+                none = with_shape(HELD, "link0", shape.name, **{quantity: None})
+                yield f"{shape.name} {quantity} none", "L4", quantity, none
+    extra = (*body_of(HELD, HINGE).shapes, Shape("extra", "sphere", (0.1,), friction=0.8, restitution=0.5))
+    yield "one shape more", "L4", "shape type", with_body(HELD, HINGE, shapes=extra)
+    plane = body_of(HELD, "floor").shapes[0].pose
+    for quantity, value in (("friction", 0.3), ("restitution", 0.2)):
+        found = with_shape(HELD, "floor", "floor_0", **{quantity: value * (1 + MISS)})
+        yield f"floor {quantity}", "L4", quantity, found
+    up = frames.rotate(plane.quaternion, (0.0, 0.0, MISS))
+    raised = dataclasses.replace(plane, position=frames.add(plane.position, up))
+    yield "plane raised", "L4", "shape position", with_shape(HELD, "floor", "floor_0", pose=raised)
+    tilted = dataclasses.replace(plane, quaternion=turned(plane.quaternion))
+    yield "plane tilted", "L4", "shape orientation", with_shape(HELD, "floor", "floor_0", pose=tilted)
+    over = frames.multiply(plane.quaternion, (0.0, 1.0, 0.0, 0.0))
+    found = with_shape(HELD, "floor", "floor_0", pose=dataclasses.replace(plane, quaternion=over))
+    yield "plane upside down", "L4", "shape orientation", found
+
+
+def _world_cases():
+    for i in range(3):
+        gravity = moved(HELD.gravity, i, 1e-7)
+        yield f"gravity {i}", "L4", "gravity", dataclasses.replace(HELD, gravity=gravity)
+    yield "timestep", "L4", "timestep", dataclasses.replace(HELD, timestep=HELD.timestep * (1 + MISS))
+    yield "cone", "L4", "friction cone", dataclasses.replace(HELD, friction_cone="pyramid-inscribed")
+    yield "group", "L4", "collision group", with_body(HELD, HINGE, collision_group="other")
+    yield "body missing", "L1", "bodies", dataclasses.replace(HELD, bodies=HELD.bodies[:-1])
+    more = (*HELD.bodies, dataclasses.replace(HELD.bodies[-1], name="more"))
+    yield "body more", "L1", "bodies", dataclasses.replace(HELD, bodies=more)
+    yield "body twice", "L1", "bodies", dataclasses.replace(HELD, bodies=(*HELD.bodies, HELD.bodies[-1]))
+    yield "not a number", "L1", "mass", with_inertial(HELD, HINGE, mass=math.nan)
+    yield "infinite", "L2", "damping", with_joint(HELD, HINGE, damping=math.inf)
+
+
+CASES = [*_inertial_cases(), *_joint_cases(), *_shape_cases(), *_world_cases()]
+
+
+def test_a_perfect_read_back_passes():
+    checks = compare(WORLD, HELD, RULE, RULE)
+    assert [check for check in checks if not check.passed] == []
+    assert {check.level for check in checks} == {"L1", "L2", "L4"}
+    assert all(check.worst == 0.0 for check in checks)
+    assert sum(check.count for check in checks) > 150
+
+
+@pytest.mark.parametrize(("level", "name", "found"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+def test_every_field_is_noticed(level, name, found):
+    failed = failures(WORLD, found)
+    assert (level, name) in [entry[:2] for entry in failed]
+    assert len({entry[1] for entry in failed}) <= 3, "one error should not be reported as many"
+    assert failures(WORLD, found, text=True), "a text's tolerance is tighter still"
+
+
+def test_every_field_of_the_types_is_compared_or_known_not_to_be():
+    """A field added to the types must be added here, and to the comparator."""
+    left_out = {"Body.model", "Shape.name", "Shape.material", "Shape.colour"}
+    named = {
+        Body: {"name", "inertial", "joint", "shapes", "collision_group", "model"},
+        Inertial: {"mass", "centre_of_mass", "inertia"},
+        Shape: {"name", "kind", "size", "pose", "material", "collision", "visual", "colour", "friction", "restitution"},
+        Joint: {
+            *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
+            *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
+        },
+        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable"},
+    }
+    for kind, fields in named.items():
+        assert {field.name for field in dataclasses.fields(kind)} == fields
+    for path in left_out:  # these are names and looks, which move nothing
+        kind, field = path.split(".")
+        changes = {field: (0.1, 0.2, 0.3, 1.0) if field == "colour" else "other"}
+        found = (
+            with_body(HELD, "link0", **changes)
+            if kind == "Body"
+            else with_shape(HELD, "link0", "shape_box", **changes)
+        )
+        assert failures(WORLD, found) == []
+
+
+def test_text_is_held_to_twelve_digits():
+    found = with_inertial(HELD, HINGE, mass=body_of(HELD, HINGE).inertial.mass * (1 + 1e-11))
+    assert failures(WORLD, found) == []
+    assert [entry[:2] for entry in failures(WORLD, found, text=True)] == [("L0", "mass")]
+    assert {check.level for check in compare(WORLD, HELD, RULE, RULE, text=True)} == {"L0"}
+
+
+def negative(q):
+    return tuple(-x for x in q)
+
+
+def _same_cases():
+    """What says the same in other words."""
+    for name in (HINGE, FIXED, BALL):
+        origin = body_of(HELD, name).joint.origin
+        other = dataclasses.replace(origin, quaternion=negative(origin.quaternion))
+        yield f"{name} origin's sign", with_joint(HELD, name, origin=other)
+    position = body_of(HELD, BALL).joint.position
+    yield "ball's sign", with_joint(HELD, BALL, position=negative(position))
+    free = body_of(HELD, "link0").joint
+    yield "free's sign", with_joint(HELD, "link0", position=(*free.position[:3], *negative(free.position[3:])))
+    yield "free's origin", with_joint(HELD, "link0", origin=Pose((1.0, 2.0, 3.0)))
+    about_z = frames.from_axis_angle((0.0, 0.0, 1.0), 1.1)
+    over = frames.from_axis_angle((1.0, 0.0, 0.0), math.pi)
+    tilt = body_of(HELD, "link0").shapes[0].pose
+    sphere = dataclasses.replace(tilt, quaternion=frames.multiply(tilt.quaternion, (0.5, 0.5, 0.5, 0.5)))
+    yield "sphere turned", with_shape(HELD, "link0", "shape_sphere", pose=sphere)
+    for kind in ("cylinder", "capsule"):
+        for label, turn in (("about its axis", about_z), ("end over end", over)):
+            pose = dataclasses.replace(tilt, quaternion=frames.multiply(tilt.quaternion, turn))
+            yield f"{kind} {label}", with_shape(HELD, "link0", f"shape_{kind}", pose=pose)
+    along = frames.add(tilt.position, frames.rotate(tilt.quaternion, (2.0, -3.0, 0.0)))
+    plane = Pose(along, frames.multiply(tilt.quaternion, about_z))
+    yield "plane shifted in itself", with_shape(HELD, "floor", "floor_0", pose=plane)
+    shapes = body_of(HELD, "link0").shapes
+    yield "shapes in another order", with_body(HELD, "link0", shapes=shapes[::-1])
+    yield "bodies in another order", dataclasses.replace(HELD, bodies=HELD.bodies[::-1])
+
+
+SAME = list(_same_cases())
+
+
+@pytest.mark.parametrize("found", [case[1] for case in SAME], ids=[case[0] for case in SAME])
+def test_what_means_the_same_passes(found):
+    assert failures(WORLD, found) == []
+
+
+UNREADABLE = {
+    "joint.velocity_limit": lambda: with_joint(HELD, HINGE, velocity_limit=None),
+    "joint.damping": lambda: with_joint(HELD, HINGE, damping=0.0),
+    "joint.position_limits": lambda: with_joint(HELD, HINGE, position_limits=None),
+    "joint.position": lambda: with_joint(HELD, HINGE, position=()),
+    "joint.velocity": lambda: with_joint(HELD, HINGE, velocity=()),
+    "joint.name": lambda: with_joint(HELD, HINGE, name=""),
+    "gravity": lambda: dataclasses.replace(HELD, gravity=(0.0, 0.0, 0.0)),
+    "timestep": lambda: dataclasses.replace(HELD, timestep=0.0),
+    "friction_cone": lambda: dataclasses.replace(HELD, friction_cone="pyramid-inscribed"),
+    "collision_group": lambda: with_body(HELD, HINGE, collision_group=""),
+    "shape.friction": lambda: with_shape(HELD, "floor", "floor_0", friction=None),
+    "shape.restitution": lambda: with_shape(HELD, "floor", "floor_0", restitution=None),
+    "shape.visual": lambda: with_shape(HELD, "link0", "shape_box", visual=False),
+}
+
+
+@pytest.mark.parametrize("field", UNREADABLE)
+def test_what_cannot_be_read_is_left_out_only_when_it_is_declared(field):
+    found = UNREADABLE[field]()
+    assert failures(WORLD, found)
+    assert failures(WORLD, dataclasses.replace(found, unreadable={field: "cannot be asked"})) == []
+
+
+def test_pairs_are_combined_by_the_engines_own_rule():
+    """0.8 and 0.3 make 0.3 under min; under max they make 0.8, and under product 0.24."""
+    assert failures(WORLD, HELD) == []
+    for rule in ("max", "product"):
+        found = [c for c in compare(WORLD, HELD, rule, RULE) if not c.passed]
+        assert [c.name for c in found] == ["friction"]
+        assert "floor" in found[0].where or "link0" in found[0].where
+        assert [c.name for c in compare(WORLD, HELD, RULE, rule) if not c.passed] == ["restitution"]
+
+
+def test_a_failure_says_where_and_what():
+    found = with_joint(HELD, HINGE, damping=0.4)
+    (check,) = (c for c in compare(WORLD, found, RULE, RULE) if not c.passed)
+    assert check.where == f"bodies.{HINGE}.joint.damping"
+    assert check.worst == pytest.approx(0.25)
+    assert check.detail == "0.4, should be 0.3"
+
+
+def test_what_cannot_move_and_has_no_mass_needs_no_inertia():
+    found = with_inertial(HELD, "floor", mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    assert failures(WORLD, found) == []
+
+
+def test_a_small_inertia_is_compared_in_its_own_scale():
+    """A tensor of 1e-9 kg m² that is wrong by a millionth is wrong, though 1e-15 is nothing beside 1."""
+    small = Inertial(1e-3, (0.0, 0.0, 0.0), (1e-9, 2e-9, 1.5e-9, 0.0, 0.0, 0.0))
+    bodies = (dataclasses.replace(WORLD.bodies[0], inertial=small, shapes=()),)
+    world = worlds.world(bodies, "small")
+    found = with_inertial(held(world), "link0", inertia=(1e-9, 2e-9 * (1 + 1e-6), 1.5e-9, 0.0, 0.0, 0.0))
+    assert [entry[1] for entry in failures(world, found)] == ["inertia tensor"]
+    shifted = with_inertial(held(world), "link0", centre_of_mass=(0.0, 0.0, 1e-9))
+    assert [entry[1] for entry in failures(world, shifted)] == ["centre of mass"]

@@ -1,0 +1,88 @@
+"""Certificates: what they hold, how they read back, and that the self-test catches what it plants."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from simspec.engines.base import engines
+from simspec.errors import UnsupportedError
+from simspec.proof.certificate import Certificate
+from simspec.proof.selftest import defects_of, self_test
+from simspec.proof.verify import LEVELS, verify
+from simspec.world.canonical import sha256
+from tests import worlds
+
+ENGINES = sorted(engines())
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    world = worlds.shapes_world(("box", "sphere"))
+    return world, verify(world, ENGINES)
+
+
+def test_it_is_valid_and_holds_every_level_for_every_engine(certificate):
+    world, found = certificate
+    assert found.valid
+    assert found.world_sha256 == sha256(world)
+    for proof in found.engines.values():
+        assert {check.level for check in proof.checks} == set(LEVELS)
+        assert all(check.count > 0 for check in proof.checks)
+        (motion,) = proof.level("L6")
+        assert motion.worst <= 1e-9
+        assert "floor" in motion.detail
+        assert "2000 steps" in motion.detail
+
+
+def test_it_survives_its_json(certificate):
+    _, found = certificate
+    text = found.to_json()
+    assert Certificate.from_json(text) == found
+    assert json.loads(text)["valid"] is True
+
+
+def test_a_forged_verdict_is_noticed(certificate):
+    _, found = certificate
+    data = json.loads(found.to_json())
+    data["engines"][ENGINES[0]]["checks"][0]["passed"] = False
+    with pytest.raises(ValueError, match="verdict"):
+        Certificate.from_json(json.dumps(data))
+
+
+def test_a_certificate_without_checks_is_not_valid():
+    assert not Certificate("x", "", "", {}).valid
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_engine_that_does_not_answer_is_a_failed_check(engine, tmp_path):
+    world = worlds.every_joint()
+    found = verify(world, [engine], levels=["L1"], pythons={engine: "/bin/false"})
+    assert not found.valid
+    assert any("without a result" in check.detail for _, check in found.failures())
+
+
+def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
+    world = worlds.shapes_world()
+    contact = dataclasses.replace(world.contact, friction_cone="pyramid-inscribed")
+    with pytest.raises(UnsupportedError) as caught:
+        verify(dataclasses.replace(world, contact=contact), ENGINES)
+    assert len(caught.value.problems) >= 2
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_every_planted_defect_is_caught(engine):
+    found = self_test([engine])
+    missed = [outcome.defect for outcome in found.outcomes if outcome.caught is False]
+    assert missed == []
+    assert found.planted >= 30
+    for outcome in found.outcomes:
+        assert outcome.caught is not None or outcome.reason
+
+
+def test_a_defect_that_changes_nothing_is_an_error():
+    plant = defects_of("mjcf")["gravity"]
+    with pytest.raises((ValueError, LookupError, KeyError)):
+        plant({"model.xml": "<mujoco><option/></mujoco>"})
