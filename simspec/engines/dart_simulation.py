@@ -353,9 +353,8 @@ class Simulation:
             add(of[one], of[other])
 
     def disable_contact(self) -> None:
-        for body in self.bodies:
-            for node in self.collision_nodes(body):
-                node.getCollisionAspect().setCollidable(False)
+        # the detectors do not ask a shape whether it may collide (measured); what is not in the solver's group cannot
+        self.world.getConstraintSolver().getCollisionGroup().removeAllShapeFrames()
         if self.settings["exact_rotation"] != "never":
             self.exact_rotation = True
 
