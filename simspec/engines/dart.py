@@ -146,6 +146,11 @@ class Dart(Engine):
             found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
         return found
 
+    @property
+    def world(self) -> Any:
+        """DART's own world."""
+        return self._simulation.world
+
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         self._simulation.advance(count, effort)
 
