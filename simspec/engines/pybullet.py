@@ -256,13 +256,11 @@ class PyBullet(Engine):
 
     def detect_contacts(self) -> np.ndarray:
         sim = self._simulation
-        sim.forget_contacts()
-        sim.bullet.performCollisionDetection(physicsClientId=sim.client)
         index = sim.body_index
         found = {
-            tuple(sorted((index[p[1], p[3]], index[p[2], p[4]])))
-            for p in sim.bullet.getContactPoints(physicsClientId=sim.client)
-            if p[8] <= 0.0
+            tuple(sorted((index[point[1], point[3]], index[point[2], point[4]])))
+            for point in sim.detect_contacts()
+            if point[8] <= 0.0
         }
         return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 

@@ -25,6 +25,7 @@ class Probe:
     def __init__(self, sim: Simulation):
         self._sim = sim
         self._efforts = Efforts(sim, (), ())
+        self._known: tuple[np.ndarray, np.ndarray] | None = None
         p, client = sim.bullet, sim.client
         sim.disable_contact()
         p.setTimeStep(PROBE_STEP, physicsClientId=client)
@@ -66,7 +67,12 @@ class Probe:
         self._sim.bullet.setGravity(*gravity, physicsClientId=self._sim.client)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """M (nv, nv) without armature. All trees are probed side by side."""
+        """M (nv, nv) without armature. All trees are probed side by side; the last M is kept, for the bias force."""
+        if self._known is None or not np.array_equal(self._known[0], q):
+            self._known = (q.copy(), self._measure_mass_matrix(q))
+        return self._known[1]
+
+    def _measure_mass_matrix(self, q: np.ndarray) -> np.ndarray:
         self._set_gravity(False)
         sim = self._sim
         rest = np.zeros(sim.nv)

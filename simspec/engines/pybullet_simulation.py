@@ -288,16 +288,30 @@ class Simulation:
         for first, second in content["excluded"]:
             (uid, link), (other_uid, other_link) = where[first], where[second]
             self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
+        self._forgotten = False
         self.forget_contacts()
 
     def forget_contacts(self) -> None:
-        """Drop all cached contact points: setting a filter mask, even the same, makes PyBullet forget a body's pairs."""
+        """Drop contact points of earlier steps: setting a filter mask, even the same, makes PyBullet forget a body's pairs."""
+        if self._forgotten:
+            return
+        self._forgotten = True
         for uid, link, group, mask in self._masks:
             self.bullet.setCollisionFilterGroupMask(uid, link, group, mask, physicsClientId=self.client)
 
-    def disable_contact(self) -> None:
-        self._masks = [(uid, link, 0, 0) for uid, link, _, _ in self._masks]
+    def detect_contacts(self) -> list[tuple[Any, ...]]:
+        """PyBullet's contact points of the present state alone."""
         self.forget_contacts()
+        self.bullet.performCollisionDetection(physicsClientId=self.client)
+        self._forgotten = False
+        return list(self.bullet.getContactPoints(physicsClientId=self.client))
+
+    def disable_contact(self) -> None:
+        """No group, no mask: nothing touches anything from now on."""
+        self._masks = [(uid, link, 0, 0) for uid, link, _, _ in self._masks]
+        self._forgotten = False
+        self.forget_contacts()
+        self._masks = []
 
     # --- state -------------------------------------------------------------------------------------------------
 
@@ -356,6 +370,7 @@ class Simulation:
     def advance(self, count: int) -> None:
         """Step ``count`` times."""
         self._seen = None
+        self._forgotten = False
         step, client = self.bullet.stepSimulation, self.client
         for _ in range(count):
             step(client)
