@@ -288,10 +288,10 @@ def compile_command(
 @app.command("verify")
 @command
 def verify_command(
-    spec: SpecName,
+    spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="A YAML file, or a library scenario.")] = None,
     engine: Engines = None,
     self_test: Annotated[
-        bool, typer.Option("--self-test", help="Plant one defect at a time into the artifacts: is each one caught?")
+        bool, typer.Option("--self-test", help="Plant one defect at a time into compiled files: is each caught?")
     ] = False,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write (default generated/NAME).")] = None,
     sets: Sets = None,
@@ -305,15 +305,17 @@ def verify_command(
     \b
     simspec verify robot.yaml
     simspec verify robot.yaml --engine mujoco --engine dart
-    simspec verify robot.yaml --self-test       does the proof catch planted defects?
+    simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
     """
     from simspec.report import verification
 
-    loaded, world = _load(spec, sets, allow_outside)
     names, pythons = _engine_names(engine), _pythons(python)
+    if (spec is None) != self_test:
+        raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
     _demand(names, pythons)
-    if self_test:
-        return verification.self_test(world, names, loaded.locate, pythons, deadline, as_json)
+    if spec is None:
+        return verification.self_test(names, pythons, as_json)
+    loaded, world = _load(spec, sets, allow_outside)
     return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json)
 
 

@@ -30,23 +30,24 @@ def one_file(path: Path, wanted: str, check: bool, as_json: bool, how: str) -> i
 
 def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
     """Lay out every file, or say which would change; nothing is written when one of them is no spec."""
-    from simspec.spec.formatting import format_file
+    from simspec.spec.document import decode
+    from simspec.spec.formatting import format_text
 
     problems: list[Problem] = []
-    results: list[tuple[Path, str, str]] = []
+    results: list[tuple[Path, bool, str]] = []
     for path in files:
         try:
-            before, after = format_file(path)
+            after = format_text(decode(path.read_bytes(), str(path)), str(path))
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        results.append((path, before, after))
+        results.append((path, path.read_bytes() == after.encode(), after))
     if problems:
         raise SpecError(problems)
-    changed = [path for path, before, after in results if before != after]
+    changed = [path for path, same, _ in results if not same]
     if not check:
-        for path, before, after in results:
-            if before != after:
+        for path, same, after in results:
+            if not same:
                 write_text(after, path)
     if as_json:
         sys.stdout.write(text({"changed": changed, "written": not check}))

@@ -27,6 +27,8 @@ from simspec.runner.run import Run
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
     from simspec.proof.checks import Check
+    from simspec.proof.selftest import Outcome as DefectOutcome
+    from simspec.proof.selftest import SelfTest
 
 PIPE_WIDTH = 120
 """Columns where there is no terminal to ask."""
@@ -356,6 +358,24 @@ def show_certificate(certificate: Certificate, screen: Console) -> None:
         screen.print(one)
     for note in certificate_notes(certificate):
         screen.print(Text(note, style="dim"), soft_wrap=True)
+
+
+def self_test_table(result: SelfTest) -> Table:
+    """One row per planted defect, one column per engine: the levels that noticed it, or why it cannot be held."""
+    engines = list(dict.fromkeys(outcome.engine for outcome in result.outcomes))
+    found = table("Does the proof catch planted defects", "defect", *engines)
+    for defect in dict.fromkeys(outcome.defect for outcome in result.outcomes):
+        cells = {outcome.engine: outcome for outcome in result.outcomes if outcome.defect == defect}
+        found.add_row(defect, *(_outcome_cell(cells[engine]) if engine in cells else Text("–") for engine in engines))
+    return found
+
+
+def _outcome_cell(outcome: DefectOutcome) -> Text:
+    if outcome.caught is None:
+        return Text(f"cannot be held: {outcome.reason}", style="dim")
+    if not outcome.caught:
+        return Text(f"MISSED {outcome.first}".strip(), style="bold red")
+    return Text(", ".join(outcome.by), style="green")
 
 
 def decisions(compiled: Compiled) -> Table:

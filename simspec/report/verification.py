@@ -49,13 +49,16 @@ def verify(
     return EXIT_OK if certificate.valid else EXIT_FAILED
 
 
-def self_test(
-    world: World,
-    engines: list[str],
-    locate: Callable[[str], Location | None],
-    pythons: Mapping[str, str],
-    deadline: float,
-    as_json: bool,
-) -> int:
-    """Plant defects into the artifacts, one at a time, and count the ones that the proof catches."""
-    raise NotImplementedError
+def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:
+    """Plant defects into compiled files, one at a time, and count the ones that the proof catches."""
+    from simspec.proof.selftest import self_test as plant
+
+    with terminal.progress(not as_json) as progress:
+        found = plant(engines, pythons=pythons, progress=progress)
+    if as_json:
+        sys.stdout.write(text({"planted": found.planted, "caught": found.caught, "outcomes": found.outcomes}))
+    else:
+        screen = terminal.console()
+        screen.print(terminal.self_test_table(found))
+        screen.print(f"caught {found.caught} of {found.planted} planted defects")
+    return EXIT_OK if found.passed else EXIT_FAILED

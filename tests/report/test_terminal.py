@@ -17,6 +17,8 @@ from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
+from simspec.proof.selftest import Outcome as DefectOutcome
+from simspec.proof.selftest import SelfTest
 from simspec.report import terminal
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
@@ -174,3 +176,19 @@ def test_no_progress_in_a_pipe(capsys):
     with terminal.progress() as say:
         say("running")
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_self_test_shows_what_was_missed():
+    found = SelfTest(
+        (
+            DefectOutcome("mujoco", "mass", True, ("L1", "L3")),
+            DefectOutcome("mujoco", "axis", False),
+            DefectOutcome("dart", "mass", None, reason="it has no such number"),
+            DefectOutcome("dart", "axis", True, ("L2",)),
+        )
+    )
+    text = shown(lambda screen: screen.print(terminal.self_test_table(found)))
+    rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line.strip()}
+    assert rows["mass"][:2] == ["L1,", "L3"]
+    assert "it has no such number" in text
+    assert rows["axis"] == ["MISSED", "L2"]
