@@ -240,7 +240,8 @@ def turn_inertia(q: Quaternion, inertia: tuple[float, ...]) -> tuple[float, floa
     r = matrix(q)
     xx, yy, zz, xy, xz, yz = inertia
     full = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    left = [[sum(r[i][k] * full[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
+    # no sum(): from Python 3.12 on it compensates, and would give other last bits
+    left = [[r[i][0] * full[0][j] + r[i][1] * full[1][j] + r[i][2] * full[2][j] for j in range(3)] for i in range(3)]
 
     def element(i: int, j: int) -> float:
         return left[i][0] * r[j][0] + left[i][1] * r[j][1] + left[i][2] * r[j][2]

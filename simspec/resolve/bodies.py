@@ -1,0 +1,333 @@
+"""Bodies of the world: each tree of the spec is resolved once, and copied to where the spec puts it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from simspec.errors import Problem
+from simspec.resolve.poses import direction, layout, orientation, pose
+from simspec.spec import trees
+from simspec.spec.arrays import MOST_ELEMENTS, Array
+from simspec.spec.document import Key
+from simspec.spec.joints import Joint as SpecJoint
+from simspec.spec.joints import read_position, read_velocity
+from simspec.spec.models import Body as SpecBody
+from simspec.spec.models import Use
+from simspec.spec.shapes import SHAPES
+from simspec.spec.shapes import Shape as SpecShape
+from simspec.spec.sources import Source
+from simspec.spec.trees import Bodies
+from simspec.world import frames, mass
+from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
+
+DEFAULT_MATERIAL = "default"
+"""The material of a model file that defines none, when the file is compiled alone: no friction, no restitution."""
+
+
+@dataclass
+class Expansion:
+    """The bodies of the world, the pairs that model files exclude (full names), and what was wrong."""
+
+    bodies: tuple[Body, ...] = ()
+    excluded: list[tuple[str, str]] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+
+
+@dataclass
+class _Instance:
+    """One copy of a tree, and the place in the spec that it comes from."""
+
+    bodies: list[Body]
+    source: Source
+    path: tuple[Key, ...]
+
+
+def expand(source: Source) -> Expansion:
+    """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children."""
+    found = Expansion()
+    only = _only_material(source)
+    instances = [*_loose(source, only, found), *_models(source, only, found), *_own_model(source, only)]
+    if not found.problems:
+        _check_names(instances, found)
+    found.bodies = tuple(body for instance in instances for body in instance.bodies)
+    return found
+
+
+def _only_material(source: Source) -> str | None:
+    names = {name for one in source.all() if one.file is not None for name in one.file.contact.materials}
+    if not names and source.file is not None and source.file.model is not None:
+        return DEFAULT_MATERIAL
+    return next(iter(names)) if len(names) == 1 else None
+
+
+# --- one tree, in its own frame ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """A resolved tree with short names; the root stands first. ``placement`` is the root's own pose."""
+
+    bodies: tuple[Body, ...]
+    own_names: frozenset[str]
+    placement: Pose
+    velocity: tuple[Vector3, Vector3]
+
+
+def _trees(bodies: Bodies, only: str | None) -> Iterator[_Tree]:
+    own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
+    only = next(iter(own)) if len(own) == 1 else only
+    current: list[Body] = []
+    named: set[str] = set()
+    root: SpecBody | None = None
+    for name in bodies.order():
+        spec = bodies.typed[name]
+        if spec.parent is None:
+            if root is not None:
+                yield _tree(current, named, root)
+            current, named, root = [], set(), spec
+        if spec.joint is not None and spec.joint.name is not None:
+            named.add(spec.joint.name)
+        named.update(shape.name for shape in spec.shapes if shape.name is not None)
+        current.append(_body(name, spec, bodies, only))
+    if root is not None:
+        yield _tree(current, named, root)
+
+
+def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> _Tree:
+    origin = root.pose
+    if origin is None and root.joint is not None:
+        origin = root.joint.origin
+    zero = (0.0, 0.0, 0.0)
+    velocity = (zero, zero) if root.velocity is None else (root.velocity.linear, root.velocity.angular)
+    return _Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
+
+
+def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None) -> Body:
+    shapes = tuple(_shape(f"{name}_{index}", shape, only) for index, shape in enumerate(spec.shapes))
+    joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
+    return Body(name, "", _inertial(spec, shapes), joint, shapes, spec.collision_group)
+
+
+def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
+    kind = next(kind for kind in SHAPES if getattr(spec, kind) is not None)
+    solid = getattr(spec, kind)
+    if kind == "box":
+        size = solid.size
+    elif kind == "ellipsoid":
+        size = solid.radii
+    else:
+        size = tuple(solid.__dict__.values())
+    material = spec.material or (only if spec.collision else None) or ""
+    colour = (*spec.colour, 1.0) if len(spec.colour) == 3 else spec.colour
+    return Shape(spec.name or name, kind, size, pose(spec.pose), material, spec.collision, spec.visual, colour)
+
+
+def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
+    solid = [(one, shape) for one, shape in zip(spec.shapes, shapes, strict=True) if shape.kind != "plane"]
+    dense = [(one.density, shape) for one, shape in solid if one.density]
+    if dense:
+        return mass.combined(
+            [
+                mass.part(shape.kind, shape.size, shape.pose, density * mass.volume(shape.kind, shape.size))
+                for density, shape in dense
+            ]
+        )
+    if spec.inertia is not None:
+        centre = spec.centre_of_mass or (0.0, 0.0, 0.0)
+        if spec.inertia.tensor is not None:
+            tensor = spec.inertia.tensor
+            return Inertial(spec.mass, centre, (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz))
+        return Inertial(spec.mass, centre, mass.turned(spec.inertia.principal, orientation(spec.inertia)))
+    if not spec.mass:
+        return Inertial(0.0)
+    filled = [shape for _, shape in solid if shape.collision] or [shape for _, shape in solid]
+    if not filled:
+        return Inertial(spec.mass)
+    volumes = [mass.volume(shape.kind, shape.size) for shape in filled]
+    total = 0.0
+    for one in volumes:
+        total += one
+    parts = [
+        mass.part(shape.kind, shape.size, shape.pose, spec.mass * (one / total))
+        for shape, one in zip(filled, volumes, strict=True)
+    ]
+    return mass.combined(parts, spec.mass)
+
+
+def _joint(name: str, kind: str, spec: SpecBody) -> Joint:
+    given = spec.joint
+    if given is None or kind in ("free", "fixed"):
+        start = () if kind == "fixed" else (0.0,) * 7
+        speed = () if kind == "fixed" else (0.0,) * 6
+        return Joint(name, kind, spec.parent, pose(given.origin if given else None), position=start, velocity=speed)
+    limits, spring = given.limits, given.spring
+    return Joint(
+        name=name,
+        kind=kind,
+        parent=spec.parent,
+        origin=pose(given.origin),
+        axis=direction(given.axis) if given.axis is not None else (0.0, 0.0, 0.0),
+        position_limits=None if limits is None else limits.position,
+        velocity_limit=None if limits is None else limits.velocity,
+        effort_limit=None if limits is None else limits.effort,
+        damping=given.damping or 0.0,
+        dry_friction=given.dry_friction or 0.0,
+        armature=given.armature or 0.0,
+        spring_stiffness=0.0 if spring is None else spring.stiffness,
+        spring_rest=0.0 if spring is None else spring.rest or 0.0,
+        **_start(given),
+    )
+
+
+def _start(given: SpecJoint) -> dict[str, tuple[float, ...]]:
+    if given.type == "ball":
+        turn = frames.IDENTITY if given.position is None else orientation(given.position)
+        return {"position": turn, "velocity": given.velocity or (0.0, 0.0, 0.0)}
+    return {"position": (given.position or 0.0,), "velocity": (given.velocity or 0.0,)}
+
+
+# --- copies of trees -----------------------------------------------------------------------------------------------
+
+
+def _copy(
+    tree: _Tree, prefix: str, suffix: str, model: str, place: Pose, velocity: tuple[Vector3, Vector3]
+) -> list[Body]:
+    """The tree with full names, its root at ``place``; velocities of a free root in world axes."""
+
+    def own(name: str) -> str:
+        return f"{prefix}{name}{suffix}"
+
+    found = []
+    for index, body in enumerate(tree.bodies):
+        joint, name = body.joint, own(body.name)
+        joint_name = own(joint.name) if joint.name in tree.own_names else f"{name}_joint"
+        if index == 0:
+            joint = _root_joint(joint, place, velocity)
+        parent = None if joint.parent is None else own(joint.parent)
+        joint = replace(joint, name=joint_name, parent=parent)
+        shapes = tuple(
+            replace(shape, name=own(shape.name) if shape.name in tree.own_names else f"{name}_{number}")
+            for number, shape in enumerate(body.shapes)
+        )
+        found.append(Body(name, model, body.inertial, joint, shapes, body.collision_group))
+    return found
+
+
+def _root_joint(joint: Joint, place: Pose, velocity: tuple[Vector3, Vector3]) -> Joint:
+    if joint.kind != "free":
+        return replace(joint, origin=place)
+    position = (*place.position, *place.quaternion)
+    return replace(joint, origin=Pose(), position=position, velocity=(*velocity[0], *velocity[1]))
+
+
+def _elements(array: Array | None) -> list[tuple[str, Pose]]:
+    """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
+    if array is None:
+        return [("", Pose())]
+    poses = layout(array)
+    digits = len(str(len(poses) - 1))
+    return [(f"_{index:0{digits}d}", one) for index, one in enumerate(poses)]
+
+
+def _loose(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
+    bodies = trees.loose(source)
+    if bodies is None:
+        return
+    count = 0
+    for tree in _trees(bodies, only):
+        root = tree.bodies[0].name
+        array, path = bodies.typed[root].array, (*bodies.path, root)
+        elements = _elements(array)
+        count += len(elements) * len(tree.bodies)
+        if _too_many(count, source, path, found):
+            return
+        for suffix, element in elements:
+            place = tree.placement if array is None else frames.compose(tree.placement, element)
+            copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
+            yield _Instance(copied, source, path)
+
+
+def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
+    count = 0
+    for name, use, bodies in trees.placed(source):
+        tree = _positioned(next(_trees(bodies, only)), use)
+        elements = _elements(use.array)
+        count += len(elements) * len(tree.bodies)
+        if _too_many(count, source, bodies.placed, found):
+            return
+        frame = pose(use.pose)
+        for suffix, element in elements:
+            model = f"{name}{suffix}"
+            where = frames.compose(frame, element)
+            if use.velocity is not None:
+                velocity = (use.velocity.linear, use.velocity.angular)
+            else:  # a model that is placed turned moves turned
+                velocity = tuple(frames.rotate(where.quaternion, one) for one in tree.velocity)
+            place = frames.compose(where, tree.placement)
+            yield _Instance(_copy(tree, f"{model}/", "", model, place, velocity), source, bodies.placed)
+            file = bodies.source.file
+            if bodies.source is not source and file is not None:
+                found.excluded += [(f"{model}/{a}", f"{model}/{b}") for a, b in file.contact.exclude]
+
+
+def _own_model(source: Source, only: str | None) -> Iterator[_Instance]:
+    bodies = trees.model_of(source)
+    if bodies is None or source.file is None or source.file.model is None:
+        return
+    tree = next(_trees(bodies, only))
+    root = tree.bodies[0].name
+    array = bodies.typed[root].array
+    for suffix, element in _elements(array):
+        place = tree.placement if array is None else frames.compose(tree.placement, element)
+        model = f"{source.file.name}{suffix}"
+        yield _Instance(_copy(tree, "", suffix, model, place, tree.velocity), bodies.source, (*bodies.path, root))
+
+
+def _positioned(tree: _Tree, use: Use) -> _Tree:
+    """The tree with the initial positions and velocities that its placement gives."""
+    if not use.positions and not use.velocities:
+        return tree
+    changed = []
+    for body in tree.bodies:
+        joint = body.joint
+        if joint.name in use.positions:
+            value = read_position(joint.kind, use.positions[joint.name])
+            joint = replace(joint, position=orientation(value) if joint.kind == "ball" else (value,))
+        if joint.name in use.velocities:
+            value = read_velocity(joint.kind, use.velocities[joint.name])
+            joint = replace(joint, velocity=value if joint.kind == "ball" else (value,))
+        changed.append(replace(body, joint=joint))
+    return replace(tree, bodies=tuple(changed))
+
+
+def _too_many(count: int, source: Source, path: tuple[Key, ...], found: Expansion) -> bool:
+    if count <= MOST_ELEMENTS:
+        return False
+    message, allowed = "too many bodies in one scenario", f"up to {MOST_ELEMENTS}"
+    found.problems.append(source.document.problem(path, message, key=True, found=f"{count}", allowed=allowed))
+    return True
+
+
+def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:
+    """Names that two bodies, two joints or two shapes share."""
+    taken: Mapping[str, dict[str, _Instance]] = {"body": {}, "joint": {}, "shape": {}}
+    reported: set[tuple[object, ...]] = set()
+    for instance in instances:
+        for body in instance.bodies:
+            names = [("body", body.name), ("joint", body.joint.name), *(("shape", one.name) for one in body.shapes)]
+            for noun, name in names:
+                if name not in taken[noun]:
+                    taken[noun][name] = instance
+                    continue
+                other = taken[noun][name]
+                key = (noun, instance.path, other.path)  # once for two arrays, not once for each element
+                if key in reported:
+                    continue
+                reported.add(key)
+                place = other.source.document.locate(other.path, key=True)
+                message = f"two {'bodies' if noun == 'body' else noun + 's'} would be called {name!r}"
+                where = ".".join(map(str, other.path)) + (f" at {place}" if place else "")
+                found.problems.append(
+                    instance.source.document.problem(instance.path, message, key=True, found=f"the other: {where}")
+                )

@@ -1,0 +1,83 @@
+"""Poses of the spec as poses of the world, and the layout of arrays."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+
+from simspec.spec.arrays import Array, Jitter
+from simspec.spec.shapes import Inertia, Orientation
+from simspec.spec.shapes import Pose as SpecPose
+from simspec.world import frames
+from simspec.world.types import Pose, Quaternion, Vector3
+
+Z_AXIS: Vector3 = (0.0, 0.0, 1.0)
+
+
+def orientation(given: SpecPose | Orientation | Inertia) -> Quaternion:
+    """The rotation that `rpy` or `quat` says."""
+    if given.quat is not None:
+        return frames.normalise(given.quat)
+    if given.rpy is not None:
+        return frames.from_rpy(*given.rpy)
+    return frames.IDENTITY
+
+
+def pose(given: SpecPose | None) -> Pose:
+    """A pose of the spec; None is the identity."""
+    return Pose() if given is None else Pose(given.xyz, orientation(given))
+
+
+def direction(given: Vector3) -> Vector3:
+    """The unit vector along a vector that is not zero."""
+    scale = max(map(abs, given))  # a tiny vector's squares would vanish
+    x, y, z = given[0] / scale, given[1] / scale, given[2] / scale
+    squared = x * x + y * y + z * z
+    if squared == 1.0:
+        return (x + 0.0, y + 0.0, z + 0.0)
+    length = math.sqrt(squared)
+    return (x / length + 0.0, y / length + 0.0, z / length + 0.0)
+
+
+def layout(array: Array) -> list[Pose]:
+    """The poses of an array's elements in the array's frame, jitter included."""
+    elements = list(_layout(array))
+    return elements if array.jitter is None else list(_jittered(elements, array.jitter))
+
+
+def _layout(array: Array) -> Iterator[Pose]:
+    if array.grid is not None:
+        dx, dy, dz = array.spacing
+        nx, ny, nz = array.grid
+        for i in range(nx):
+            for j in range(ny):
+                for k in range(nz):
+                    yield Pose((i * dx, j * dy, k * dz))
+    elif array.line is not None:
+        x, y, z = array.step
+        for i in range(array.line):
+            yield Pose((i * x, i * y, i * z))
+    elif array.ring is not None:
+        for i in range(array.ring):
+            angle = 2.0 * math.pi * i / array.ring
+            sine, cosine = frames.sine_cosine(angle)
+            turn = frames.from_axis_angle(Z_AXIS, angle) if array.face else frames.IDENTITY
+            yield Pose((array.radius * cosine, array.radius * sine, 0.0), turn)
+    else:
+        for one in array.poses:
+            yield pose(one)
+
+
+def _jittered(elements: list[Pose], jitter: Jitter) -> Iterator[Pose]:
+    # random() is the one method whose numbers Python promises to keep for a seed
+    draw = random.Random(jitter.seed).random
+    for element in elements:
+        x, y, z = element.position
+        if jitter.radial is not None:
+            scale = 1.0 - jitter.radial + 2.0 * jitter.radial * draw()
+            moved = (x * scale, y * scale, z * scale)
+        else:
+            reach = jitter.uniform
+            moved = tuple(value + (-reach + 2.0 * reach * draw()) for value in (x, y, z))
+        yield Pose(moved, element.quaternion)

@@ -1,0 +1,288 @@
+"""YAML text to plain data, with the line and column of every key and value.
+
+A spec is data: no tags, no anchors and aliases (a few lines of them can stand for gigabytes; ``use:`` and ``array:`` are
+the language's own ways to repeat), one document, texts as keys. Numbers and words are read by the rules of YAML 1.2. The
+events of the parser are taken as a stream, so that nesting without end is noticed before it is built.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from simspec.errors import Location, Problem, SpecError
+
+LARGEST_FILE = 10_000_000
+"""Bytes; a spec of 10,000 written-out bodies has 4 MB."""
+DEEPEST = 40
+"""Levels of nesting; the language itself needs 9."""
+
+INVALID = object()
+"""Stands for a value that has been reported already: what reads the data later must not report it again."""
+
+Key = str | int
+Path_ = tuple[Key, ...]
+
+_INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+_CONSTANTS = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+}
+_MOST_DIGITS = 400
+
+
+@dataclass(slots=True)
+class Mark:
+    """Where a value begins (line and column from 1), where its keys stand, and the marks of what is in it."""
+
+    line: int
+    column: int
+    keys: dict[str, tuple[int, int]] | None = None
+    items: dict[Key, Mark] | None = None
+    file: str | None = None
+    """Set where a value comes from another place than the rest of the document (an override)."""
+
+
+@dataclass
+class Document:
+    """Plain data (dicts, lists, texts, numbers, booleans, None), its marks (None for data made in Python), and the
+    problems that were met on the way."""
+
+    file: str
+    data: Any
+    mark: Mark | None = None
+    problems: list[Problem] = field(default_factory=list)
+
+    def locate(self, path: Sequence[Key], key: bool = False) -> Location | None:
+        """The place of ``path``, or of its nearest ancestor that exists; ``key``: of its key rather than its value."""
+        mark = self.mark
+        if mark is None:
+            return None
+        file, place = self.file, (mark.line, mark.column)
+        for index, step in enumerate(path):
+            file = mark.file or file
+            if mark.items is None or step not in mark.items:
+                if mark.keys is not None and step in mark.keys:
+                    place = mark.keys[str(step)]
+                break
+            holder, mark = mark, mark.items[step]
+            last = index == len(path) - 1
+            # a block of keys begins below its own key: the key is where a reader looks for it
+            at_key = holder.keys is not None and (mark.items is not None or (key and last))
+            place = holder.keys[str(step)] if at_key and holder.keys else (mark.line, mark.column)
+            if mark.file:
+                file, place = mark.file, (mark.line, mark.column)
+        return Location(file, *place)
+
+    def problem(self, path: Sequence[Key], message: str, *, key: bool = False, **more: str | None) -> Problem:
+        """A problem at ``path``."""
+        return Problem(message, dotted(path), self.locate(path, key), **more)
+
+
+def dotted(path: Sequence[Key]) -> str:
+    """``bodies.ball.shapes.0``."""
+    return ".".join(str(step) for step in path)
+
+
+def read(path: Path, shown: str | None = None) -> Document:
+    """Read a file. Raises SpecError when it cannot be read, is too large or is not UTF-8, or no YAML at all."""
+    file = shown or str(path)
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise SpecError(
+                [
+                    Problem(
+                        f"{file}: the file is too large",
+                        found=f"{size / 1e6:.1f} MB",
+                        allowed=f"{LARGEST_FILE / 1e6:g} MB",
+                        hint="repeated bodies are written once, with array:",
+                    )
+                ]
+            )
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}")]) from None
+    if len(content) > LARGEST_FILE:
+        raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or no plain file")])
+    return parse(decode(content, file), file)
+
+
+def decode(content: bytes, file: str) -> str:
+    """Bytes of a file as text. Raises SpecError with line, column and byte offset where they are not UTF-8."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
+        raise SpecError(
+            [
+                Problem(
+                    f"not UTF-8 at byte {error.start}",
+                    location=Location(file, line, column),
+                    found=f"the byte 0x{content[error.start]:02x}",
+                    allowed="UTF-8 text",
+                    hint="save the file as UTF-8",
+                )
+            ]
+        ) from None
+
+
+def parse(text: str, file: str) -> Document:
+    """Parse YAML text. Raises SpecError where it is no YAML; other problems are in the document's ``problems``."""
+    builder = _Builder(file)
+    for event in events(text, file):
+        builder.take(event)
+    data, mark = builder.result
+    return Document(file, data, mark, builder.problems)
+
+
+def events(text: str, file: str) -> Iterator[Any]:
+    """The parser's events. Raises a located SpecError for text that is not YAML."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.reader import ReaderError
+
+    try:
+        yield from YAML(typ="safe", pure=True).parse(text)
+    except ReaderError as error:
+        before = text[: error.position]
+        place = Location(file, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
+        found = error.character if isinstance(error.character, int) else ord(error.character)
+        raise SpecError([Problem(f"a character that YAML does not allow: U+{found:04X}", location=place)]) from None
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file, 1, 1)
+        what = " ".join(part for part in (error.context, error.problem) if part)
+        hint = "indent with spaces, never with tabs" if "'\\t'" in what else None
+        raise SpecError([Problem(f"not YAML: {what}", location=place, hint=hint)]) from None
+    except YAMLError as error:
+        raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
+
+
+def scalar(text: str) -> Any:
+    """The value of a plain scalar by YAML 1.2's core schema; not finite numbers are INVALID."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if not (text[0].isdigit() or text[0] in "-+."):
+        return text
+    if _INT.fullmatch(text):
+        return int(text, 0 if text[:2] in ("0o", "0x") else 10) if len(text) <= _MOST_DIGITS else INVALID
+    if _FLOAT.fullmatch(text):
+        value = float(text)
+        return value if value - value == 0.0 else INVALID
+    return INVALID if _NOT_FINITE.fullmatch(text) else text
+
+
+class _Builder:
+    """Data and marks from events, one at a time, without recursion."""
+
+    def __init__(self, file: str):
+        self.file = file
+        self.problems: list[Problem] = []
+        self.result: tuple[Any, Mark | None] = (None, None)
+        self._stack: list[list[Any]] = []  # frames: container, mark, pending key (mapping) or None, key's place
+        self._documents = 0
+
+    def take(self, event: Any) -> None:
+        kind = type(event).__name__
+        if kind == "ScalarEvent":
+            self._scalar(event)
+        elif kind in ("MappingStartEvent", "SequenceStartEvent"):
+            self._start(event, {} if kind == "MappingStartEvent" else [])
+        elif kind in ("MappingEndEvent", "SequenceEndEvent"):
+            container, mark, *_ = self._stack.pop()
+            self._put(container, mark)
+        elif kind == "AliasEvent":
+            self._report(event, "aliases are not allowed in a spec", found=f"*{event.anchor}", hint=_REPEAT)
+            self._put(INVALID, self._mark(event))
+        elif kind == "DocumentStartEvent":
+            self._documents += 1
+            if self._documents > 1:
+                raise SpecError([self._problem(event, "a file holds one document", found="a second one (---)")])
+
+    def _mark(self, event: Any) -> Mark:
+        return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
+
+    def _problem(self, event: Any, message: str, **more: str | None) -> Problem:
+        mark = event.start_mark
+        return Problem(message, dotted(self._path()), Location(self.file, mark.line + 1, mark.column + 1), **more)
+
+    def _report(self, event: Any, message: str, **more: str | None) -> None:
+        self.problems.append(self._problem(event, message, **more))
+
+    def _path(self) -> Path_:
+        steps: list[Key] = []
+        for container, _, key, _ in self._stack:
+            if isinstance(container, list):
+                steps.append(len(container))
+            elif key is not None:
+                steps.append(key)
+        return tuple(steps)
+
+    def _check_node(self, event: Any) -> bool:
+        """Report anchors and tags; whether the node's value may be used."""
+        if event.anchor is not None:
+            self._report(event, "anchors are not allowed in a spec", found=f"&{event.anchor}", hint=_REPEAT)
+        if event.tag is not None:
+            self._report(event, "tags are not allowed in a spec", found=str(event.tag), hint="write the value alone")
+            return False
+        return True
+
+    def _start(self, event: Any, container: Any) -> None:
+        self._check_node(event)
+        if len(self._stack) >= DEEPEST:
+            raise SpecError([self._problem(event, f"nested deeper than {DEEPEST} levels")])
+        mark = self._mark(event)
+        mark.items = {}
+        if isinstance(container, dict):
+            mark.keys = {}
+            if self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
+                self._report(event, "a key must be a text", found="a mapping as a key")
+        elif self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
+            self._report(event, "a key must be a text", found="a list as a key")
+        self._stack.append([container, mark, None, None])
+
+    def _scalar(self, event: Any) -> None:
+        usable = self._check_node(event)
+        frame = self._stack[-1] if self._stack else None
+        if frame is not None and isinstance(frame[0], dict) and frame[2] is None:
+            frame[2], frame[3] = event.value, (event.start_mark.line + 1, event.start_mark.column + 1)
+            if event.value in frame[1].keys:
+                line, column = frame[1].keys[event.value]
+                self._report(event, f"the key {event.value!r} is there twice", found=f"first at {line}:{column}")
+            return
+        value: Any = event.value
+        if not usable:
+            value = INVALID
+        elif event.implicit[0]:
+            value = scalar(value)
+            if value is INVALID:
+                self._report(event, "numbers must be finite", found=event.value[:80], allowed="a finite number")
+        self._put(value, self._mark(event))
+
+    def _put(self, value: Any, mark: Mark) -> None:
+        if not self._stack:
+            self.result = (value, mark)
+            return
+        frame = self._stack[-1]
+        container, holder, key, place = frame
+        if isinstance(container, list):
+            holder.items[len(container)] = mark
+            container.append(value)
+        elif key is None:  # a mapping or a list was the key; reported when it began
+            frame[2], frame[3] = "?", (mark.line, mark.column)
+        else:
+            if key not in container:
+                container[key], holder.items[key], holder.keys[key] = value, mark, place
+            frame[2] = None
+
+
+_REPEAT = "repeat bodies with array:, and models with use:"

@@ -1,0 +1,494 @@
+"""The types that fields have: numbers with a dimension and bounds, vectors, names; and the base of every model.
+
+A fault is a wrong value or a wrong combination of values. Every model reports all its faults at once: those of its fields,
+and those that :meth:`Strict.faults` finds between fields, whatever else is wrong.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
+
+from simspec.spec import units
+from simspec.spec.document import INVALID
+
+FAULT = "simspec"
+"""pydantic error type of our own faults."""
+REPORTED = "simspec_reported"
+"""The same of values that have been reported already (``INVALID``)."""
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+NAME_RULE = "letters, digits, _ and -, beginning with a letter or _"
+LONGEST_NAME = 200
+
+
+class Fault(NamedTuple):
+    """What is wrong, at ``loc`` below the model (or value) that reports it."""
+
+    loc: tuple[str | int, ...]
+    message: str
+    found: str | None = None
+    allowed: str | None = None
+    hint: str | None = None
+    reported: bool = False
+
+
+class Faults(ValueError):
+    """Raised by readers of single values."""
+
+    def __init__(self, faults: Sequence[Fault]):
+        super().__init__(faults[0].message)
+        self.faults = tuple(faults)
+
+
+def fault(message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None) -> Faults:
+    """One fault at the value itself."""
+    return Faults([Fault((), message, found, allowed, hint)])
+
+
+def show(value: Any) -> str:
+    """A value as a message shows it: short."""
+    if isinstance(value, Mapping):
+        keys = list(value)
+        return "{" + ", ".join(str(key) for key in keys[:6]) + (", ..." if len(keys) > 6 else "") + "}"
+    text = {None: "nothing", True: "true", False: "false"}.get(value) if value is None or value is True else None
+    text = text or ("false" if value is False else repr(value))
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def near(word: str, words: Iterable[str]) -> str | None:
+    """A hint naming the nearest of ``words``."""
+    found = difflib.get_close_matches(str(word)[:LONGEST_NAME], list(words)[:3000], 1, 0.5)
+    return f"did you mean {found[0]!r}?" if found else None
+
+
+def _details(fault: Fault, value: Any) -> InitErrorDetails:
+    context = {"found": fault.found, "allowed": fault.allowed, "hint": fault.hint}
+    kind = REPORTED if fault.reported else FAULT
+    # a message goes in whole: pydantic would take braces in a template for its own
+    error = PydanticCustomError(kind, "{message}", {"message": fault.message, **context})
+    return InitErrorDetails(type=error, loc=fault.loc, input=value)
+
+
+def raised(faults: Sequence[Fault], value: Any, others: ValidationError | None = None) -> ValidationError:
+    """The faults as the error that pydantic understands, with pydantic's own ``others``."""
+    details = [_details(one, value) for one in faults]
+    for error in others.errors(include_url=False) if others is not None else ():
+        kind: Any = error["type"]
+        if kind in (FAULT, REPORTED):
+            kind = PydanticCustomError(kind, "{message}", error["ctx"])
+        elif kind == "value_error":
+            kind = PydanticCustomError(FAULT, "{message}", {"message": error["msg"]})
+        details.append(InitErrorDetails(type=kind, loc=error["loc"], input=error["input"], ctx=error.get("ctx", {})))
+    return ValidationError.from_exception_data("spec", details)
+
+
+def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
+    """A model's error as faults; ``fields`` are the model's, for suggestions."""
+    found = []
+    for one in error.errors(include_url=False):
+        if one["type"] in (FAULT, REPORTED):
+            context = one["ctx"]
+            more = (context["message"], context["found"], context["allowed"], context["hint"], one["type"] == REPORTED)
+            found.append(Fault(one["loc"], *more))
+        else:
+            word = str(one["loc"][-1]) if one["loc"] else ""
+            found.append(Fault(one["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))
+    return Faults(found)
+
+
+class Strict(BaseModel):
+    """Base of every model: unknown keys are errors, instances are frozen, None means "not given" and is no value."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ()
+    """Fields of which exactly one must be given."""
+
+    @classmethod
+    def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
+        """The data as the fields want them (a copy where it differs), and faults of what could not be prepared."""
+        return data, []
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        """What is wrong between fields. The data are as written: any value may have any type."""
+        return ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _all_at_once(cls, data: Any, handler: Any) -> Any:
+        if data is INVALID:
+            raise raised([Fault((), "", reported=True)], None)
+        if not isinstance(data, dict):
+            if isinstance(data, cls):
+                return handler(data)
+            raise raised([Fault((), "wants a mapping (key: value)", show(data))], None)
+        found = list(cls.faults(data))
+        if cls.ONE_OF:
+            found += _exactly_one(cls.ONE_OF, data)
+        prepared, more = cls.prepare(data)
+        found += more
+        try:
+            model = handler(prepared)
+        except ValidationError as error:
+            raise raised(found, None, error) from None
+        if found:
+            raise raised(found, None)
+        return model
+
+
+def _exactly_one(names: Sequence[str], data: Mapping[str, Any]) -> Iterable[Fault]:
+    given = [name for name in names if name in data]
+    allowed = "exactly one of " + ", ".join(names)
+    if len(given) > 1:
+        yield Fault((given[1],), f"{' and '.join(given)} exclude each other", None, allowed)
+    elif not given:
+        unknown = next((hint for key in data if (hint := near(key, names))), None)
+        yield Fault((), f"wants one of {', '.join(names)}", show(data), allowed, unknown)
+
+
+class Reader:
+    """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``."""
+
+    def read(self, value: Any) -> Any:
+        """The value as the world wants it. Raises Faults."""
+        raise NotImplementedError
+
+    def schema(self) -> dict[str, Any]:
+        """Its JSON Schema."""
+        raise NotImplementedError
+
+    def unit(self) -> str:
+        """The SI unit, for the reference; "" for none."""
+        return ""
+
+    def describe(self) -> str:
+        """The type in words, for the reference."""
+        raise NotImplementedError
+
+    def _validate(self, value: Any) -> Any:
+        if value is INVALID:
+            raise raised([Fault((), "", reported=True)], None)
+        try:
+            return self.read(value)
+        except Faults as error:
+            raise raised(error.faults, None) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._validate)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return self.schema()
+
+
+@dataclass(frozen=True)
+class Number(Reader):
+    """A finite number of a dimension of :mod:`simspec.spec.units`, within bounds (``above``: the lower one excluded)."""
+
+    dimension: str = "number"
+    least: float | None = None
+    most: float | None = None
+    above: bool = False
+
+    def read(self, value: Any) -> float:
+        if type(value) is float:
+            number = value
+            if not -units.LARGEST <= number <= units.LARGEST:  # also false for NaN
+                finite = "a finite number" if number - number != 0.0 else f"magnitudes up to {units.LARGEST:g}"
+                raise fault("not a usable number", show(value), finite)
+        elif isinstance(value, str):
+            try:
+                number = units.parse(value, self.dimension)
+            except units.UnitError as error:
+                raise fault(str(error), error.found, error.allowed, error.hint) from None
+        elif isinstance(value, bool) or not (isinstance(value, int) or hasattr(value, "__float__")):
+            raise fault(f"wants {self.describe()}", show(value), self._allowed())
+        else:
+            try:
+                number = float(value)
+            except (OverflowError, TypeError, ValueError):
+                raise fault("not a usable number", show(value)[:40], self._allowed()) from None
+            return self.read(number)
+        if self.least is not None and (number <= self.least if self.above else number < self.least):
+            word = "above" if self.above else "at least"
+            raise fault(f"must be {word} {self.least:g}", show(value), self._allowed())
+        if self.most is not None and number > self.most:
+            raise fault(f"must be at most {self.most:g}", show(value), self._allowed())
+        return number
+
+    def _bounds(self) -> str:
+        parts = []
+        if self.least is not None:
+            parts.append(f"{'>' if self.above else '≥'} {self.least:g}")
+        if self.most is not None:
+            parts.append(f"≤ {self.most:g}")
+        return ", ".join(parts)
+
+    def _allowed(self) -> str:
+        unit = self.unit()
+        return " ".join(
+            part for part in ("a number", self._bounds(), f"in {unit}, or with a unit" if unit else "") if part
+        )
+
+    def unit(self) -> str:
+        unit = units.DIMENSIONS[self.dimension].unit
+        return "" if unit == "1" else unit
+
+    def describe(self) -> str:
+        bounds = self._bounds()
+        return units.article(self.dimension) + (f" {bounds}" if bounds else "")
+
+    def schema(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        if self.least is not None:
+            found["exclusiveMinimum" if self.above else "minimum"] = self.least
+        if self.most is not None:
+            found["maximum"] = self.most
+        return found
+
+
+@dataclass(frozen=True)
+class Vector(Reader):
+    """A list of numbers of one kind; ``longest`` when the length may vary up to it."""
+
+    item: Number
+    length: int = 3
+    longest: int | None = None
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        if hasattr(value, "tolist"):  # an array of numpy
+            value = value.tolist()
+        longest = self.longest or self.length
+        if not isinstance(value, (list, tuple)) or not self.length <= len(value) <= longest:
+            found = f"{len(value)} values" if isinstance(value, (list, tuple)) else show(value)
+            raise fault(f"wants {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
+        read = self.item.read
+        try:
+            return tuple([read(item) for item in value])
+        except Faults:
+            return self._slowly(value)
+
+    def _slowly(self, value: Sequence[Any]) -> tuple[float, ...]:
+        faults: list[Fault] = []
+        for index, item in enumerate(value):
+            if item is INVALID:
+                faults.append(Fault((index,), "", reported=True))
+                continue
+            try:
+                self.item.read(item)
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (index,)))
+        raise Faults(faults)
+
+    def unit(self) -> str:
+        return self.item.unit()
+
+    def describe(self) -> str:
+        count = f"{self.length}" if self.longest is None else f"{self.length} to {self.longest}"
+        noun = {"inertia": "inertias", "velocity": "velocities", "angular velocity": "angular velocities"}
+        return f"a list of {count} {noun.get(self.item.dimension, self.item.dimension + 's')}"
+
+    def schema(self) -> dict[str, Any]:
+        longest = self.longest or self.length
+        return {"type": "array", "items": self.item.schema(), "minItems": self.length, "maxItems": longest}
+
+
+def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[Fault]:
+    """The faults, seen from above."""
+    return [one._replace(loc=(*prefix, *one.loc)) for one in faults]
+
+
+@dataclass(frozen=True)
+class Direction(Reader):
+    """A vector whose length does not matter, but must not be zero; kept as written, normalised when resolved."""
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        vector = Vector(Number()).read(value)
+        if not any(vector):
+            raise fault("has no length, so no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
+        return vector
+
+    def describe(self) -> str:
+        return "a vector of 3 numbers, not zero"
+
+    def schema(self) -> dict[str, Any]:
+        return Vector(Number()).schema()
+
+
+@dataclass(frozen=True)
+class UnitQuaternion(Reader):
+    """w x y z of unit length to 1 % (then normalised): what is further off is no rounding but a mistake."""
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        quaternion = Vector(Number(), 4).read(value)
+        squared = sum(item * item for item in quaternion)
+        if not 0.98 < squared < 1.02:
+            raise fault(
+                "not of unit length", f"{show(list(quaternion))}, of length {squared**0.5:.6g}", "w x y z of length 1"
+            )
+        return quaternion
+
+    def describe(self) -> str:
+        return "a unit quaternion w x y z"
+
+    def schema(self) -> dict[str, Any]:
+        return Vector(Number(), 4).schema()
+
+
+@dataclass(frozen=True)
+class Whole(Reader):
+    """A whole number."""
+
+    least: int = 0
+    most: int = 2**53
+
+    def read(self, value: Any) -> int:
+        if isinstance(value, bool) or not hasattr(value, "__index__"):
+            raise fault("wants a whole number", show(value), f"{self.least} to {self.most}")
+        number = int(value)
+        if not self.least <= number <= self.most:
+            raise fault("out of range", show(value), f"{self.least} to {self.most}")
+        return number
+
+    def describe(self) -> str:
+        return f"a whole number ≥ {self.least}"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+
+@dataclass(frozen=True)
+class Name(Reader):
+    """A name. With ``path``, names of models and bodies in them joined by ``/``."""
+
+    path: bool = False
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
+            raise fault("wants a name", show(value), NAME_RULE, hint)
+        parts = value.split("/") if self.path else [value]
+        if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
+            return value
+        if len(value) > LONGEST_NAME:
+            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
+        raise fault("this cannot be a name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
+
+    def describe(self) -> str:
+        return "a body's full name" if self.path else "a name"
+
+    def schema(self) -> dict[str, Any]:
+        one = NAME.pattern
+        return {"type": "string", "pattern": f"^{one}(/{one})?$" if self.path else f"^{one}$"}
+
+
+def clean_name(text: str) -> str:
+    """The nearest text that may be a name."""
+    import unicodedata
+
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    clean = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")
+    return clean if NAME.fullmatch(clean) else f"n_{clean}".rstrip("_")
+
+
+@dataclass(frozen=True)
+class Word(Reader):
+    """One of a closed list of words."""
+
+    words: tuple[str, ...]
+
+    def read(self, value: Any) -> str:
+        if isinstance(value, str) and value in self.words:
+            return value
+        hint = near(value, self.words) if isinstance(value, str) else None
+        raise fault("not one of the words that may stand here", show(value), ", ".join(self.words), hint)
+
+    def describe(self) -> str:
+        return " \\| ".join(f"`{word}`" for word in self.words)
+
+    def schema(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True)
+class Flag(Reader):
+    """true or false."""
+
+    def read(self, value: Any) -> bool:
+        if type(value) is not bool:
+            raise fault("wants true or false", show(value), "true, false")
+        return value
+
+    def describe(self) -> str:
+        return "true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True)
+class Text(Reader):
+    """Free text."""
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            raise fault("wants a text", show(value), "a text; in quotes where it looks like a number")
+        return value
+
+    def describe(self) -> str:
+        return "a text"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string"}
+
+
+@dataclass(frozen=True)
+class Setting(Reader):
+    """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
+
+    def read(self, value: Any) -> bool | int | float | str:
+        if isinstance(value, float) and value - value != 0.0:
+            raise fault("not a finite number", show(value))
+        if not isinstance(value, (bool, int, float, str)):
+            raise fault("wants a number, a word, true or false", show(value))
+        return value
+
+    def describe(self) -> str:
+        return "a number, a word, true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": ["boolean", "number", "string"]}
+
+
+@dataclass(frozen=True)
+class ByJointType(Reader):
+    """A value whose dimension follows from the joint's type: kept as written here, read by ``models.Joint``."""
+
+    unit_text: str
+    values: int = 1
+    orientation: bool = False
+
+    def read(self, value: Any) -> Any:
+        return value
+
+    def unit(self) -> str:
+        return self.unit_text
+
+    def describe(self) -> str:
+        return "[lower, upper]" if self.values == 2 else "by the joint's type"
+
+    def schema(self) -> dict[str, Any]:
+        number = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        if self.values == 2:
+            return {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+        if self.orientation:
+            orientation = {"$ref": "#/definitions/Orientation"}
+            return {"anyOf": [number, {"type": "array", "items": number, "minItems": 3, "maxItems": 3}, orientation]}
+        return number

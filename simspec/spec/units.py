@@ -1,0 +1,214 @@
+"""Values with units, turned into SI doubles: exact arithmetic, one rounding at the end.
+
+A quantity is a decimal number and a unit expression (``5 mm``, ``7.85 g/cm^3``, ``2 N*m*s/rad``). The number and the
+unit's factor are exact fractions, so that ``5 mm`` is the double 0.005 and ``1 ms`` the double 0.001; only π is the
+double ``math.pi``, so that ``30 deg`` is ``math.pi / 6``. Angles are a dimension of their own here: ``1 %`` is no angle.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+Exponents = tuple[int, int, int, int]
+"""Powers of metre, kilogram, second, radian."""
+
+LARGEST = 1e30
+"""Larger magnitudes are refused: no scenario means them, and their squares would leave the range of a double."""
+
+_BASE = ("metre", "kilogram", "second", "radian")
+_DEFINITIONS = f"""
+yocto- = 1e-24 = y-
+nano- = 1e-9 = n-
+micro- = 1e-6 = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+deci- = 1e-1 = d-
+hecto- = 1e2 = h-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+giga- = 1e9 = G-
+metre = [length] = m = meter = metres = meters
+kilogram = [mass] = kg = kilograms
+second = [time] = s = sec = seconds
+radian = [angle] = rad = radians
+gram = 1e-3 * kilogram = g = grams
+tonne = 1000 * kilogram = t = tonnes
+minute = 60 * second = min = minutes
+hour = 3600 * second = h = hours
+degree = {Fraction(math.pi).numerator} / {Fraction(math.pi).denominator * 180} * radian = deg = degrees
+revolution = {2 * Fraction(math.pi).numerator} / {Fraction(math.pi).denominator} * radian = rev = revolutions = turn
+rpm = revolution / minute
+hertz = 1 / second = Hz
+newton = kilogram * metre / second ** 2 = N = newtons
+joule = newton * metre = J = joules
+watt = joule / second = W = watts
+pascal = newton / metre ** 2 = Pa = pascals
+litre = 1e-3 * metre ** 3 = l = liter = L = litres
+inch = 0.0254 * metre = in = inches
+foot = 0.3048 * metre = ft = feet
+yard = 0.9144 * metre = yd
+pound = 0.45359237 * kilogram = lb = pounds
+ounce = 0.028349523125 * kilogram = oz
+pound_force = 0.45359237 * 9.80665 * newton = lbf
+kilogram_force = 9.80665 * newton = kgf
+percent = 0.01
+"""
+"""Every unit of the language; exact definitions (SI, and the international yard and pound)."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A physical dimension: its name, its SI unit as text, and the powers of the base units that are accepted (a
+    rotational stiffness may be written in N m/rad or in N m)."""
+
+    name: str
+    unit: str
+    accepted: tuple[Exponents, ...]
+
+
+def _dimensions() -> Mapping[str, Dimension]:
+    torque = (2, 1, -2, 0)
+    table: list[tuple[str, str, tuple[Exponents, ...]]] = [
+        ("number", "1", ((0, 0, 0, 0),)),
+        ("length", "m", ((1, 0, 0, 0),)),
+        ("mass", "kg", ((0, 1, 0, 0),)),
+        ("time", "s", ((0, 0, 1, 0),)),
+        ("angle", "rad", ((0, 0, 0, 1),)),
+        ("velocity", "m/s", ((1, 0, -1, 0),)),
+        ("angular velocity", "rad/s", ((0, 0, -1, 1),)),
+        ("acceleration", "m/s²", ((1, 0, -2, 0),)),
+        ("density", "kg/m³", ((-3, 1, 0, 0),)),
+        ("moment of inertia", "kg m²", ((2, 1, 0, 0), (2, 1, 0, -2))),
+        ("force", "N", ((1, 1, -2, 0),)),
+        ("torque", "N m", (torque, (2, 1, -2, -1))),
+        ("damping", "N s/m", ((0, 1, -1, 0),)),
+        ("angular damping", "N m s/rad", ((2, 1, -1, -1), (2, 1, -1, 0), (2, 1, -1, -2))),
+        ("stiffness", "N/m", ((0, 1, -2, 0),)),
+        ("angular stiffness", "N m/rad", ((2, 1, -2, -1), torque, (2, 1, -2, -2))),
+    ]
+    return {name: Dimension(name, unit, accepted) for name, unit, accepted in table}
+
+
+DIMENSIONS: Mapping[str, Dimension] = _dimensions()
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(.*?)\s*", re.DOTALL)
+_TERM = re.compile(r"(?P<operator>\s*[*/]\s*|\s+|)(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)(?P<power>-?[1-9])(?![\d.]))?")
+_SIGNS = (("%", "percent"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("²", "^2"), ("³", "^3"), ("−", "-"))
+_LONGEST = 80
+"""Characters of a quantity: nobody writes more, and arithmetic on a megabyte of digits takes long."""
+
+
+class UnitError(ValueError):
+    """A text that is no quantity of the wanted dimension; ``found``, ``allowed`` and ``hint`` as in a Problem."""
+
+    def __init__(self, message: str, found: str, allowed: str, hint: str | None = None):
+        super().__init__(message)
+        self.found, self.allowed, self.hint = found, allowed, hint
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(None, non_int_type=Fraction)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+def unit_names() -> list[str]:
+    """Every name a unit may be written with, prefixes aside."""
+    names: list[str] = []
+    for line in _DEFINITIONS.strip().splitlines():
+        parts = [part.strip() for part in line.split("=")]
+        if not parts[0].endswith("-"):
+            names += [parts[0], *(part for part in parts[2:] if part.isidentifier())]
+    return names
+
+
+@functools.lru_cache(maxsize=1024)
+def _unit(name: str) -> tuple[Fraction, Exponents]:
+    """The factor to SI and the powers of the base units of one unit. Raises ValueError for an unknown name."""
+    import pint
+
+    registry = _registry()
+    try:
+        factor, base = registry.get_root_units(registry.parse_units(name))
+    except pint.UndefinedUnitError:
+        raise ValueError(name) from None
+    powers = dict(base._units)
+    return Fraction(factor), tuple(int(powers.get(unit, 0)) for unit in _BASE)  # type: ignore[return-value]
+
+
+@functools.lru_cache(maxsize=1024)
+def _factor(expression: str) -> tuple[Fraction, Exponents]:
+    """The same for a product of powers of units, read from left to right: ``N m s/rad``, ``kg*m^2``, ``1/s``.
+
+    Raises ValueError with the part that is not understood.
+    """
+    text = expression
+    for sign, word in _SIGNS:
+        text = text.replace(sign, word)
+    text = re.sub(r"^1\s*/", "/", text.strip())
+    factor, exponents, position = Fraction(1), [0, 0, 0, 0], 0
+    while position < len(text):
+        match = _TERM.match(text, position)
+        if match is None or (position == 0 and "*" in match["operator"]) or (position and not match["operator"]):
+            raise ValueError(text[position:])
+        sign = -1 if match["operator"].strip() == "/" else 1
+        power = sign * int(match["power"] or 1)
+        one, powers = _unit(match["name"])
+        factor *= one**power
+        exponents = [total + power * each for total, each in zip(exponents, powers, strict=True)]
+        position = match.end()
+    return factor, tuple(exponents)  # type: ignore[return-value]
+
+
+def dimension_name(exponents: Exponents) -> str:
+    """The name of a dimension given by its powers of the base units, or the powers themselves."""
+    for dimension in DIMENSIONS.values():
+        if exponents == dimension.accepted[0]:
+            return dimension.name
+    return " ".join(f"{name}^{power}" for name, power in zip(_BASE, exponents, strict=True) if power)
+
+
+def article(noun: str) -> str:
+    """The noun with "a" or "an"."""
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
+
+
+@functools.lru_cache(maxsize=65536)
+def parse(text: str, dimension: str) -> float:
+    """The SI value of a quantity written as text; a bare number is SI already. Raises UnitError."""
+    wanted = DIMENSIONS[dimension]
+    is_number = wanted.unit == "1"
+    allowed = "a number, or a percentage as '1 %'" if is_number else f"a number in {wanted.unit}, or one with a unit"
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
+    if match is None:
+        raise UnitError(f"wants {article(dimension)}, found no number", shown, allowed)
+    number, unit = match.groups()
+    factor = Fraction(1)
+    if unit:
+        try:
+            factor, exponents = _factor(unit)
+        except ValueError as error:
+            near = difflib.get_close_matches(str(error), unit_names(), 1)
+            hint = f"did you mean {near[0]!r}?" if near else None
+            raise UnitError(f"unknown unit {str(error)!r}", shown, allowed, hint) from None
+        if exponents not in wanted.accepted:
+            raise UnitError(
+                f"wrong unit: wants {article(dimension)} ({wanted.unit}), found {unit!r}",
+                f"{shown}, of dimension {dimension_name(exponents)}",
+                allowed,
+            )
+    value = Fraction(number) * factor
+    if abs(value) > LARGEST:
+        raise UnitError("too large a number", shown, f"magnitudes up to {LARGEST:g}")
+    return float(value)
