@@ -79,7 +79,7 @@ class Certificate:
         blocks = []
         for name, proof in sorted(self.engines.items()):
             head = {"version": proof.version, "valid": proof.valid, "artifacts_sha256": proof.artifacts_sha256}
-            head |= {"seconds": round(proof.seconds, 3)}
+            head |= {"seconds": proof.seconds}
             head |= {"approximations": proof.approximations, "not_checked": proof.not_checked}
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()

@@ -160,7 +160,7 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
     texts = {str(path.relative_to(folder).as_posix()): path.read_text(encoding="utf-8") for path in _files(folder)}
     on_disk = Compiled(compiled.engine, compiled.format, texts, ())
-    seconds = reply.wall_seconds if reply else 0.0
+    seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     return EngineProof(version, on_disk.sha256, tuple(checks), approximations, not_checked(unreadable), seconds)
 
 
