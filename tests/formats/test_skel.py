@@ -31,8 +31,16 @@ def target(world):
     return Target("dart", Dart.FRICTION_RULE, Dart.RESTITUTION_RULE, resolve_settings(Dart, world))
 
 
+SHAPES = tuple(f"shape.{kind}" for kind in ("box", "cylinder", "capsule", "ellipsoid", "plane"))
+
+
 def emit(world):
-    return Skel().emit(world, target(world))
+    """The files, with the contact of every pair of shapes accepted: no detector of DART is sound for all."""
+    given = world.options("dart")
+    accepted = worlds.with_options(
+        world, "dart", settings=given.settings, outside=given.outside, accept=(*given.accept, *SHAPES)
+    )
+    return Skel().emit(accepted, target(accepted))
 
 
 def write(files, folder):
