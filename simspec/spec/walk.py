@@ -65,3 +65,19 @@ def at(root: type[Strict], path: Iterable[str | int]) -> Any:
 def keys(kind: Any) -> list[str]:
     """The keys of a model, in the language's order; none for other types."""
     return list(fields(kind)) if is_model(kind) else []
+
+
+def models(kind: Any) -> dict[str, type[Strict]]:
+    """Every model of the language at and below a type, by name, in the order of the language."""
+    found: dict[str, type[Strict]] = {}
+    waiting = [kind]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, Free):
+            waiting.append(one.item)
+        elif isinstance(one, list):
+            waiting.append(one[0])
+        elif is_model(one) and one.__name__ not in found:
+            found[one.__name__] = one
+            waiting.extend(reversed(fields(one).values()))
+    return found
