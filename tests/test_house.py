@@ -90,7 +90,7 @@ def words(tree: ast.Module) -> list[tuple[int, str]]:
             found.append((node.lineno, node.id.lower()))
         elif isinstance(node, ast.Attribute):
             found.append((node.lineno, node.attr.lower()))
-        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)) or isinstance(node, ast.alias):
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.alias)):
             found.append((node.lineno, node.name.lower()))
     return found
 

@@ -7,11 +7,14 @@ engines that is of its size says nothing.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from simspec.errors import Problem, SpecError
 from simspec.runner.metrics import rotation_vectors
 from simspec.runner.run import Run
 
@@ -92,3 +95,42 @@ def measure_floor(run: Run, repeats: Sequence[Run]) -> Floor | None:
     # the largest so far: two trajectories that part and cross again have not become comparable again
     position, angle = np.maximum.accumulate(position), np.maximum.accumulate(angle)
     return Floor(run.engine, run.time, position, angle, bitwise, perturbation)
+
+
+FLOOR_FILE = "floor.parquet"
+
+
+def save_floor(floor: Floor, folder: Path) -> Path:
+    """Write a floor into its run's folder: ``floor.parquet``, time and, as lists over the bodies, position and angle."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    def lists(values: np.ndarray) -> pa.Array:
+        return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+    facts = {"engine": floor.engine, "bitwise": floor.bitwise, "perturbation": floor.perturbation}
+    table = pa.table({"time": floor.time, "position": lists(floor.position), "angle": lists(floor.angle)})
+    parquet.write_table(table.replace_schema_metadata({"simspec": json.dumps(facts)}), folder / FLOOR_FILE)
+    return folder / FLOOR_FILE
+
+
+def load_floor(folder: Path) -> Floor | None:
+    """The floor saved with a run; None when none was measured. Raises SpecError when it cannot be read."""
+    import pyarrow.compute
+    from pyarrow import parquet
+
+    path = folder / FLOOR_FILE
+    if not path.is_file():
+        return None
+    try:
+        table = parquet.read_table(path)
+        facts = json.loads(table.schema.metadata[b"simspec"])
+        position, angle = (
+            pyarrow.compute.list_flatten(table[name]).to_numpy().reshape(len(table), -1)
+            for name in ("position", "angle")
+        )
+        return Floor(
+            facts["engine"], table["time"].to_numpy(), position, angle, facts["bitwise"], facts["perturbation"]
+        )
+    except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
+        raise SpecError([Problem(f"{path} cannot be read: {error}")]) from None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.comparison.floor import Floor, measure_floor
+from simspec.comparison.floor import load_floor, save_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study, study
 from simspec.comparison.worlds import diff_worlds
@@ -16,14 +16,11 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Location
 from simspec.generated import CERTIFICATE_FILE, write_text
 from simspec.report import terminal
 from simspec.report.plain import diff_data, plain, study_data, text
-from simspec.runner.run import Run
 from simspec.runner.store import is_run, load_run
 from simspec.world.types import World
 
 REPORT_FILE = "report.json"
 COMPILED_FOLDER = "compiled"
-REPEATS = ("repeat", "perturbed")
-"""Folders inside a run's folder for the runs that its noise floor is measured from."""
 
 
 def run(
@@ -78,8 +75,8 @@ def run(
 def _write(found: Study, folder: Path) -> None:
     for name, one in found.runs.items():
         one.save(folder / name)
-        for repeat in found.repeats.get(name, ()):
-            repeat.save(folder / name / REPEATS[bool(repeat.provenance.get("perturb"))])
+        if name in found.floors:
+            save_floor(found.floors[name], folder / name)
     # results of engines that were not asked for this time would be of another world, or look like part of this run
     for old in folder.iterdir():
         if old.is_dir() and is_run(old) and old.name not in found.runs:
@@ -91,14 +88,10 @@ def _write(found: Study, folder: Path) -> None:
     write_text(text(study_data(found)), folder / REPORT_FILE)
 
 
-def _saved_floor(run: Run, folder: Path) -> Floor | None:
-    return measure_floor(run, [load_run(folder / name) for name in REPEATS if is_run(folder / name)])
-
-
 def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
     """Compare two saved runs."""
     runs = load_run(a), load_run(b)
-    floors = [floor for run, folder in zip(runs, (a, b), strict=True) if (floor := _saved_floor(run, folder))]
+    floors = [floor for folder in (a, b) if (floor := load_floor(folder)) is not None]
     found = diff(*runs, tolerance=tolerance, floor=floors)
     if as_json:
         sys.stdout.write(text(diff_data(found)))

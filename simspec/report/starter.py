@@ -31,8 +31,8 @@ bodies:
       type: hinge
       origin: {xyz: [0, 0, 1]}
       axis: [0, 1, 0]
-      position: 45 deg
       damping: 0.01
+      position: 45 deg
     shapes:
       - {box: {size: [0.04, 0.04, 0.5]}, pose: {xyz: [0, 0, -0.25]}, density: 1 g/cm^3, material: slick}
   # a body without parent and joint moves freely

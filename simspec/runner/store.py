@@ -41,7 +41,7 @@ def save_run(run: Run, folder: Path) -> Path:
         fresh, old = Path(name) / "new", Path(name) / "old"
         fresh.mkdir()
         for table_name, table in _tables(run).items():
-            pyarrow.parquet.write_table(table, fresh / f"{table_name}.parquet")
+            pyarrow.parquet.write_table(table, fresh / f"{table_name}.parquet", compression="zstd")
         (fresh / WORLD_FILE).write_text(canonical_json(run.world) + "\n", encoding="utf-8")
         facts = {**run.provenance, "failed": run.failed}
         text = json.dumps(facts, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)

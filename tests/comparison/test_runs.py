@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, measure_floor
+from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, load_floor, measure_floor, save_floor
 from simspec.comparison.runs import diff, summary
 from simspec.errors import SpecError
 from simspec.world import frames
@@ -126,6 +126,24 @@ def test_a_repeat_that_broke_off_leaves_nothing_to_compare_after_it():
     short = run(dataclasses.replace(TWO, physics=dataclasses.replace(TWO.physics, steps=50)), perturb=1e-15)
     found = diff(a, b, floor=[measure_floor(a, [short]), quiet(b)])
     assert found.compared_until == pytest.approx(0.5)
+
+
+def test_a_floor_comes_back_bit_for_bit(tmp_path):
+    a = run(TWO)
+    floor = measure_floor(a, [run(TWO), run(TWO, growing(40.0), perturb=1e-15)])
+    save_floor(floor, tmp_path)
+    again = load_floor(tmp_path)
+    assert np.array_equal(again.position, floor.position)
+    assert np.array_equal(again.angle, floor.angle)
+    assert np.array_equal(again.time, floor.time)
+    assert (again.engine, again.bitwise, again.perturbation) == ("first", True, 1e-15)
+
+
+def test_a_floor_that_is_not_there_or_damaged(tmp_path):
+    assert load_floor(tmp_path) is None
+    (tmp_path / "floor.parquet").write_bytes(b"PAR1")
+    with pytest.raises(SpecError, match="cannot be read"):
+        load_floor(tmp_path)
 
 
 def test_no_repeats_no_floor():
