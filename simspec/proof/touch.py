@@ -168,6 +168,9 @@ def plan(world: World, oracle: Oracle) -> Meetings:
         if planner.tree_of[name] == name and name in planner.free and _single(world, planner, name)
     ]
     states, pairs = _tournament(planner, alone)
+    if len(names) > 1:  # nothing is brought together here: what overlaps by its build alone must not touch
+        states.append(planner.q)
+        pairs.append([])
     singles, unreachable, untried = set(alone), 0, 0
     special = set(world.contact.excluded_bodies)
     rest = [
@@ -245,22 +248,27 @@ def _bring_together(planner: _Planner, one: str, other: str) -> np.ndarray | Non
 
 
 def touch_checks(world: World, meetings: Meetings, touching: np.ndarray) -> list[Check]:
-    """The collision matrix: for each pair brought together, whether the engine reports it, as the world's filter says."""
+    """The collision matrix: for each pair brought together, whether the engine reports it, as the world's filter says; and
+    that no forbidden pair touches in any state."""
     rule = CollisionFilter(world)
+    names = meetings.names
     seen = {(int(state), int(a), int(b)) for state, a, b in touching}
-    count, wrong = 0, []
+    count, wrong = 0, {}
     for state, pairs in enumerate(meetings.pairs):
         for a, b in pairs:
             count += 1
-            expected = rule.may_touch(meetings.names[a], meetings.names[b])
+            expected = rule.may_touch(names[a], names[b])
             if expected != ((state, min(a, b), max(a, b)) in seen):
-                wrong.append((meetings.names[a], meetings.names[b], expected))
+                wrong[min(a, b), max(a, b)] = expected
+    for _, a, b in sorted(seen):  # what nobody brought together and still touches: parts of one rigid group, say
+        if not rule.may_touch(names[a], names[b]):
+            wrong.setdefault((a, b), False)
     detail = f"{meetings.unreachable} pairs cannot be brought together" if meetings.unreachable else ""
     if meetings.untried:
         detail += f"{'; ' if detail else ''}{meetings.untried} pairs left untried (at most {MAX_STATES} states)"
     where = ""
     if wrong:
-        one, other, expected = wrong[0]
-        where = f"bodies.{one}, bodies.{other}"
+        (a, b), expected = next(iter(wrong.items()))
+        where = f"bodies.{names[a]}, bodies.{names[b]}"
         detail = f"{len(wrong)} pairs wrong; this one should {'' if expected else 'not '}touch; {detail}".rstrip("; ")
     return [Check("L4", "collision matrix", count, 0.0, float(len(wrong)), where, not wrong, detail)]
