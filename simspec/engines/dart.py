@@ -21,6 +21,7 @@ from simspec.world.types import ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
+_DETECTORS = "pairs of shapes for which no detector is sound are refused unless accepted"
 
 
 def _armature_covered(world: World) -> str | None:
@@ -62,10 +63,11 @@ class Dart(Engine):
         ),
         Feature.SPRING: via_api(_COMPUTED),
         Feature.BALL_SPRING: via_api(_COMPUTED),
-        Feature.SHAPE_ELLIPSOID: approximate(
-            "detector dart: some pairs of turned ellipsoids get no contact; ode would make it a 1 cm sphere"
-        ),
-        Feature.FRICTION: via_api(_SET),
+        Feature.SHAPE_CYLINDER: Support(Level.EXACT, f"with detector ode; {_DETECTORS}"),
+        Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with detector dart, on planes with ode; {_DETECTORS}"),
+        Feature.SHAPE_ELLIPSOID: Support(Level.EXACT, f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
+        Feature.SHAPE_PLANE: Support(Level.EXACT, f"with detector ode, under spheres with any; {_DETECTORS}"),
+        Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
         Feature.FRICTION_PAIRS: unsupported("DART takes the smaller of two shapes' numbers, and none give these pairs"),
         Feature.RESTITUTION: approximate(
             "0.002 to 0.018 above the asked ratio at 1 ms, and none at all where it would leave less than 0.1 m/s"
@@ -86,12 +88,18 @@ class Dart(Engine):
         ),
         "collision_detector": Setting(
             "auto",
-            "auto: ode where there is a cylinder, or a plane with boxes, because the others give these one contact or "
-            "none; else dart, whose contacts of spheres, boxes and capsules are exact. fcl and bullet are worse at all.",
+            "auto: the first of dart, ode, fcl that gets the fewest pairs of shapes wrong that may touch in this world: "
+            "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids.",
             ("auto", "dart", "ode", "bullet", "fcl"),
         ),
         "iterations": Setting(100, "Most sweeps of the NSGS solver in a step; DART's default.", minimum=1),
         "tolerance": Setting(1e-5, "The NSGS solver stops below this residual; DART's default.", minimum=0.0),
+        "contact_overflow": Setting(
+            "error",
+            "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
+            "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
+            ("error", "log"),
+        ),
         "exact_rotation": Setting(
             "auto",
             "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "
@@ -125,7 +133,7 @@ class Dart(Engine):
         self._simulation.set_state(q, v)
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._simulation.get_state()
+        return self._simulation.coordinates.get_state()
 
     def body_states(self) -> tuple[np.ndarray, np.ndarray]:
         sim = self._simulation
@@ -133,16 +141,17 @@ class Dart(Engine):
 
     def mass_matrix(self) -> np.ndarray:
         sim = self._simulation
-        found = np.diag(sim.armature)
-        for tree in sim.trees:
+        found = np.zeros((sim.coordinates.nv, sim.coordinates.nv))
+        for tree in sim.coordinates.trees:
             turn = tree.velocity_map()
-            found[np.ix_(tree.block, tree.block)] += turn.T @ tree.skeleton.getMassMatrix() @ turn
+            full = tree.skeleton.getMassMatrix() + np.diag(sim.efforts.armature[tree.dofs])
+            found[np.ix_(tree.block, tree.block)] = turn.T @ full @ turn
         return found
 
     def bias_force(self) -> np.ndarray:
         sim = self._simulation
-        found = np.zeros(sim.nv)
-        for tree in sim.trees:
+        found = np.zeros(sim.coordinates.nv)
+        for tree in sim.coordinates.trees:
             found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
         return found
 
@@ -156,16 +165,16 @@ class Dart(Engine):
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation
-        held = sim.world.getLastCollisionResult().getContacts()
+        held = sim.contacts_of(sim.world.getLastCollisionResult())
         if not held:
             return empty_contacts()
-        normal = np.array([contact.normal for contact in held])
-        force = np.array([contact.force for contact in held])
+        normal = np.array([contact.normal for _, contact in held])
+        force = np.array([contact.force for _, contact in held])
         return {
-            "body": np.array([sim.touching(contact) for contact in held], dtype=np.int64),
-            "position": np.array([contact.point for contact in held]),
+            "body": np.array([bodies for bodies, _ in held], dtype=np.int64),
+            "position": np.array([contact.point for _, contact in held]),
             "normal": normal,
-            "distance": -np.array([contact.penetrationDepth for contact in held]),
+            "distance": -np.array([contact.penetrationDepth for _, contact in held]),
             "normal_force": np.maximum(np.sum(normal * force, axis=1), 0.0),
         }
 
@@ -177,16 +186,14 @@ class Dart(Engine):
 
     def energy(self) -> tuple[float, float]:
         sim = self._simulation
-        _, v = sim.get_state()
-        kinetic = 0.5 * float(np.sum(sim.armature * v**2))
-        potential = sim.spring_energy()
-        for tree in sim.trees:
+        kinetic, potential = sim.efforts.energy()
+        for tree in sim.coordinates.trees:
             kinetic += tree.skeleton.computeKineticEnergy()
             potential += tree.skeleton.computePotentialEnergy()
         return kinetic, potential
 
     def log(self) -> list[str]:
-        return list(self._simulation.log)
+        return self._simulation.messages()
 
     def close(self) -> None:
         self._sim = None

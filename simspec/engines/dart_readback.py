@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.dart_simulation import JOINT_KINDS, NAME, Simulation
+from simspec.engines.dart_coordinates import JOINT_KINDS, NAME
+from simspec.engines.dart_simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames
 from simspec.formats.skel import world_name
@@ -27,7 +28,7 @@ SHAPE_KINDS = {
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model and its present state as DART holds them."""
-    q, v = sim.get_state()
+    q, v = sim.coordinates.get_state()
     names: dict[str, list[dict[str, Any]]] = {}
     for entry in sim.sidecar["shapes"]:
         names.setdefault(entry["body"], []).append(entry)
@@ -82,7 +83,10 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         raise EngineError(NAME, f"joint {joint.getName()!r} is not at its child's frame")
     above = joint.getParentBodyNode()
     parent = None if above is None else world_name(above.getName())
-    position, velocity = tuple(q[sim.q_places[index]].tolist()), tuple(v[sim.v_places[index]].tolist())
+    position, velocity = (
+        tuple(q[sim.coordinates.q_places[index]].tolist()),
+        tuple(v[sim.coordinates.v_places[index]].tolist()),
+    )
     held = Joint(joint.getName(), kind, parent, _pose(joint.getTransformFromParentBodyNode()))
     if kind == "fixed":
         return held
@@ -96,17 +100,15 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
             position=(*place.position, *place.quaternion),
             velocity=(*frames.rotate(start.quaternion, velocity[:3]), *angular),  # type: ignore[arg-type]
         )
-    tree = next(tree for tree in sim.trees if tree.skeleton.getName() == joint.getSkeleton().getName())
-    start_dof = joint.getIndexInSkeleton(0)
-    own_damping = joint.getDampingCoefficient(0)
-    stiffness = joint.getSpringStiffness(0)
-    if stiffness:
+    if joint.getSpringStiffness(0):
         raise EngineError(NAME, f"joint {joint.getName()!r} has a spring of DART's own, which is implicit in time")
-    # the armature is DART's implicit damping A / dt; what is left of the applied loss is the explicit damping
+    efforts = sim.efforts
+    dof = efforts.place(joint).start
     held = dataclasses.replace(
         held,
-        damping=float(tree.loss[start_dof] + own_damping),
-        spring_stiffness=float(tree.stiffness[start_dof]),
+        # DART's own damping stands for the armature; what it has beyond that damps
+        damping=float(efforts.damping[dof] + joint.getDampingCoefficient(0) - efforts.armature[dof] / sim.timestep),
+        spring_stiffness=float(efforts.stiffness[dof]),
         position=position if kind != "ball" else frames.normalise(position),  # type: ignore[arg-type]
         velocity=velocity,
     )
@@ -121,8 +123,8 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         position_limits=(lower, upper) if limited else None,
         effort_limit=float(effort) if np.isfinite(effort) else None,
         dry_friction=joint.getCoulombFriction(0),
-        armature=own_damping * sim.dt,
-        spring_rest=float(tree.rest[start_dof]),
+        armature=float(efforts.armature[dof]),
+        spring_rest=float(efforts.rest[dof]),
     )
 
 
@@ -142,10 +144,10 @@ def _shape(node: Any) -> Shape:
     held = node.getShape()
     kind = SHAPE_KINDS.get(held.getType())
     if kind is None:
-        raise EngineError("dart", f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
+        raise EngineError(NAME, f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
     pose = _pose(node.getRelativeTransform())
     if kind == "plane" and (_vector(held.getNormal()) != (0.0, 0.0, 1.0) or held.getOffset() != 0.0):
-        raise EngineError("dart", f"the plane {node.getName()!r} is not the x-y plane of its frame")
+        raise EngineError(NAME, f"the plane {node.getName()!r} is not the x-y plane of its frame")
     shape = Shape("", kind, _size(kind, held), pose, collision=False, visual=False)
     if node.hasVisualAspect():
         colour = node.getVisualAspect().getRGBA().tolist()

@@ -17,6 +17,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
 from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
 from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes, surface_numbers
+from simspec.formats.skel_detectors import TINY_FRICTION, choose, problems
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
@@ -40,14 +41,6 @@ PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,))))
 
 RESERVED = {"world": "world."}
 """A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
-
-DETECTOR_REASONS: tuple[tuple[frozenset[str], str, str], ...] = (
-    (frozenset({"cylinder"}), "ode", "the others give a lying or stacked cylinder one contact or none"),
-    (frozenset({"plane", "box"}), "ode", "the others give a box on a plane one contact"),
-)
-"""(shape kinds that are all present, detector that is sound with them, reason); the first that fits holds."""
-DETECTOR = "dart"
-"""The detector for everything else: sound and exact for spheres, boxes and capsules."""
 
 SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
 """Which contact solver has each cone by default (setting ``contact_solver: auto``)."""
@@ -86,8 +79,8 @@ class Skel(Format):
     }
 
     def emit(self, world: World, target: Target) -> dict[str, str]:
-        """``world.skel`` and ``sidecar.json``. Raises UnsupportedError when the settings contradict the world."""
-        _check_settings(world, target)
+        """``world.skel`` and ``sidecar.json``. Raises UnsupportedError for what this world cannot have in DART."""
+        _check(world, target)
         moved, offsets = recentre_free_roots(world)
         at_zero = poses(_at_origin(moved), at_zero=True)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
@@ -135,28 +128,38 @@ def contact_solver(world: World, target: Target) -> str:
 
 
 def collision_detector(world: World, target: Target) -> str:
-    """The setting ``collision_detector``, with ``auto`` resolved by the collision shapes that are present."""
+    """The setting ``collision_detector``, with ``auto`` resolved by the collision shapes that may touch."""
     chosen = str(target.settings["collision_detector"])
-    if chosen != "auto":
-        return chosen
-    present = {shape.kind for body in world.bodies for shape in solid_shapes(body)}
-    return next((detector for kinds, detector, _ in DETECTOR_REASONS if kinds <= present), DETECTOR)
+    return choose(world, target.engine) if chosen == "auto" else chosen
 
 
-def _check_settings(world: World, target: Target) -> None:
-    """A solver setting must not change the model: Dantzig's solver has no elliptic cone."""
+def _check(world: World, target: Target) -> None:
+    """Raise UnsupportedError for settings that would change the model, and for contact that DART gets wrong."""
+    found = problems(world, collision_detector(world, target), target.engine)
+    accepted = world.options(target.engine).accept
     if world.contact.friction_cone == "elliptic" and contact_solver(world, target) == "dantzig":
-        raise UnsupportedError(
-            [
-                Problem(
-                    "DART's Dantzig solver has the circumscribed pyramid only",
-                    f"engines.{target.engine}.settings.contact_solver",
-                    found="dantzig, with contact.friction_cone: elliptic",
-                    allowed="auto, nsgs",
-                    hint="leave the setting out, or set contact.friction_cone: pyramid-circumscribed",
-                )
-            ]
+        found.append(
+            Problem(
+                "DART's Dantzig solver has the circumscribed pyramid only",
+                f"engines.{target.engine}.settings.contact_solver",
+                found="dantzig, with contact.friction_cone: elliptic",
+                allowed="auto, nsgs",
+                hint="leave the setting out, or set contact.friction_cone: pyramid-circumscribed",
+            )
         )
+    found += [
+        Problem(
+            f"{target.engine} takes a friction coefficient of up to {TINY_FRICTION} for none",
+            f"contact.pairs.{pair.first}.{pair.second}.friction",
+            found=f"{pair.friction}",
+            allowed=f"0, or above {TINY_FRICTION}",
+            hint=f"accept it by name: engines.{target.engine}.accept: [material.friction]",
+        )
+        for pair in world.contact.pairs
+        if 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted
+    ]
+    if found:
+        raise UnsupportedError(found)
 
 
 def rotation_vector(q: Quaternion) -> Vector3:

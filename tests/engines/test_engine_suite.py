@@ -30,7 +30,7 @@ ENGINES = [
     "dart",
 ]
 
-ACCEPTED = ("joint.limits.position", "joint.dry_friction", "material.restitution")
+ACCEPTED = ("joint.limits.position", "joint.dry_friction", "material.restitution", "shape.capsule")
 WORLDS = {
     "every joint": worlds.every_joint,
     "damped springs": worlds.damped_springs,

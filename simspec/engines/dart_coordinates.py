@@ -1,0 +1,249 @@
+"""Between DART's coordinates and simspec's.
+
+DART has a ball joint's position as a rotation vector and its velocity in the child's axes; a free joint's position as
+(rotation vector, position of the origin) and its velocity as (ω, velocity of the origin), both in world axes. Hinges and
+slides are the same in both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simspec.errors import EngineError
+from simspec.formats.skel import SMALL_TURN
+from simspec.world import frames
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion, Vector3
+
+NAME = "dart"
+
+JOINT_KINDS = {
+    "WeldJoint": "fixed",
+    "RevoluteJoint": "hinge",
+    "PrismaticJoint": "slide",
+    "BallJoint": "ball",
+    "FreeJoint": "free",
+}
+"""DART's joint types."""
+
+
+def turn_of(vector: Sequence[float]) -> Quaternion:
+    """The rotation of a rotation vector, as a unit quaternion with w ≥ 0."""
+    x, y, z = vector
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0.0:
+        return frames.IDENTITY
+    share, w = math.sin(angle / 2.0) / angle, math.cos(angle / 2.0)
+    if w < 0.0:
+        w, share = -w, -share
+    return (w, x * share, y * share, z * share)
+
+
+def vector_of(q: Sequence[float]) -> Vector3:
+    """log R of a unit quaternion; short turns the long way round (see ``SMALL_TURN`` in ``formats/skel.py``)."""
+    w, x, y, z = q
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return (0.0, 0.0, 0.0)
+    turn = 2.0 * math.atan2(sine, w)
+    if SMALL_TURN[0] < turn < SMALL_TURN[1]:
+        turn -= 2.0 * math.pi
+    factor = turn / sine
+    return (x * factor, y * factor, z * factor)
+
+
+def multiply(a: Sequence[float], b: Sequence[float]) -> Quaternion:
+    """The rotation ``a`` after ``b``, brought back to unit length."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    w = aw * bw - ax * bx - ay * by - az * bz
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return (w / length, x / length, y / length, z / length)
+
+
+def turns_of(vectors: np.ndarray) -> np.ndarray:
+    """:func:`turn_of` for many: (n, 3) to (n, 4)."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    share = np.where(angle == 0.0, 0.0, np.sin(angle / 2.0) / np.where(angle == 0.0, 1.0, angle))
+    found = np.concatenate([np.cos(angle / 2.0), share * vectors], axis=1)
+    return np.where(found[:, :1] < 0.0, -found, found)
+
+
+def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
+    across = np.cross(q[:, 1:], v)
+    return v + 2.0 * (q[:, :1] * across + np.cross(q[:, 1:], across))
+
+
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(slots=True)
+class Turner:
+    """A ball or free joint: kind, first coordinate in its skeleton and among all, and places in q and v.
+
+    ``turn`` is its rotation as it was last set or corrected; None when a step has been made since without that.
+    """
+
+    joint: Any
+    kind: str
+    start: int
+    dof: int
+    q: slice
+    v: slice
+    turn: Quaternion | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A skeleton that has coordinates: their places among all, the tree's places in v, its ball and free joints, and
+    where its hinges and slides stand: (coordinate in the skeleton, place in v)."""
+
+    skeleton: Any
+    dofs: slice
+    block: np.ndarray
+    turners: tuple[Turner, ...]
+    straight: tuple[tuple[int, int], ...]
+
+    def velocity_map(self) -> np.ndarray:
+        """T with v_skeleton = T v: a free joint's (velocity, ω in body axes) to (ω in world axes, velocity).
+
+        T's rate times v is zero, as Ṙ ω = R (ω × ω), so that M = Tᵀ M_skeleton T and h = Tᵀ h_skeleton.
+        """
+        column = {int(place): index for index, place in enumerate(self.block)}
+        found = np.zeros((len(self.block), len(self.block)))
+        for row, place in self.straight:
+            found[row, column[place]] = 1.0
+        for one in self.turners:
+            row, first = one.start, column[one.v.start]
+            if one.kind == "ball":
+                found[row : row + 3, first : first + 3] = np.eye(3)
+            else:
+                turn = turn_of(one.joint.getPositions()[:3].tolist())
+                found[row : row + 3, first + 3 : first + 6] = frames.matrix(turn)
+                found[row + 3 : row + 6, first : first + 3] = np.eye(3)
+        return found
+
+
+class Coordinates:
+    """All coordinates of a world: DART's, one skeleton after the other, and simspec's q and v."""
+
+    def __init__(self, bodies: Sequence[Any], kinds: Sequence[str]):
+        """``bodies`` are DART's, in the order of the world's; ``kinds`` their joints' as the sidecar says."""
+        self.q_places: list[slice] = []
+        self.v_places: list[slice] = []
+        self.nq = self.nv = self.count = 0
+        self._straight: list[tuple[int, int, int]] = []  # hinges and slides: coordinate, place in q, place in v
+        rows: dict[str, list[tuple[Any, str, slice, slice]]] = {}
+        for body, kind in zip(bodies, kinds, strict=True):
+            joint = body.getParentJoint()
+            held = JOINT_KINDS.get(joint.getType())
+            if held is None:
+                raise EngineError(NAME, f"holds the joint {joint.getName()!r} as {joint.getType()}, unknown here")
+            if VELOCITY_SIZE[held] != VELOCITY_SIZE[kind]:
+                raise EngineError(NAME, f"joint {joint.getName()!r} is a {held} joint, the sidecar says {kind}")
+            q = slice(self.nq, self.nq + POSITION_SIZE[kind])
+            v = slice(self.nv, self.nv + VELOCITY_SIZE[kind])
+            self.q_places.append(q)
+            self.v_places.append(v)
+            rows.setdefault(body.getSkeleton().getName(), []).append((joint, kind, q, v))
+            self.nq, self.nv = q.stop, v.stop
+        self.trees = [
+            self._tree(entries) for entries in rows.values() if any(VELOCITY_SIZE[kind] for _, kind, _, _ in entries)
+        ]
+        self.turners = [one for tree in self.trees for one in tree.turners]
+        self._index()
+
+    def _tree(self, entries: list[tuple[Any, str, slice, slice]]) -> Tree:
+        skeleton = entries[0][0].getSkeleton()
+        dofs = slice(self.count, self.count + skeleton.getNumDofs())
+        self.count = dofs.stop
+        block: list[int] = []
+        straight, turners = [], []
+        for joint, kind, q, v in entries:
+            if kind == "fixed":
+                continue
+            start = joint.getIndexInSkeleton(0)
+            block.extend(range(v.start, v.stop))
+            if kind in ("hinge", "slide"):
+                straight.append((start, v.start, q.start))
+            else:
+                turners.append(Turner(joint, kind, start, dofs.start + start, q, v))
+        self._straight.extend((dofs.start + start, q, v) for start, v, q in straight)
+        places = tuple((start, v) for start, v, _ in straight)
+        return Tree(skeleton, dofs, np.array(block, dtype=np.intp), tuple(turners), places)
+
+    def _index(self) -> None:
+        """Index arrays for all joints of a kind at once."""
+        table = np.array(self._straight, dtype=np.intp).reshape(-1, 3)
+        self._dof, self._q, self._v = table[:, 0], table[:, 1], table[:, 2]
+        balls = [one for one in self.turners if one.kind == "ball"]
+        free = [one for one in self.turners if one.kind == "free"]
+
+        def places(starts: list[int], count: int) -> np.ndarray:
+            return np.array(starts, dtype=np.intp).reshape(-1, 1) + np.arange(count)
+
+        self._ball_dof = places([one.dof for one in balls], 3)
+        self._ball_q, self._ball_v = places([b.q.start for b in balls], 4), places([b.v.start for b in balls], 3)
+        self._free_dof = places([one.dof for one in free], 6)
+        self._free_q, self._free_v = places([f.q.start for f in free], 7), places([f.v.start for f in free], 6)
+
+    def positions(self) -> np.ndarray:
+        """DART's coordinates of all trees (count,)."""
+        return self._gather("getPositions")
+
+    def velocities(self) -> np.ndarray:
+        """DART's velocities of all trees (count,)."""
+        return self._gather("getVelocities")
+
+    def _gather(self, method: str) -> np.ndarray:
+        parts = [getattr(tree.skeleton, method)() for tree in self.trees]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v) of the present state."""
+        held, rate = self.positions(), self.velocities()
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        q[self._q], v[self._v] = held[self._dof], rate[self._dof]
+        if len(self._ball_q):
+            q[self._ball_q], v[self._ball_v] = turns_of(held[self._ball_dof]), rate[self._ball_dof]
+        if len(self._free_q):
+            place, motion = held[self._free_dof], rate[self._free_dof]
+            turns = turns_of(place[:, :3])
+            q[self._free_q] = np.concatenate([place[:, 3:], turns], axis=1)
+            v[self._free_v] = np.concatenate([motion[:, 3:], rotate(turns * _INVERSE, motion[:, :3])], axis=1)
+        return q, v
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put all skeletons into the state (q, v), without accelerations, forces or impulses of before."""
+        q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        held, rate = np.zeros(self.count), np.zeros(self.count)
+        held[self._dof], rate[self._dof] = q[self._q], v[self._v]
+        for one in self.turners:
+            given = q[one.q].tolist()
+            turn = one.turn = frames.normalise(tuple(given[-4:]))
+            first, motion = one.dof, v[one.v]
+            held[first : first + 3] = vector_of(turn)
+            if one.kind == "ball":
+                rate[first : first + 3] = motion
+            else:
+                held[first + 3 : first + 6] = given[:3]
+                rate[first : first + 3] = frames.rotate(turn, tuple(motion[3:].tolist()))
+                rate[first + 3 : first + 6] = motion[:3]
+        for tree in self.trees:
+            skeleton = tree.skeleton
+            skeleton.setPositions(held[tree.dofs])
+            skeleton.setVelocities(rate[tree.dofs])
+            skeleton.setAccelerations(np.zeros(tree.dofs.stop - tree.dofs.start))
+            skeleton.clearInternalForces()
+            skeleton.clearExternalForces()
+            skeleton.clearConstraintImpulses()
