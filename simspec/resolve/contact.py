@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from simspec.errors import Problem
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
 from simspec.spec.contact import Combine, Pair
-from simspec.spec.quantities import near
 from simspec.spec.sources import Source
+from simspec.spec.strict import near
 from simspec.world.types import Contact, Material, PairContact
 
 RULES: Mapping[str, Callable[[float, float], float]] = {

@@ -10,8 +10,8 @@ from simspec.spec.models import EngineOptions as SpecOptions
 from simspec.spec.models import Physics as SpecPhysics
 from simspec.spec.models import Record as SpecRecord
 from simspec.spec.models import whole_steps
-from simspec.spec.quantities import near
 from simspec.spec.sources import Source
+from simspec.spec.strict import near
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record
 
 

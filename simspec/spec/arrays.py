@@ -8,8 +8,9 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from simspec.spec.quantities import Fault, Number, Reader, Strict, Vector, Whole, fault, show
+from simspec.spec.quantities import Number, Reader, Vector, Whole
 from simspec.spec.shapes import Length, Point, Pose, Switch
+from simspec.spec.strict import Fault, Strict, fault, show
 
 MOST_ELEMENTS = 100_000
 """Elements of one array, and bodies of one scenario: beyond it a slip of the pen is likelier than a plan."""

@@ -10,8 +10,8 @@ from simspec.spec import trees
 from simspec.spec.document import INVALID
 from simspec.spec.joints import JOINT_TYPES, outside, read_position, read_velocity
 from simspec.spec.models import Body
-from simspec.spec.quantities import Fault, Faults, near
 from simspec.spec.sources import Source
+from simspec.spec.strict import Fault, Faults, near
 from simspec.spec.trees import Bodies
 
 DEFAULT_GROUP = "default"

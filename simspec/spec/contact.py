@@ -8,8 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from simspec.spec.quantities import Fault, Faults, Name, Number, Reader, Strict, Word, fault, replace_loc, show
+from simspec.spec.quantities import Name, Number, Reader, Word
 from simspec.spec.shapes import NameOf
+from simspec.spec.strict import Fault, Faults, Strict, fault, replace_loc, show
 
 CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
 RULES = ("min", "max", "product", "mean", "geometric-mean")

@@ -8,7 +8,7 @@ events of the parser are taken as a stream, so that nesting without end is notic
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,13 @@ def dotted(path: Sequence[Key]) -> str:
 
 
 def read(path: Path, shown: str | None = None) -> Document:
-    """Read a file. Raises SpecError when it cannot be read, is too large or is not UTF-8, or no YAML at all."""
+    """Read a file; ``shown`` is what messages call it. Raises SpecError when it cannot be read, or is no YAML at all."""
+    file = shown or str(path)
+    return parse(read_text(path, file), file)
+
+
+def read_text(path: Path, shown: str | None = None) -> str:
+    """A file's text. Raises SpecError when it cannot be read, is too large, or is not UTF-8."""
     file = shown or str(path)
     try:
         size = path.stat().st_size
@@ -112,7 +118,7 @@ def read(path: Path, shown: str | None = None) -> Document:
         raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}")]) from None
     if len(content) > LARGEST_FILE:
         raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or no plain file")])
-    return parse(decode(content, file), file)
+    return decode(content, file)
 
 
 def decode(content: bytes, file: str) -> str:
@@ -137,8 +143,13 @@ def decode(content: bytes, file: str) -> str:
 
 def parse(text: str, file: str) -> Document:
     """Parse YAML text. Raises SpecError where it is no YAML; other problems are in the document's ``problems``."""
+    return build(events(text, file), file)
+
+
+def build(stream: Iterable[Any], file: str) -> Document:
+    """The document of a parser's events."""
     builder = _Builder(file)
-    for event in events(text, file):
+    for event in stream:
         builder.take(event)
     data, mark = builder.result
     return Document(file, data, mark, builder.problems)

@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
-from simspec.spec.quantities import Fault, Faults, Name, Number, Reader, Strict, Vector, show
+from simspec.spec.quantities import Name, Number, Reader, Vector
+from simspec.spec.strict import Fault, Faults, Strict, show
 
 
 @dataclass(frozen=True)

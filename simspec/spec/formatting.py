@@ -6,19 +6,19 @@ import bisect
 import itertools
 import json
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.spec.document import LARGEST_FILE, Document, decode, events, parse, read, scalar
+from simspec.spec.document import Document, build, events, read_text, scalar
 from simspec.spec.layout import Entry, Node, lines, node_of
 
 
 def format_file(path: Path) -> tuple[str, str]:
     """A file's text as it is and as it should be. Raises SpecError where it is no YAML, or no spec could be in it."""
-    read(path)  # checks size and encoding before anything else
-    text = decode(path.read_bytes()[:LARGEST_FILE], str(path))
+    text = read_text(path)
     return text, format_text(text, str(path))
 
 
@@ -30,21 +30,25 @@ def format_data(data: Any) -> str:
 def format_text(text: str, file: str) -> str:
     """The text in the canonical layout. Raises SpecError where it is no YAML, or has what a spec must not have."""
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    document = parse(text, file)
+    document, reader = _read(text, file)
     if not isinstance(document.data, dict):
         document.problems.append(Problem("a spec is a mapping (key: value)", location=Location(file, 1, 1)))
     if document.problems:
         raise SpecError(document.problems)
-    reader = _Reader(text, file)
     result = "\n".join(lines(reader.root, reader.header, reader.footer)) + "\n"
     _check(document, reader, result, file)
     return result
 
 
+def _read(text: str, file: str) -> tuple[Document, _Reader]:
+    stream = list(events(text, file))
+    document = build(stream, file)
+    return document, _Reader(text, stream)
+
+
 def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     """The promise of the layout: the same data, the same comments."""
-    after = parse(result, file)
-    again = _Reader(result, file)
+    after, again = _read(result, file)
     same = not after.problems and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
     if not same or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments):
         message = "this file cannot be laid out without a change of meaning; it is left as it is"
@@ -75,13 +79,13 @@ class _Placed:
 class _Reader:
     """Nodes with their comments, from text."""
 
-    def __init__(self, text: str, file: str):
+    def __init__(self, text: str, stream: Sequence[Any]):
         self._text = text
         self._lines = text.split("\n")
         self._starts = [0, *itertools.accumulate(len(line) + 1 for line in self._lines)]
         self._placed: list[_Placed] = []
         self._spans: list[tuple[int, int]] = []
-        self.root = self._build(file)
+        self.root = self._build(stream)
         self.comments = self._find_comments()
         self.header: list[str] = []
         self.footer: list[str] = []
@@ -89,11 +93,11 @@ class _Reader:
 
     # --- nodes ---
 
-    def _build(self, file: str) -> Node:
+    def _build(self, stream: Sequence[Any]) -> Node:
         root = Node("scalar")
         stack: list[tuple[Node, _Placed | None]] = []
         pending: tuple[str, str, Any] | None = None  # a key's text, its name, its mark
-        for event in events(self._text, file):
+        for event in stream:
             kind = type(event).__name__
             if kind in ("MappingEndEvent", "SequenceEndEvent"):
                 stack.pop()

@@ -8,21 +8,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError
 
 from simspec.spec.document import INVALID
-from simspec.spec.quantities import (
-    ByJointType,
-    Direction,
-    Fault,
-    Faults,
-    Number,
-    Strict,
-    Vector,
-    Word,
-    as_faults,
-    fault,
-    replace_loc,
-    show,
-)
+from simspec.spec.quantities import ByJointType, Direction, Number, Vector, Word
 from simspec.spec.shapes import NameOf, Orientation, Pose
+from simspec.spec.strict import Fault, Faults, Strict, as_faults, fault, replace_loc, show
 
 JOINT_TYPES = ("fixed", "hinge", "slide", "ball", "free")
 

@@ -16,8 +16,10 @@ WIDTH = 120
 """Columns that a line may have; a list or mapping that does not fit is written over several lines."""
 
 BLOCK_FIELDS = frozenset(
-    "contact materials pairs groups exclude bodies joint shapes poses models positions velocities model expect "
-    "engines".split()
+    (
+        *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
+        *("models", "positions", "velocities", "model", "expect", "engines"),
+    )
 )
 """Fields that are always written over several lines, one entry each."""
 BLOCK_ITEMS = frozenset(("bodies", "models", "engines", "expect"))

@@ -16,21 +16,9 @@ from simspec.spec.arrays import Array
 from simspec.spec.contact import Contact
 from simspec.spec.expectations import Expectation
 from simspec.spec.joints import Joint
-from simspec.spec.quantities import (
-    Fault,
-    Faults,
-    Number,
-    Reader,
-    Setting,
-    Strict,
-    Text,
-    Vector,
-    Word,
-    fault,
-    near,
-    show,
-)
+from simspec.spec.quantities import Number, Reader, Setting, Text, Vector, Word
 from simspec.spec.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.spec.strict import Fault, Faults, Strict, fault, show
 
 VERSION = 1
 CHANNELS = ("pose", "velocity", "contacts", "energy")
@@ -290,23 +278,3 @@ def _recorded(data: Mapping[str, Any]) -> Iterable[Fault]:
         return  # reported where it is read
     if whole_steps(*times) in (None, 0):
         yield not_whole("record.every", *times, ("record", "every"))
-
-
-__all__ = [
-    "Array",
-    "Body",
-    "Contact",
-    "EngineOptions",
-    "Expectation",
-    "File",
-    "Inertia",
-    "Joint",
-    "Model",
-    "Physics",
-    "Pose",
-    "Record",
-    "Shape",
-    "Use",
-    "Velocity",
-    "near",
-]

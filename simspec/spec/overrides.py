@@ -9,7 +9,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.spec import walk
 from simspec.spec.document import Document, Mark, parse
 from simspec.spec.models import File
-from simspec.spec.quantities import near, show
+from simspec.spec.strict import near, show
 
 FILE = "--set"
 """What stands for the file in the location of an override's value; the line is the override's number."""

@@ -11,7 +11,7 @@ from simspec.errors import Problem
 from simspec.spec import walk
 from simspec.spec.document import Document
 from simspec.spec.models import File
-from simspec.spec.quantities import FAULT, REPORTED, Strict, near, show
+from simspec.spec.strict import FAULT, REPORTED, Strict, near, show
 
 _WANTED = {
     "dict_type": "wants a mapping (key: value)",

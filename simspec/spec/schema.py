@@ -10,8 +10,9 @@ from simspec.spec import walk
 from simspec.spec.contact import RULES, Contact
 from simspec.spec.joints import Joint
 from simspec.spec.models import File
-from simspec.spec.quantities import NAME, Reader, Strict
+from simspec.spec.quantities import NAME, Reader
 from simspec.spec.shapes import Orientation
+from simspec.spec.strict import Strict
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"

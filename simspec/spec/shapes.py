@@ -8,16 +8,8 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, Field
 
 from simspec.spec.moments import impossible, principal_moments
-from simspec.spec.quantities import (
-    Fault,
-    Faults,
-    Flag,
-    Name,
-    Number,
-    Strict,
-    UnitQuaternion,
-    Vector,
-)
+from simspec.spec.quantities import Flag, Name, Number, UnitQuaternion, Vector
+from simspec.spec.strict import Fault, Faults, Strict
 
 Length = Annotated[float, Number("length", 0, above=True)]
 Lengths = Annotated[tuple[float, float, float], Vector(Number("length", 0, above=True))]

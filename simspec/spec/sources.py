@@ -14,7 +14,7 @@ from simspec.errors import Problem, SpecError
 from simspec.spec.document import Document, read
 from simspec.spec.models import File
 from simspec.spec.problems import of_validation
-from simspec.spec.quantities import show
+from simspec.spec.strict import show
 
 DEEPEST_USE = 8
 """Files that use files that use files: a chain longer than this is refused."""
@@ -154,7 +154,7 @@ def _shown(path: Path) -> str:
 
 
 def _near_file(target: Path) -> str | None:
-    from simspec.spec.quantities import near
+    from simspec.spec.strict import near
 
     try:
         names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.endswith((".yaml", ".yml")))

@@ -7,7 +7,8 @@ import typing
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from simspec.spec.quantities import Reader, Strict
+from simspec.spec.quantities import Reader
+from simspec.spec.strict import Strict
 
 
 class Free:
