@@ -20,8 +20,8 @@ demo: setup
 	$(BIN)/simspec run specs/ur10e.yaml --all-engines
 
 check: setup
-	$(BIN)/ruff check simspec tests benchmarks
-	$(BIN)/ruff format --check simspec tests benchmarks
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/simspec schema --check
 	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml
 	$(BIN)/simspec engines --markdown --check
@@ -34,6 +34,7 @@ test: check
 generated: setup
 	$(BIN)/simspec schema
 	$(BIN)/simspec engines --markdown
+	$(BIN)/python tools/readme.py
 	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done
 
 # newest versions that pyproject.toml allows; then make test, and commit constraints.txt
