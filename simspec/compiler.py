@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
 import shutil
@@ -59,7 +60,11 @@ def compile_world(
         try:
             found[name] = _compile_engine(world, find_engine(name), locate)
         except UnsupportedError as error:
-            problems.extend(error.problems)
+            # formats do not know the spec: what they refuse is given its place here
+            problems.extend(
+                problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
+                for problem in error.problems
+            )
     if problems:
         raise UnsupportedError(problems)
     return found
@@ -86,7 +91,6 @@ def _compile_engine(world: World, engine: type[Engine], locate: Callable[[str], 
 
 def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:
     """The problems of what the spec says to engines: unknown engines, settings, and feature names."""
-    import dataclasses
     import difflib
 
     problems: list[Problem] = []
