@@ -39,6 +39,7 @@ def pile(count: int) -> dict:
 def one(kind: str, count: int, format_name: str) -> str:
     import simspec
     from simspec.engines.base import engines, resolve_settings
+    from simspec.errors import UnsupportedError
     from simspec.formats.base import Target, formats
 
     spec = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](count))
@@ -50,7 +51,10 @@ def one(kind: str, count: int, format_name: str) -> str:
     emitter = formats()[format_name]
     emitter.emit(simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](2)).resolve(), target)  # warm templates
     started = time.perf_counter()
-    files = emitter.emit(world, target)
+    try:
+        files = emitter.emit(world, target)
+    except UnsupportedError as error:
+        return f"{kind:6} {format_name:5} {count:6} refused: {error.problems[0].message[:80]}"
     emitted = time.perf_counter() - started
     size = sum(len(text) for text in files.values())
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
