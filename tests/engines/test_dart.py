@@ -56,6 +56,8 @@ MOVING = {
     ),
     "interleaved": WORLDS["interleaved"],
     "small-turns": small_turns,
+    # a spring must pull the shorter way round, also where DART holds the rotation the longer way
+    "small-turn-spring": lambda: small_turns(damping=0.1, spring_stiffness=5.0),
     **{f"random-{seed}": lambda seed=seed: random_tree(seed) for seed in range(20, 24)},
 }
 

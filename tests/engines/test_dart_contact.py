@@ -165,6 +165,15 @@ def test_detecting_contacts_neither_moves_nor_remembers(load_dart):
     assert engine.detect_contacts().tolist() == []
 
 
+@pytest.mark.parametrize("detector", ["dart", "ode", "bullet", "fcl"])
+def test_distance_is_the_overlap_before_the_step(detector, load_dart):
+    world = scene(("sphere", (0.1,)), (0.0, 0.0, 0.095), (0.0, 0.0, 0.0))
+    engine = load_dart(worlds.with_options(world, "dart", settings=(("collision_detector", detector),)))
+    engine.step(1)
+    # fcl's own iteration ends within 1e-6
+    np.testing.assert_allclose(engine.contacts()["distance"], [-0.005], atol=2e-6)
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_restitution(restitution, load_dart):
     engine = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 0.6), (0.0, 0.0, 0.0), 0.3, restitution))

@@ -95,9 +95,9 @@ def two_materials():
     return dataclasses.replace(base, bodies=(floor, dataclasses.replace(box, shapes=shapes), sphere), contact=contact)
 
 
-def small_turns():
+def small_turns(**more):
     """A free and a ball joint that start with a small rotation."""
-    world = worlds.world(worlds.tree(["free", "ball", "hinge"], 8))
+    world = worlds.world(worlds.tree(["free", "ball", "hinge"], 8, **more))
     q = (math.cos(SMALL / 2.0), 0.6 * math.sin(SMALL / 2.0), 0.0, 0.8 * math.sin(SMALL / 2.0))
     world = change_joint(world, 0, position=(*world.bodies[0].joint.position[:3], *q))
     return change_joint(world, 1, position=q)
