@@ -105,6 +105,13 @@ def test_a_difference_above_the_floor_is_one_even_in_noise():
     assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[own, quiet(b)]).within
 
 
+def test_a_tolerance_below_the_noise_of_the_first_row_claims_nothing():
+    a = run(TWO)
+    b = run(TWO, lambda n, t: column(0 * t + 2e-15, 0, 0), engine="second")
+    found = diff(a, b, tolerance=1e-16, floor=[quiet(a, 1e-15), quiet(b)])
+    assert (found.horizon, found.compared_until, found.within) == (0.0, 0.0, True)
+
+
 def test_the_floor_only_grows():
     a = run(TWO)
     back = run(TWO, lambda n, t: column(1e-6 * np.sin(2 * math.pi * t), 0, 0), perturb=1e-15)
