@@ -25,6 +25,10 @@ FLOOR_FACTOR = 100.0
 PERTURBATION = 1e-15
 TRIES = 6
 """Seeded beginnings to try until one keeps all joints off their limits for all steps; the longest is taken."""
+HELD = 2
+"""The first of those tries in which the weight is held up."""
+GENTLE = 0.2
+"""Share of speeds and efforts in those."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ def plan(world: World, oracle: Oracle) -> Motion:
 def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
 
-    Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike.
+    Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From ``HELD`` on
+    they also carry the weight and the springs of where they start, and all else is gentler: falling reaches limits soonest.
     """
     q, v = (states[0] for states in random_states(world, 1, SEED + 1 + attempt, speed=0.5))
     start, _ = initial_state(world)
@@ -85,7 +90,12 @@ def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, 
             v[at_v] *= min(1.0, 0.2 * (high - low))
     generator = np.random.default_rng(SEED + 100 + attempt)
     diagonal = np.diag(oracle.mass_matrix(q)) if oracle.nv else np.zeros(0)
-    return q, v, generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
+    effort = generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
+    if attempt < HELD:
+        return q, v, effort
+    still = np.zeros(oracle.nv)
+    held = oracle.bias_force(q, still) - oracle.joint_effort(q, still)
+    return q, GENTLE * v, held + GENTLE * effort
 
 
 def _steps_within_limits(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> int:

@@ -411,10 +411,22 @@ def test_what_ends_early_or_is_not_a_number_fails():
 def test_motion_keeps_off_the_limits():
     world = worlds.limits_and_armature()
     oracle, plan = moved(world)
-    assert plan.steps >= 500
+    assert plan.steps == 2000
     states, _ = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, 1)
+    assert (np.ptp(states, axis=0) > 0.01).all(), "held up, yet not held still"
     assert (states > -2.5).all()
     assert (states < 2.0).all()
+
+
+def test_motion_that_cannot_keep_off_the_limits_says_how_far_it_goes():
+    world = worlds.world(worlds.tree(["fixed", "hinge", "hinge", "hinge"], 8, position_limits=(-0.3, 0.4)))
+    oracle, plan = moved(world)
+    assert 0 < plan.steps < 2000
+    states, _ = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, 1)
+    assert (states > -0.3).all()
+    assert (states < 0.4).all()
+    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert f"{plan.steps} steps" in check.detail
 
 
 def test_dry_friction_is_left_out_by_name():
