@@ -321,7 +321,7 @@ def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:
                     taken[noun][name] = instance
                     continue
                 other = taken[noun][name]
-                key = (noun, instance.path, other.path)  # once for two arrays, not once for each element
+                key = (instance.path, other.path)  # once for two arrays, not for each element, joint and shape
                 if key in reported:
                     continue
                 reported.add(key)

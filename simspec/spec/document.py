@@ -263,6 +263,13 @@ class _Builder:
 
     def _scalar(self, event: Any) -> None:
         usable = self._check_node(event)
+        if event.style == '"' and any("\ud800" <= character <= "\udfff" for character in event.value):
+            # the reader leaves an escaped pair (\ud83d\ude00) as two halves, and half a pair is no character
+            try:
+                event.value = event.value.encode("utf-16", "surrogatepass").decode("utf-16")
+            except UnicodeDecodeError:
+                self._report(event, "half a surrogate pair is no character", allowed="the character itself")
+                event.value, usable = "", False
         frame = self._stack[-1] if self._stack else None
         if frame is not None and isinstance(frame[0], dict) and frame[2] is None:
             frame[2], frame[3] = event.value, (event.start_mark.line + 1, event.start_mark.column + 1)

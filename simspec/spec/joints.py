@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, ValidationError
 from simspec.spec.document import INVALID
 from simspec.spec.quantities import ByJointType, Direction, Number, Vector, Word
 from simspec.spec.shapes import NameOf, Orientation, Pose
-from simspec.spec.strict import Fault, Faults, Strict, as_faults, fault, replace_loc, show
+from simspec.spec.strict import Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
 
 JOINT_TYPES = ("fixed", "hinge", "slide", "ball", "free")
 
@@ -131,7 +131,7 @@ class Joint(Strict):
         for key, why in _MEANINGLESS[kind].items():
             if key in data:
                 yield Fault((key,), f"{key} means nothing on a {kind} joint: {why}")
-        if kind in _NEEDS_AXIS and "axis" not in data:
+        if kind in _NEEDS_AXIS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
             yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]")
 
     @classmethod

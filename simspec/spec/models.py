@@ -18,7 +18,7 @@ from simspec.spec.expectations import Expectation
 from simspec.spec.joints import Joint
 from simspec.spec.quantities import Number, Reader, Setting, Text, Vector, Word
 from simspec.spec.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
-from simspec.spec.strict import Fault, Faults, Strict, fault, show
+from simspec.spec.strict import Fault, Faults, Strict, fault, misspelt, show
 
 VERSION = 1
 CHANNELS = ("pose", "velocity", "contacts", "energy")
@@ -127,7 +127,7 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
                 hint = "density: 0 makes a shape massless"
                 yield Fault(("shapes", index), "this shape has no density, but others of the body have one", hint=hint)
         return
-    if "inertia" in data and "mass" not in data:
+    if "inertia" in data and "mass" not in data and not misspelt("mass", data, Body.model_fields):
         yield Fault((), "inertia without mass", None, "both, or neither")
     if "centre_of_mass" in data and "inertia" not in data:
         yield Fault(("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes")
@@ -255,7 +255,8 @@ class File(Strict):
                         None,
                         "materials, groups, exclude",
                     )
-        if not any(key in data for key in ("bodies", "models", "model")):
+        parts = ("bodies", "models", "model")
+        if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
             yield Fault((), "neither bodies nor models: there is nothing to simulate")
         yield from _recorded(data)
 

@@ -22,9 +22,18 @@ _WANTED = {
 
 def of_validation(error: ValidationError, document: Document, root: type[Strict] = File) -> Iterator[Problem]:
     """Every error as a problem, in the order that pydantic found them."""
-    for one in error.errors(include_url=False):
+    errors = error.errors(include_url=False)
+    unknown: dict[tuple[Any, ...], set[str | None]] = {}
+    for one in errors:
+        if one["type"] == "extra_forbidden":
+            words = walk.keys(walk.at(root, one["loc"][:-1]))
+            unknown.setdefault(one["loc"][:-1], set()).add(near(one["loc"][-1], words))
+    for one in errors:
         if one["type"] == REPORTED:
             continue
+        misspelt = unknown.get(one["loc"][:-1], ()) if one["type"] == "missing" else ()
+        if misspelt and near(one["loc"][-1], [str(one["loc"][-1])]) in misspelt:
+            continue  # it is there, under a wrong name
         path, key = list(one["loc"]), False
         if path and path[-1] == "[key]":
             path, key = path[:-1], True
@@ -53,23 +62,14 @@ def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem
 
 
 def _elsewhere(word: str, root: type[Strict]) -> str | None:
-    """Where the language has a key of this name, if that is one place only."""
-    places = [place for place, name in _all_keys(root) if name == word]
-    return f"{word} belongs to {places[0]}" if len(places) == 1 else None
-
-
-def _all_keys(kind: Any, place: str = "", depth: int = 0) -> Iterable[tuple[str, str]]:
-    if depth > 8:
-        return
-    if isinstance(kind, walk.Free):
-        yield from _all_keys(kind.item, f"{place}.NAME", depth + 1)
-    elif isinstance(kind, list):
-        yield from _all_keys(kind[0], place, depth + 1)
-    elif walk.is_model(kind):
-        for name, below in walk.fields(kind).items():
-            path = f"{place}.{name}".lstrip(".")
-            yield place.lstrip(".") or "the top", name
-            yield from _all_keys(below, path, depth + 1)
+    """The part of the language that has a key of this name, if there is just one."""
+    owners = {
+        field
+        for model in walk.models(root).values()
+        for field, kind in walk.fields(model).items()
+        if walk.is_model(kind) and word in walk.keys(kind)
+    }
+    return f"{word} belongs to {owners.pop()}" if len(owners) == 1 else None
 
 
 def _example(root: type[Strict], path: list[Any]) -> str | None:

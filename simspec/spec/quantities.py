@@ -65,9 +65,6 @@ class Number(Reader):
     def read(self, value: Any) -> float:
         if type(value) is float:
             number = value
-            if not -units.LARGEST <= number <= units.LARGEST:  # also false for NaN
-                finite = "a finite number" if number - number != 0.0 else f"magnitudes up to {units.LARGEST:g}"
-                raise fault("not a usable number", show(value), finite)
         elif isinstance(value, str):
             try:
                 number = units.parse(value, self.dimension)
@@ -80,7 +77,9 @@ class Number(Reader):
                 number = float(value)
             except (OverflowError, TypeError, ValueError):
                 raise fault("not a usable number", show(value)[:40], self._allowed()) from None
-            return self.read(number)
+        if not -units.LARGEST <= number <= units.LARGEST:  # also true of NaN
+            finite = "a finite number" if number - number != 0.0 else f"magnitudes up to {units.LARGEST:g}"
+            raise fault("not a usable number", show(value), finite)
         if self.least is not None and (number <= self.least if self.above else number < self.least):
             word = "above" if self.above else "at least"
             raise fault(f"must be {word} {self.least:g}", show(value), self._allowed())

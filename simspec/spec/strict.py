@@ -60,7 +60,8 @@ def show(value: Any) -> str:
 
 def near(word: str, words: Iterable[str]) -> str | None:
     """A hint naming the nearest of ``words``."""
-    found = difflib.get_close_matches(str(word)[:LONGEST_WORD], list(words)[:3000], 1, 0.5)
+    known = sorted(map(str, words))[:3000]  # sorted: the same suggestion every time
+    found = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, 1, 0.5)
     return f"did you mean {found[0]!r}?" if found else None
 
 
@@ -130,10 +131,14 @@ class Strict(BaseModel):
         if not isinstance(data, dict):
             if isinstance(data, cls):
                 return handler(data)
-            raise raised([Fault((), "wants a mapping (key: value)", show(data))], None)
+            empty = not any(field.is_required() for field in cls.model_fields.values()) and not cls.ONE_OF
+            hint = "write {}" if data is None and empty else None
+            words = ", ".join(cls.model_fields)
+            allowed = f"the keys {words}" if words else "{}"
+            raise raised([Fault((), "wants a mapping (key: value)", show(data), allowed, hint)], None)
         found = list(cls.faults(data))
         if cls.ONE_OF:
-            found += _exactly_one(cls.ONE_OF, data)
+            found += _exactly_one(cls.ONE_OF, data, cls.model_fields)
         prepared, more = cls.prepare(data)
         found += more
         try:
@@ -145,11 +150,16 @@ class Strict(BaseModel):
         return model
 
 
-def _exactly_one(names: Sequence[str], data: Mapping[str, Any]) -> Iterable[Fault]:
+def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[str]) -> Iterable[Fault]:
     given = [name for name in names if name in data]
     allowed = "exactly one of " + ", ".join(names)
     if len(given) > 1:
         yield Fault((given[1],), f"{' and '.join(given)} exclude each other", None, allowed)
-    elif not given:
-        unknown = next((hint for key in data if (hint := near(key, names))), None)
-        yield Fault((), f"wants one of {', '.join(names)}", show(data), allowed, unknown)
+    elif not given and not any(misspelt(name, data, fields) for name in names):
+        yield Fault((), f"wants one of {', '.join(names)}", show(data), allowed)
+
+
+def misspelt(name: str, data: Mapping[str, Any], fields: Iterable[str]) -> bool:
+    """Whether a field that is missing seems to be there under a wrong name, which is reported as an unknown key."""
+    known = set(fields)
+    return any(key not in known and near(key, known) == near(name, [name]) for key in data)
