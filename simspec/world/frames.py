@@ -110,12 +110,11 @@ def normalise(q: Quaternion) -> Quaternion:
         raise ValueError("a zero quaternion is no rotation")
     if abs(length - 1.0) < 4e-16:  # already of unit length to rounding: dividing would only walk in the last bit
         length = 1.0
-    first = next(component for component in q if component != 0.0)
-    if first < 0.0:
-        length = -length
-    if length == 1.0:
-        return q
-    return (q[0] / length + 0.0, q[1] / length + 0.0, q[2] / length + 0.0, q[3] / length + 0.0)
+    w, x, y, z = q if length == 1.0 else (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
+    # the sign is judged after dividing: a component of 1e-323 may have gone to zero
+    if next(component for component in (w, x, y, z) if component != 0.0) < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    return (w + 0.0, x + 0.0, y + 0.0, z + 0.0)
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
