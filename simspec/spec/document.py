@@ -73,7 +73,7 @@ class Document:
                 break
             holder, mark = mark, mark.items[step]
             last = index == len(path) - 1
-            # a block of keys begins below its own key: the key is where a reader looks for it
+            # a mapping or a list is shown at its key: a block of them begins a line below
             at_key = holder.keys is not None and (mark.items is not None or (key and last))
             place = holder.keys[str(step)] if at_key and holder.keys else (mark.line, mark.column)
             if mark.file:

@@ -79,8 +79,10 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
         yield from _whole(source.document, ("models", model, part, bodies.joint_name(short)))
     if short in bodies.roots() and rest and rest[0] in ("pose", "velocity"):
         yield from _whole(source.document, ("models", model, rest[0]))
-    yield from _in_tree(bodies, short, rest)
-    yield source.document, ("models", model)
+    if short in bodies.raw:
+        yield from _in_tree(bodies, short, rest)
+    else:
+        yield source.document, ("models", model)
 
 
 def _base(name: str, names: Mapping[str, Any]) -> str:

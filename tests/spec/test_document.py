@@ -123,11 +123,11 @@ _SCALARS = st.one_of(
 )
 
 
-@given(
-    st.dictionaries(
-        st.text(), st.recursive(_SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner))
-    )
-)
+_KEYS = st.text(max_size=50)  # YAML allows no key of more than 1,024 characters beside its value
+_DATA = st.recursive(_SCALARS, lambda inner: st.lists(inner, max_size=5) | st.dictionaries(_KEYS, inner, max_size=5))
+
+
+@given(st.dictionaries(_KEYS, _DATA, max_size=5))
 def test_plain_data_comes_back(data):
     """JSON is YAML: what json writes, the reader reads."""
     document = parse(json.dumps(data), "f")
