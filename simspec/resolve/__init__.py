@@ -8,6 +8,7 @@ from simspec.resolve.contact import contact
 from simspec.resolve.scenario import engines, expectations, physics, record
 from simspec.spec.load import Spec
 from simspec.spec.problems import in_order
+from simspec.spec.strict import bounded_suggestions
 from simspec.world.types import World
 
 __all__ = ["resolve"]
@@ -17,10 +18,11 @@ def resolve(spec: Spec) -> World:
     """The world of a spec. Raises SpecError with every problem that shows only when things are expanded: names that are
     taken twice, references to bodies that do not exist, times that are not recorded."""
     expansion = expand(spec.source)
-    laws, problems = contact(spec.source, expansion)
     time = physics(spec.data.physics)
     recorded = record(spec.data.record, time)
-    expected, more = expectations(spec.source, expansion.bodies, time, recorded)
+    with bounded_suggestions():
+        laws, problems = contact(spec.source, expansion)
+        expected, more = expectations(spec.source, expansion.bodies, time, recorded)
     problems = [*expansion.problems, *problems, *more]
     if problems:
         raise SpecError(in_order(problems))

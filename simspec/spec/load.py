@@ -13,6 +13,7 @@ from simspec.spec.models import VERSION, File
 from simspec.spec.overrides import apply
 from simspec.spec.problems import in_order
 from simspec.spec.sources import Collector, Source, project_folder, validate
+from simspec.spec.strict import bounded_suggestions
 
 if TYPE_CHECKING:
     from simspec.world.types import World
@@ -85,13 +86,14 @@ def load(path: str | Path, *, sets: Sequence[str] = (), allow_outside: bool = Fa
 def _checked(
     document: Document, folder: Path, path: Path | None, place: Path, allow_outside: bool, sets: Sequence[str] = ()
 ) -> Spec:
-    problems = apply(document, sets) if isinstance(document.data, dict) else []
-    file, more = validate(document)
-    problems += [*document.problems, *more]
-    source = Source(document, folder, file)
-    collector = Collector(None if allow_outside else project_folder(place))
-    collector.collect(source, (place.resolve(),))
-    problems += [*collector.problems, *check(source)]
+    with bounded_suggestions():
+        problems = apply(document, sets) if isinstance(document.data, dict) else []
+        file, more = validate(document)
+        problems += [*document.problems, *more]
+        source = Source(document, folder, file)
+        collector = Collector(None if allow_outside else project_folder(place))
+        collector.collect(source, (place.resolve(),))
+        problems += [*collector.problems, *check(source)]
     if problems:
         raise SpecError(in_order(problems))
     return Spec(source, path)

@@ -83,6 +83,9 @@ class Number(Reader):
         if self.least is not None and (number <= self.least if self.above else number < self.least):
             word = "above" if self.above else "at least"
             raise fault(f"must be {word} {self.least:g}", show(value), self._allowed())
+        if 0.0 < number < units.SMALLEST and (self.above or self.dimension in ("mass", "density")):
+            allowed = f"{'' if self.above else '0, or '}at least {units.SMALLEST:g}"
+            raise fault("too small a number", show(value), allowed)
         if self.most is not None and number > self.most:
             raise fault(f"must be at most {self.most:g}", show(value), self._allowed())
         return number

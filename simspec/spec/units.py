@@ -21,6 +21,8 @@ Exponents = tuple[int, int, int, int]
 
 LARGEST = 1e30
 """Larger magnitudes are refused: no scenario means them, and their squares would leave the range of a double."""
+SMALLEST = 1e-30
+"""Smaller sizes, masses and densities are refused, 0 aside: volumes and moments of them would round to zero."""
 
 _BASE = ("metre", "kilogram", "second", "radian")
 _DEFINITIONS = f"""
