@@ -6,6 +6,7 @@ Armature A is DART's implicit damping A / dt, with the effort (A / dt) v against
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -59,14 +60,20 @@ class Efforts:
     def give(self, effort: np.ndarray | None) -> list[Tree]:
         """Take τ = ``effort`` (nv,), None = zero, for the steps to come. Returns the trees that need an effort."""
         self._given = {}
+        if effort is None:
+            return self._always_driven
         needed = []
         for tree in self._coordinates.trees:
             name = tree.skeleton.getName()
-            if effort is not None and np.any(effort[tree.block]):
+            if np.any(effort[tree.block]):
                 self._given[name] = self._in_skeleton(tree, np.asarray(effort, dtype=float))
             if name in self._given or name in self._driven:
                 needed.append(tree)
         return needed
+
+    @functools.cached_property
+    def _always_driven(self) -> list[Tree]:
+        return [tree for tree in self._coordinates.trees if tree.skeleton.getName() in self._driven]
 
     @staticmethod
     def _in_skeleton(tree: Tree, effort: np.ndarray) -> np.ndarray:

@@ -155,6 +155,7 @@ class MuJoCo(Engine):
     def __init__(self) -> None:
         self._log: list[str] = []
         self._mujoco: Any = None
+        self._pushed = False
 
     @classmethod
     def version(cls) -> str | None:
@@ -286,10 +287,12 @@ class MuJoCo(Engine):
         return bias[self._v]
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if effort is None:
-            self.data.qfrc_applied[:] = 0.0
-        else:
+        if effort is not None:
             self.data.qfrc_applied[self._v] = effort
+            self._pushed = True
+        elif self._pushed:
+            self.data.qfrc_applied[:] = 0.0
+            self._pushed = False
         self._mujoco.mj_step(self.model, self.data, nstep=count)
 
     def energy(self) -> tuple[float, float]:
