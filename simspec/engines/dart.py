@@ -21,6 +21,7 @@ from simspec.world.types import ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
+_SLOW_LOADING = "DART's own loading grows with the cube of a chain's length: 2 s for 500 bodies, 8 s for 800"
 _DETECTORS = "pairs of shapes for which no detector is sound are refused unless accepted"
 
 
@@ -63,6 +64,8 @@ class Dart(Engine):
         ),
         Feature.SPRING: via_api(_COMPUTED),
         Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.TREE_SIZE: Support(Level.EXACT, _SLOW_LOADING),
+        Feature.TREE_DEPTH: Support(Level.EXACT, _SLOW_LOADING),
         Feature.SHAPE_CYLINDER: Support(Level.EXACT, f"with detector ode; {_DETECTORS}"),
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with detector dart, on planes with ode; {_DETECTORS}"),
         Feature.SHAPE_ELLIPSOID: Support(Level.EXACT, f"with detector fcl, to 0.06 mm; {_DETECTORS}"),

@@ -3,7 +3,8 @@
 *Measured* with dartpy 6.20.0: 40 random poses of each pair of shapes at an overlap of 1 mm (missed, wrong depth, wrong
 normal), and bodies of about 0.2 m let down on a fixed plane, box, or flat end of a cylinder, in three to four poses (how deep
 their lowest point came to lie after 4 s). All detectors lose a flat face where they give it one contact instead of three
-or four. Pairs that are not listed are sound: contacts to 0.06 mm, at rest to 0.1 mm.
+or four. Pairs that are not listed are sound:
+contacts to 0.06 mm, and no body goes in deeper than one step's way of its impact, which DART takes back at 1 mm/s.
 """
 
 from __future__ import annotations
