@@ -47,7 +47,7 @@ def expand(source: Source) -> Expansion:
     """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children."""
     found = Expansion()
     only = _only_material(source)
-    instances = [*_loose(source, only, found), *_models(source, only, found), *_own_model(source, only)]
+    instances = [*_loose(source, only, found), *_models(source, only, found), *_own_model(source, only, found)]
     if not found.problems:
         _check_names(instances, found)
     found.bodies = tuple(body for instance in instances for body in instance.bodies)
@@ -266,22 +266,19 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
                 velocity = tuple(frames.rotate(where.quaternion, one) for one in tree.velocity)
             place = frames.compose(where, tree.placement)
             yield _Instance(_copy(tree, f"{model}/", "", model, place, velocity), source, bodies.placed)
-            file = bodies.source.file
-            if bodies.source is not source and file is not None:
-                found.excluded += [(f"{model}/{a}", f"{model}/{b}") for a, b in file.contact.exclude]
+            found.excluded += [
+                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.file.contact.exclude
+            ]
 
 
-def _own_model(source: Source, only: str | None) -> Iterator[_Instance]:
+def _own_model(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
     bodies = trees.model_of(source)
-    if bodies is None or source.file is None or source.file.model is None:
+    if bodies is None:
         return
     tree = next(_trees(bodies, only))
-    root = tree.bodies[0].name
-    array = bodies.typed[root].array
-    for suffix, element in _elements(array):
-        place = tree.placement if array is None else frames.compose(tree.placement, element)
-        model = f"{source.file.name}{suffix}"
-        yield _Instance(_copy(tree, "", suffix, model, place, tree.velocity), bodies.source, (*bodies.path, root))
+    path = (*bodies.path, tree.bodies[0].name)
+    yield _Instance(_copy(tree, "", "", source.file.name, tree.placement, tree.velocity), bodies.source, path)
+    found.excluded += [pair for file in bodies.files[1:] for pair in file.file.contact.exclude]
 
 
 def _positioned(tree: _Tree, use: Use) -> _Tree:

@@ -85,9 +85,5 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                     source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
                 )
         found.add((min(pair), max(pair)))
-    for pair in expansion.excluded:
-        if not set(pair) <= bodies:
-            missing = next(name for name in pair if name not in bodies)
-            problems.append(Problem(f"a model file excludes {missing!r} from contact, but has no such body"))
-        found.add((min(pair), max(pair)))
+    found.update((min(pair), max(pair)) for pair in expansion.excluded)
     return tuple(sorted(found)), problems

@@ -61,6 +61,24 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
             yield document.problem(path, "a model has exactly one root (a body without parent); this one has none")
     if bodies.model and not bodies.raw:
         yield document.problem(path, "a model has at least one body")
+    if bodies.model:
+        yield from _model(bodies)
+
+
+def _model(bodies: Bodies) -> Iterator[Problem]:
+    for name in bodies.roots():
+        if bodies.field(name, "array") is not None:
+            hint = "models: {NAME: {use: ..., array: ...}}"
+            place = (*bodies.path, name, "array")
+            yield bodies.source.document.problem(place, "a model has one root; an array is of its placement", hint=hint)
+    for file in bodies.files:
+        contact = file.document.data.get("contact")
+        pairs = contact.get("exclude") if isinstance(contact, Mapping) else None
+        for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
+            for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
+                if isinstance(name, str) and name not in bodies.raw:
+                    place, hint = ("contact", "exclude", index, position), near(name, bodies.raw)
+                    yield file.document.problem(place, f"the model has no body {name!r}", found=name, hint=hint)
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:
@@ -146,13 +164,15 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     roots = bodies.roots()
     if len(roots) != 1:
         return
-    has_joint = bodies.field(roots[0], "joint") is not None
-    if raw.get("fixed") is True and has_joint and bodies.joint_type(roots[0]) not in ("fixed", "free"):
-        yield document.problem(
-            (*path, "fixed"), f"the root {roots[0]!r} has a joint to the world, so it cannot be fixed as well"
-        )
-    if "velocity" in raw and (raw.get("fixed") is True or bodies.joint_type(roots[0]) != "free"):
-        yield document.problem((*path, "velocity"), f"the root {roots[0]!r} is not free", hint="write velocities")
+    root = roots[0]
+    kind = bodies.joint_type(root)
+    if raw.get("fixed") is True and kind != "fixed":
+        message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
+        yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
+    elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
+        yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
+    if "velocity" in raw and kind != "free":
+        yield document.problem((*path, "velocity"), f"the root {root!r} is not free", hint="write velocities")
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:

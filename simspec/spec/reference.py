@@ -97,3 +97,15 @@ def _default(value: Any) -> str:
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(_default(item) for item in value)}]"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def main(path: str = "docs/language.md") -> None:
+    """Write the tables of a page anew."""
+    from pathlib import Path
+
+    page = Path(path)
+    page.write_text(update(page.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -19,7 +19,8 @@ class Bodies:
     """The bodies of one mapping: loose ones of a scenario, or those of a model.
 
     ``path`` is the mapping's place in ``source``; ``raw`` the plain data; ``typed`` the models (None: has errors);
-    ``model`` whether it is a model, which has one root; ``placed`` the placement's path in the scenario.
+    ``model`` whether it is a model, which has one root; ``fixed`` and ``placed`` what its placement in a scenario says
+    of the root, and where; ``files`` the model files that lead to it, the one that holds it last.
     """
 
     source: Source
@@ -29,6 +30,7 @@ class Bodies:
     model: bool
     fixed: bool | None = None
     placed: tuple[Key, ...] = ()
+    files: tuple[Source, ...] = ()
 
     def field(self, name: str, key: str) -> Any:
         """A plain field of a body, None where there is none."""
@@ -44,11 +46,12 @@ class Bodies:
         """The type of a body's joint, the stated or the implied one."""
         joint = self.field(name, "joint")
         if isinstance(joint, Mapping):
-            return joint.get("type") if isinstance(joint.get("type"), str) else "free"
-        fixed = self.field(name, "fixed") is True
-        if self.model and self.field(name, "parent") is None and self.fixed is not None:
-            fixed = self.fixed
-        return "fixed" if fixed else "free"
+            kind = joint.get("type") if isinstance(joint.get("type"), str) else "free"
+        else:
+            kind = "fixed" if self.field(name, "fixed") is True else "free"
+        if self.fixed is not None and kind in ("fixed", "free") and self.field(name, "parent") is None:
+            return "fixed" if self.fixed else "free"
+        return kind
 
     def joint_name(self, name: str) -> str:
         """The name of a body's joint within its tree."""
@@ -123,6 +126,7 @@ def _bodies(source: Source, path: tuple[Key, ...], valid: Any, model: bool) -> B
 
 def model_of(source: Source) -> Bodies | None:
     """The bodies of a model file, following ``use``; None where they cannot be read."""
+    files = [source]
     while True:
         data = source.document.data
         model = data.get("model") if isinstance(data, Mapping) else None
@@ -132,8 +136,12 @@ def model_of(source: Source) -> Bodies | None:
         if text not in source.uses:
             return None
         source = source.uses[text]
+        files.append(source)
     file = source.file
-    return _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
+    found = _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
+    if found is not None:
+        found.files = tuple(files)
+    return found
 
 
 def loose(source: Source) -> Bodies | None:

@@ -120,6 +120,64 @@ def test_the_same_name_with_another_meaning(tmp_path):
     assert all(problem.location.file.endswith("m.yaml") for problem in found)
 
 
+def test_excluded_pairs_of_every_file_on_the_way_are_kept(tmp_path):
+    two = "a: {mass: 1, inertia: {principal: [1, 1, 1]}}"
+    parts = [f"{name}: {{parent: a, joint: {{type: ball}}, {SOLID}}}" for name in "bcd"]
+    bodies = ", ".join([two, *parts])
+    spec(tmp_path, "m.yaml", f"simspec: 1\nname: m\nmodel: {{bodies: {{{bodies}}}}}\ncontact: {{exclude: [[b, c]]}}\n")
+    again = spec(tmp_path, "again.yaml", "simspec: 1\nname: n\nmodel: {use: m.yaml}\ncontact: {exclude: [[d, c]]}\n")
+    joined = {("a", "b"), ("a", "c"), ("a", "d")}
+    assert set(load(again).resolve().contact.excluded_bodies) == joined | {("b", "c"), ("c", "d")}
+    top = load(spec(tmp_path, "top.yaml", using("again.yaml")))
+    expected = {(f"m/{a}", f"m/{b}") for a, b in joined | {("b", "c"), ("c", "d")}}
+    assert set(top.resolve().contact.excluded_bodies) == expected
+    wrong = spec(tmp_path, "wrong.yaml", "simspec: 1\nname: n\nmodel: {use: m.yaml}\ncontact: {exclude: [[d, e]]}\n")
+    (problem,) = refused(wrong)
+    assert (problem.path, problem.message) == ("contact.exclude.0.1", "the model has no body 'e'")
+
+
+@pytest.mark.parametrize(
+    ("root", "placement", "path", "message"),
+    [
+        ("joint: {type: ball}", "fixed: true", "models.m.fixed", "cannot be fixed as well"),
+        ("velocity: {linear: [0, 0, 1]}", "fixed: true", "models.m.fixed", "has a velocity"),
+        ("fixed: true", "velocity: {linear: [0, 0, 1]}", "models.m.velocity", "is not free"),
+        ("fixed: false", "fixed: true, velocity: {linear: [0, 0, 1]}", "models.m.velocity", "is not free"),
+        ("array: {line: 2, step: [1, 0, 0]}", "pose: {}", "models.m.bodies.a.array", "is of its placement"),
+        (
+            "fixed: true",
+            "positions: {a_joint: 1}",
+            "models.m.positions.a_joint",
+            "a fixed joint, which has no position",
+        ),
+        (
+            "fixed: false",
+            "velocities: {a_joint: 1}",
+            "models.m.velocities.a_joint",
+            "a free joint, which has no velocity",
+        ),
+        ("joint: {type: ball}", "positions: {a_joint: 1}", "models.m.positions.a_joint", "is an orientation"),
+        ("joint: {type: ball, name: j}", "positions: {k: 1}", "models.m.positions.k", "the model has no joint 'k'"),
+        (
+            "joint: {type: hinge, axis: [0, 0, 1], limits: {position: [0, 1]}}",
+            "positions: {a_joint: 90 deg}",
+            "models.m.positions.a_joint",
+            "beyond the joint's limits",
+        ),
+    ],
+)
+def test_a_placement_that_contradicts_its_model(tmp_path, root, placement, path, message):
+    text = f"simspec: 1\nname: x\nmodels: {{m: {{bodies: {{a: {{{SOLID}, {root}}}}}, {placement}}}}}\n"
+    (problem,) = refused(spec(tmp_path, "top.yaml", text))
+    assert problem.path == path
+    assert message in problem.message
+
+
+def test_a_placement_may_fix_a_root_that_says_it_is_free(tmp_path):
+    text = f"simspec: 1\nname: x\nmodels: {{m: {{bodies: {{a: {{{SOLID}, joint: {{type: free}}}}}}, fixed: true}}}}\n"
+    assert load(spec(tmp_path, "top.yaml", text)).resolve().bodies[0].joint.kind == "fixed"
+
+
 # --- overrides ---
 
 
