@@ -180,7 +180,14 @@ def _part(source: Source, name: str) -> Mapping[str, Any]:
     data = source.document.data
     contact = data.get("contact") if isinstance(data, Mapping) else None
     found = contact.get(name) if isinstance(contact, Mapping) else None
-    return found if isinstance(found, Mapping) else {}
+    return {key: value for key, value in found.items() if isinstance(key, str)} if isinstance(found, Mapping) else {}
+
+
+def _ignores(group: Any) -> list[tuple[int, str]]:
+    """The groups that a group ignores, with their places in the list; what is no name is reported where it is read."""
+    found = group.get("ignores") if isinstance(group, Mapping) else None
+    items = found if isinstance(found, (list, tuple)) else ()
+    return [(index, other) for index, other in enumerate(items) if isinstance(other, str)]
 
 
 def _contact(source: Source) -> Iterator[Problem]:
@@ -191,17 +198,15 @@ def _contact(source: Source) -> Iterator[Problem]:
     for one in source.all():
         for name, group in _part(one, "groups").items():
             groups.add(name)
-            ignores = group.get("ignores") if isinstance(group, Mapping) else None
-            groups.update(other for other in ignores or () if isinstance(other, str))
+            groups.update(other for _, other in _ignores(group))
     for bodies in trees.every(source):
         yield from _references(source, bodies, materials, groups)
         used.update(group for name in bodies.raw if isinstance(group := bodies.field(name, "collision_group"), str))
     defined = {name for one in source.all() for name in _part(one, "groups")} | used
     for one in source.all():
         for name, group in _part(one, "groups").items():
-            ignores = group.get("ignores") if isinstance(group, Mapping) else None
-            for index, other in enumerate(ignores if isinstance(ignores, (list, tuple)) else ()):
-                if isinstance(other, str) and other not in defined:
+            for index, other in _ignores(group):
+                if other not in defined:
                     place = ("contact", "groups", name, "ignores", index)
                     message = f"no body is in a group {other!r}"
                     yield one.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))

@@ -108,3 +108,23 @@ def test_nothing_is_a_small_number():
     data = {"name": "t", "bodies": {"b": {"shapes": shapes}}, "contact": {"materials": {"m": {}}}}
     (built,) = Spec.from_data(data).resolve().bodies
     assert built.inertial.mass == pytest.approx(1000 * 4 / 3 * math.pi * 1e-3, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("contact", "path"),
+    [
+        ({"groups": {"a": {"ignores": 5}}}, "contact.groups.a.ignores"),
+        ({"groups": {"a": {"ignores": [5]}}}, "contact.groups.a.ignores"),
+        ({"groups": {"a": 5}}, "contact.groups.a"),
+        ({"groups": {5: {"ignores": ["a"]}}}, "contact.groups.5"),
+        ({"materials": {5: {}, None: {}}}, "contact.materials.5"),
+        ({"materials": 5}, "contact.materials"),
+        ({"pairs": [5, {"between": 5}, {"between": [5, None]}]}, "contact.pairs.0"),
+        ({"exclude": 5}, "contact.exclude"),
+        (5, "contact"),
+    ],
+)
+def test_tables_of_the_wrong_kind_are_problems_also_where_others_refer_to_them(contact, path):
+    """Found by random changes to the library's specs: what reads the raw tables must not take their kind for granted."""
+    ball = {"mass": 1, "collision_group": "b", "shapes": [{**BALL, "material": "m"}]}
+    assert path in [problem.path for problem in problems({"name": "t", "bodies": {"b": ball}, "contact": contact})]
