@@ -233,3 +233,17 @@ def test_a_state_set_again_gives_the_same_bits(load_dart):
 def test_a_circumscribed_pyramid_loads(load_dart):
     engine = load_dart(with_cone("pyramid-circumscribed"))
     assert engine.read_back().friction_cone == "pyramid-circumscribed"
+
+
+def test_a_new_state_has_no_contacts_of_the_old_one(load_dart):
+    engine = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 0.099), (0.0, 0.0, 0.0)))
+    engine.step(1)
+    assert len(engine.contacts()["distance"]) == 1
+    engine.set_state(*engine.get_state())
+    assert len(engine.contacts()["distance"]) == 0
+
+
+def test_no_approximate_solver_steps_in(load_dart):
+    solver = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))).world.getConstraintSolver()
+    assert not solver.getMatrixFreeContactSolverOptions().mEnabled
+    assert not solver.isSplitImpulseEnabled()
