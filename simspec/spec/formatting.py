@@ -33,23 +33,24 @@ def format_text(text: str, file: str) -> str:
     document, reader = _read(text, file)
     if not isinstance(document.data, dict):
         document.problems.append(Problem("a spec is a mapping (key: value)", location=Location(file, 1, 1)))
-    if document.problems:
+    if document.problems or reader is None:
         raise SpecError(document.problems)
     result = "\n".join(lines(reader.root, reader.header, reader.footer)) + "\n"
     _check(document, reader, result, file)
     return result
 
 
-def _read(text: str, file: str) -> tuple[Document, _Reader]:
+def _read(text: str, file: str) -> tuple[Document, _Reader | None]:
+    """The text's data, and its nodes; None where it has what a spec must not have, such as a list for a key."""
     stream = list(events(text, file))
     document = build(stream, file)
-    return document, _Reader(text, stream)
+    return document, None if document.problems else _Reader(text, stream)
 
 
 def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     """The promise of the layout: the same data, the same comments."""
     after, again = _read(result, file)
-    same = not after.problems and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
+    same = again is not None and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
     if not same or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments):
         message = "this file cannot be laid out without a change of meaning; it is left as it is"
         raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])

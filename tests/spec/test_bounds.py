@@ -9,6 +9,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.spec import strict
+from simspec.spec.formatting import format_text
 from simspec.spec.load import Spec
 
 BALL = {"sphere": {"radius": 0.1}}
@@ -128,3 +129,10 @@ def test_tables_of_the_wrong_kind_are_problems_also_where_others_refer_to_them(c
     """Found by random changes to the library's specs: what reads the raw tables must not take their kind for granted."""
     ball = {"mass": 1, "collision_group": "b", "shapes": [{**BALL, "material": "m"}]}
     assert path in [problem.path for problem in problems({"name": "t", "bodies": {"b": ball}, "contact": contact})]
+
+
+@pytest.mark.parametrize("key", ["[a, b]", "{a: 1}", "[]"])
+@pytest.mark.parametrize("text", ["? {}\n: 1\n", "name: {{{}: 1}}\n", "expect:\n  - ? {}\n    : 1\n"])
+def test_a_key_that_is_no_text_is_a_problem_to_the_layout_too(key, text):
+    with pytest.raises(SpecError, match="a key must be a text"):
+        format_text(text.format(key), "spec.yaml")
