@@ -50,6 +50,7 @@ class Efforts:
             for tree in coordinates.trees
             if self._loss[tree.dofs].any() or self.stiffness[tree.dofs].any()
         }
+        self._always = [tree for tree in coordinates.trees if tree.skeleton.getName() in self._driven]
         self._given: dict[str, np.ndarray] = {}
 
     def place(self, joint: Any) -> slice:
@@ -62,6 +63,8 @@ class Efforts:
         self._given = {}
         if effort is None:
             return self._always_driven
+        if effort is None:
+            return self._always
         needed = []
         for tree in self._coordinates.trees:
             name = tree.skeleton.getName()

@@ -264,8 +264,9 @@ class Simulation:
                 if one.turn is None:
                     one.turn = turn_of(one.joint.getPositions()[:3].tolist())
         else:
-            for one in turners:
-                one.turn = None
+            if turners and turners[0].turn is not None:  # all are set together and cleared together
+                for one in turners:
+                    one.turn = None
             turners = []
         step = self.world.step
         if not driven and not turners:
