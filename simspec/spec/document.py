@@ -152,7 +152,7 @@ def build(stream: Iterable[Any], file: str) -> Document:
     for event in stream:
         builder.take(event)
     data, mark = builder.result
-    return Document(file, data, mark, builder.problems)
+    return Document(file, data, mark or Mark(1, 1), builder.problems)  # an empty file has a beginning too
 
 
 def events(text: str, file: str) -> Iterator[Any]:

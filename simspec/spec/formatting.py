@@ -206,6 +206,10 @@ class _Reader:
                 else:
                     one.entry.above.append("")
             first_of_line.add(one.line)
+        for one in placed:
+            # a value below its key can have a comment beside each; on one line the two would become one
+            one.entry.above += one.entry.beside[:-1]
+            del one.entry.beside[:-1]
 
     def _beside(self, comment: _Comment, position: int) -> None:
         """Give a comment at the end of a line to the outermost thing that begins on the line; ``position``: of the first

@@ -9,8 +9,9 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.spec import strict
+from simspec.spec.document import parse
 from simspec.spec.formatting import format_text
-from simspec.spec.load import Spec
+from simspec.spec.load import Spec, load
 
 BALL = {"sphere": {"radius": 0.1}}
 
@@ -136,3 +137,24 @@ def test_tables_of_the_wrong_kind_are_problems_also_where_others_refer_to_them(c
 def test_a_key_that_is_no_text_is_a_problem_to_the_layout_too(key, text):
     with pytest.raises(SpecError, match="a key must be a text"):
         format_text(text.format(key), "spec.yaml")
+
+
+@pytest.mark.parametrize("content", ["", "\n\n", "# a comment\n"])
+def test_an_empty_file_is_named(tmp_path, content):
+    path = tmp_path / "spec.yaml"
+    path.write_text(content)
+    with pytest.raises(SpecError) as caught:
+        load(path)
+    assert str(caught.value.problems[0].location) == f"{path}:1:1"
+
+
+@pytest.mark.parametrize("value", ["text", "[]", "{}", "0, 0]"])
+@pytest.mark.parametrize("lead", ["", "first: 1\n", "# top\n\n", "first: 1\n\n# above\n"])
+@pytest.mark.parametrize("inside", ["{}", "expect:\n  - {}"])
+def test_comments_beside_a_key_and_beside_its_value_stay_two(value, lead, inside):
+    text = lead + inside.format(f"last:  # one\n        {value}  # two\n")
+    made = format_text(text, "spec.yaml")
+    assert next(line for line in made.split("\n") if "one" in line).endswith("# one")
+    assert next(line for line in made.split("\n") if "two" in line).endswith("# two")
+    assert parse(made, "f").data == parse(text, "f").data
+    assert format_text(made, "spec.yaml") == made
