@@ -141,7 +141,7 @@ def test_defaults_are_written_out():
 
 @given(
     st.tuples(*[st.floats(-1e3, 1e3)] * 3).filter(lambda v: max(map(abs, v)) > 1e-3),
-    st.sampled_from([1e-25, 1.0, 1e20]),
+    st.sampled_from([1e-180, 1.0, 1e20]),
 )
 def test_an_axis_is_of_unit_length_whatever_was_written(axis, scale):
     found = np.array(one(joint={**HINGE, "axis": [value * scale for value in axis]}).joint.axis)
@@ -353,6 +353,13 @@ def test_arrays_copy_whole_trees():
     assert [body.model for body in found.values()] == ["cart_0", "cart_0", "cart_1", "cart_1"]
 
 
+@pytest.mark.parametrize(("count", "last"), [(1, "a_0"), (10, "a_9"), (11, "a_10"), (101, "a_100")])
+def test_names_of_elements_are_of_equal_width(count, last):
+    names, _ = positions({"line": count, "step": [1, 0, 0]})
+    assert names[-1] == last
+    assert names == sorted(names)
+
+
 def test_an_array_of_fixed_bodies():
     found = world({"a": {"fixed": True, "array": {"line": 2, "step": [1, 0, 0]}, "pose": {"xyz": [0, 0, 1]}}})
     assert [body.joint.origin.position for body in found.bodies] == [(0, 0, 1), (1, 0, 1)]
@@ -399,6 +406,16 @@ def test_a_placed_model_is_the_model_alone_moved():
         expected = frames.compose(frame, here)
         assert there[f"arm/{name}"].position == pytest.approx(expected.position, abs=1e-15)
         assert there[f"arm/{name}"].quaternion == pytest.approx(expected.quaternion, abs=1e-15)
+
+
+def test_an_array_of_models_is_laid_out_in_the_frame_of_its_pose():
+    place = {"xyz": [1, 0, 0], "rpy": [0, 0, "90 deg"]}
+    root = {**SOLID, "pose": {"xyz": [0, 0, 5]}}
+    array = {"poses": [{}, {"xyz": [2, 0, 0], "rpy": [0, "90 deg", 0]}]}
+    first, second = world(models={"m": {"bodies": {"a": root}, "pose": place, "array": array}}).bodies
+    assert first.joint.position[:3] == exactly((1, 0, 5))
+    # the element's frame is 2 m along the turned x axis; turned itself, the root's 5 m up lie along that axis too
+    assert second.joint.position[:3] == pytest.approx((1, 7, 0), abs=1e-14)  # rounding of two turns, at 7 m
 
 
 def test_a_model_that_is_turned_takes_its_velocity_with_it():

@@ -68,8 +68,6 @@ class Document:
         for index, step in enumerate(path):
             file = mark.file or file
             if mark.items is None or step not in mark.items:
-                if mark.keys is not None and step in mark.keys:
-                    place = mark.keys[str(step)]
                 break
             holder, mark = mark, mark.items[step]
             last = index == len(path) - 1

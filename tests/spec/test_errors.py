@@ -121,6 +121,11 @@ CASES = {
         joint("type: hinge, axis: [0, 0, 1], limits: {position: [0, 1]}, position: 2"),
         "bodies.a.joint.position", "beyond the joint's limits", "2", "0 to 1", None,
     ),
+    "misspelt type": (joint("typ: hinge, axis: [0, 0, 1]"), "bodies.a.joint.typ", "unknown key", None, "type", "'type'"),
+    "misspelt parameter": (
+        f"{HEAD}bodies: {{}}\nexpect: [{{energy_conserved: {{tolerence: 1 %}}}}]\n",
+        "expect.0.energy_conserved.tolerence", "unknown key", None, "tolerance", "'tolerance'",
+    ),
     "number for an orientation": (joint("type: ball, position: 1"), "bodies.a.joint.position", "an orientation", "1", "rpy", None),
     "unknown key of an orientation": (
         joint("type: ball, position: {rpi: [0, 0, 0]}"), "bodies.a.joint.position.rpi", "unknown key", None, None, "'rpy'",
@@ -321,6 +326,18 @@ def test_one_problem_and_all_about_it(tmp_path, case):
             assert re.search(re.escape(wanted) if part != "hint" else wanted, getattr(problem, part) or "nothing"), part
     assert problem.location is not None
     assert problem.location.file.endswith("spec.yaml")
+
+
+@pytest.mark.parametrize(("excess", "fine"), [(0.0, True), (5e-10, True), (5e-9, False)])
+@pytest.mark.parametrize("form", ["principal: [0.1, 0.2, {}]", "tensor: {{xx: 0.1, yy: 0.2, zz: {}}}"])
+def test_a_flat_body_may_be_off_by_the_last_digits_of_its_figures(tmp_path, excess, fine, form):
+    path = tmp_path / "flat.yaml"
+    path.write_text(body(f"mass: 1, inertia: {{{form.format(0.3 * (1 + excess))}}}"))
+    if fine:
+        load(path)
+    else:
+        with pytest.raises(SpecError, match="triangle inequality"):
+            load(path)
 
 
 NAMES = ("a b", "a<b", "a&b", 'a"b', "a'b", "a/b", "é", "1a", "", "-a", "a" * 300, "a\nb", "a.b")

@@ -125,6 +125,12 @@ def test_what_is_no_spec_is_left_alone(text):
         format_text(text, "f")
 
 
+def test_a_text_that_moves_into_brackets_is_quoted():
+    text = "simspec: 1\nengines:\n  e:\n    settings:\n      a: x, y\n      b: no {mapping}\n      c: 'it''s'\n      d: plain\n"
+    tidy = format_text(text, "f")
+    assert tidy.endswith("""    settings: {a: "x, y", b: "no {mapping}", c: 'it''s', d: plain}\n""")
+
+
 def test_lines_that_do_not_fit_are_broken():
     settings_ = ", ".join(f"setting_{n}: {n}" for n in range(40))
     tidy = format_text(f"simspec: 1\nengines: {{e: {{settings: {{{settings_}}}}}}}\n", "f")

@@ -48,6 +48,14 @@ def test_use_is_relative_to_the_file_that_says_it(tmp_path, monkeypatch):
     assert [body.name for body in load("a/models/again.yaml").resolve().bodies] == ["a"]
 
 
+def test_a_file_that_is_used_twice_is_read_once(tmp_path):
+    spec(tmp_path, "m.yaml", MODEL)
+    text = "simspec: 1\nname: x\nmodels: {one: {use: m.yaml}, two: {use: ./m.yaml}, three: {use: m.yaml}}\n"
+    found = load(spec(tmp_path, "top.yaml", text))
+    assert found.source.uses["m.yaml"] is found.source.uses["./m.yaml"]
+    assert [body.name for body in found.resolve().bodies] == ["one/a", "two/a", "three/a"]
+
+
 def test_use_may_not_leave_the_files_folder(tmp_path):
     spec(tmp_path, "outside.yaml", MODEL)
     path = spec(tmp_path, "in/top.yaml", using("../outside.yaml"))
