@@ -83,11 +83,11 @@ class Simulation:
         self._set_surfaces()
         self._set_filter()
         self._moves = [body.isReactive() for body in self.bodies]
-        touchable = any(
+        self._may_touch = any(
             moves and self.collision_nodes(body) for moves, body in zip(self._moves, self.bodies, strict=True)
         )
         choice = self.settings["exact_rotation"]
-        self._exact_rotation = choice == "always" or (choice == "auto" and not touchable)
+        self._exact_rotation = choice == "always" or (choice == "auto" and not self._may_touch)
         self.set_state(*self.coordinates.get_state())
 
     # --- loading ----------------------------------------------------------------------------------------------
@@ -258,7 +258,14 @@ class Simulation:
 
         Raises EngineError when the last step had more contacts than DART takes.
         """
+        step = self.world.step
         driven, turners = self.efforts.give(effort), self.coordinates.turners
+        if not driven and not turners:
+            for _ in range(count):
+                step()
+            if self._may_touch:
+                self._check_contact_cap()
+            return
         if self._exact_rotation:
             for one in turners:
                 if one.turn is None:
@@ -268,7 +275,6 @@ class Simulation:
                 for one in turners:
                     one.turn = None
             turners = []
-        step = self.world.step
         if not driven and not turners:
             for _ in range(count):
                 step()
