@@ -15,7 +15,7 @@ from simspec.engines.base import Engine, check_settings, engines, find_engine, r
 from simspec.errors import Location, Problem, SpecError, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Format, Target, formats
-from simspec.formats.passes import pair_needs
+from simspec.formats.contact_plan import ContactPlan, contact_plan, pair_needs
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
@@ -48,17 +48,20 @@ def compile_world(
     world: World,
     targets: Iterable[str],
     locate: Callable[[str], Location | None] = _nowhere,
+    plans: Mapping[str, ContactPlan] | None = None,
 ) -> dict[str, Compiled]:
     """Compile ``world`` for each target, in order; the result is keyed by engine.
 
     A target is an engine's name, or a format's name, which stands for every engine that reads it. ``locate`` gives the place
-    in the spec of a dotted path, for errors. Raises UnsupportedError with every problem of every target together.
+    in the spec of a dotted path, for errors. ``plans`` gives, by engine, numbers of materials to use instead of those that
+    the world asks for: contact probes have the numbers of the scenario that they stand for.
+    Raises UnsupportedError with every problem of every target together.
     """
     found: dict[str, Compiled] = {}
     problems: list[Problem] = check_options(world, locate)
     for name in _engine_names(targets):
         try:
-            found[name] = _compile_engine(world, find_engine(name), locate)
+            found[name] = _compile_engine(world, find_engine(name), locate, (plans or {}).get(name))
         except UnsupportedError as error:
             # formats do not know the spec: what they refuse is given its place here
             problems.extend(
@@ -80,13 +83,20 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
     return list(names)
 
 
-def _compile_engine(world: World, engine: type[Engine], locate: Callable[[str], Location | None]) -> Compiled:
+def _compile_engine(
+    world: World, engine: type[Engine], locate: Callable[[str], Location | None], plan: ContactPlan | None
+) -> Compiled:
     file_format: Format = formats()[engine.FORMAT]
     table = combine(file_format.SUPPORT, engine.SUPPORT)
-    extra = pair_needs(world, engine.FRICTION_RULE, engine.RESTITUTION_RULE)
-    decisions = negotiate(world, engine.NAME, table, locate, extra)
-    target = Target(engine.NAME, engine.FRICTION_RULE, engine.RESTITUTION_RULE, resolve_settings(engine, world))
-    return Compiled(engine.NAME, engine.FORMAT, file_format.emit(world, target), tuple(decisions))
+    decisions = negotiate(world, engine.NAME, table, locate, pair_needs(world, engine.RULES))
+    files = file_format.emit(world, target_of(world, engine, plan))
+    return Compiled(engine.NAME, engine.FORMAT, files, tuple(decisions))
+
+
+def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = None) -> Target:
+    """What a format must know to write ``world`` for ``engine``; ``plan`` where another than the world's own is wanted."""
+    plan = plan or contact_plan(world, engine.RULES, engine.LAYERS)
+    return Target(engine.NAME, engine.RULES, plan, resolve_settings(engine, world))
 
 
 def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:

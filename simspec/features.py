@@ -53,6 +53,15 @@ class Feature(StrEnum):
     FRICTION_PAIRS = "material.friction.pairs"
     RESTITUTION = "material.restitution"
     RESTITUTION_PAIRS = "material.restitution.pairs"
+    RESTITUTION_THRESHOLD = "material.restitution.threshold"
+    TORSIONAL_FRICTION = "material.friction.torsional"
+    ROLLING_FRICTION = "material.friction.rolling"
+    HARDNESS_COMMON = "contact.hardness.common"
+    HARDNESS_TIME_CONSTANT = "contact.hardness.time-constant"
+    HARDNESS_STIFFNESS = "contact.hardness.stiffness"
+    HARDNESS_NATIVE = "contact.hardness.native"
+    HARDNESS_PAIRS = "contact.hardness.pairs"
+    PASSING_PAIRS = "contact.pairs.collide"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
@@ -96,6 +105,15 @@ MEANING: Mapping[Feature, str] = {
     Feature.FRICTION_PAIRS: "pair frictions that the engine's combination rule does not give",
     Feature.RESTITUTION: "restitution above zero",
     Feature.RESTITUTION_PAIRS: "pair restitutions that the engine's combination rule does not give",
+    Feature.RESTITUTION_THRESHOLD: "a speed below which nothing bounces",
+    Feature.TORSIONAL_FRICTION: "a torque of at most c N about the normal of a contact",
+    Feature.ROLLING_FRICTION: "a torque of at most c N across the normal of a contact",
+    Feature.HARDNESS_COMMON: "rigid contact that takes back 1 % of an overlap in each step",
+    Feature.HARDNESS_TIME_CONSTANT: "compliant contact by time constant and damping ratio",
+    Feature.HARDNESS_STIFFNESS: "compliant contact by stiffness and damping",
+    Feature.HARDNESS_NATIVE: "contact as hard as the engine makes it by default: a declared difference",
+    Feature.HARDNESS_PAIRS: "a hardness for each pair of materials",
+    Feature.PASSING_PAIRS: "pairs of materials that do not collide",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
@@ -246,14 +264,27 @@ def needs(world: World) -> list[Need]:
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 
+_CONTACT_FEATURES = (
+    ("friction", Feature.FRICTION),
+    ("torsional_friction", Feature.TORSIONAL_FRICTION),
+    ("rolling_friction", Feature.ROLLING_FRICTION),
+    ("restitution", Feature.RESTITUTION),
+    ("restitution_threshold", Feature.RESTITUTION_THRESHOLD),
+)
+
+
 def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
     if any(shape.collision for body in world.bodies for shape in body.shapes):
         note(Feature(f"contact.cone.{world.contact.friction_cone}"), "contact.friction_cone")
-    for material in world.contact.materials:
-        if material.friction:
-            note(Feature.FRICTION, f"contact.materials.{material.name}.friction")
-        if material.restitution:
-            note(Feature.RESTITUTION, f"contact.materials.{material.name}.restitution")
+    for pair in world.contact.pairs:
+        path = f"contact.pairs.{pair.first}.{pair.second}"
+        if not pair.collide:
+            note(Feature.PASSING_PAIRS, f"{path}.collide")
+            continue
+        for quantity, feature in _CONTACT_FEATURES:
+            if getattr(pair, quantity):
+                note(feature, f"{path}.{quantity}")
+        note(Feature(f"contact.hardness.{pair.hardness.kind}"), f"{path}.hardness")
     if world.contact.ignored_groups:
         note(Feature.COLLISION_GROUPS, "contact.groups")
     parents = {tuple(sorted((body.name, body.joint.parent))) for body in world.bodies if body.joint.parent is not None}

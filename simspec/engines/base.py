@@ -18,6 +18,7 @@ import numpy as np
 
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
+from simspec.formats.contact_plan import Rules
 from simspec.world.types import ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -43,6 +44,22 @@ class Setting:
     maximum: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """A known deviation of an engine from the contact law, in one contact probe (see ``proof/contact/``).
+
+    ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
+    else it is in the figure's unit. It counts for pairs with at least this ``friction`` and from this ``timestep`` (s) on.
+    """
+
+    probe: str
+    size: float
+    why: str
+    relative: bool = True
+    friction: float = 0.0
+    timestep: float = 0.0
+
+
 class Engine:
     """A live simulation of one world.
 
@@ -59,9 +76,12 @@ class Engine:
     """The extra of simspec that installs it."""
     SUPPORT: ClassVar[Table]
     SETTINGS: ClassVar[Mapping[str, Setting]]
-    FRICTION_RULE: ClassVar[str]
-    """How it combines the friction numbers of two shapes: max, min or product."""
-    RESTITUTION_RULE: ClassVar[str]
+    RULES: ClassVar[Rules]
+    """How it combines the numbers of two shapes."""
+    LAYERS: ClassVar[bool]
+    """Whether pairs that no numbers give are had by copies of shapes in layers (see ``formats/contact_plan.py``)."""
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
+    """What it is known not to reach of the contact law, each measured."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}
     """Fields that it cannot be asked for, with the reason."""
 

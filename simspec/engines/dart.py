@@ -16,6 +16,7 @@ from simspec.engines.base import Engine, Setting, empty_contacts, restore_veloci
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.formats.contact_plan import Rules
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
@@ -49,8 +50,8 @@ class Dart(Engine):
     FORMAT: ClassVar[str] = "skel"
     DISTRIBUTION: ClassVar[str] = "dartpy"
     EXTRA: ClassVar[str] = "dart"
-    FRICTION_RULE: ClassVar[str] = "min"
-    RESTITUTION_RULE: ClassVar[str] = "product"
+    RULES: ClassVar[Rules] = Rules("min", "product")
+    LAYERS: ClassVar[bool] = False
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(
@@ -76,6 +77,20 @@ class Dart(Engine):
             "0.002 to 0.018 above the asked ratio at 1 ms, and none at all where it would leave less than 0.1 m/s"
         ),
         Feature.RESTITUTION_PAIRS: unsupported("DART multiplies two shapes' numbers, and none give these pairs"),
+        **dict.fromkeys(
+            (
+                Feature.RESTITUTION_THRESHOLD,
+                Feature.TORSIONAL_FRICTION,
+                Feature.ROLLING_FRICTION,
+                Feature.HARDNESS_TIME_CONSTANT,
+                Feature.HARDNESS_STIFFNESS,
+                Feature.HARDNESS_NATIVE,
+                Feature.HARDNESS_PAIRS,
+                Feature.PASSING_PAIRS,
+            ),
+            unsupported("not yet"),
+        ),
+        Feature.HARDNESS_COMMON: EXACT,
         Feature.CONE_ELLIPTIC: via_api("NsgsFrictionSolver, law Coulomb"),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),

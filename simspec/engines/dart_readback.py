@@ -13,7 +13,7 @@ from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames
 from simspec.formats.skel import world_name
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 SHAPE_KINDS = {
     "SphereShape": "sphere",
@@ -155,7 +155,9 @@ def _shape(node: Any) -> Shape:
     if node.hasCollisionAspect() and node.getCollisionAspect().isCollidable():
         surface = node.getDynamicsAspect()
         shape = dataclasses.replace(
-            shape, collision=True, friction=surface.getFrictionCoeff(), restitution=surface.getRestitutionCoeff()
+            shape,
+            collision=True,
+            surfaces=(Surface(surface.getFrictionCoeff(), restitution=surface.getRestitutionCoeff()),),
         )
     return shape
 

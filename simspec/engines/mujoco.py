@@ -18,6 +18,7 @@ from simspec.engines.base import Engine, Setting, empty_contacts, restore_veloci
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
+from simspec.formats.contact_plan import Rules
 from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
 
@@ -41,8 +42,8 @@ class MuJoCo(Engine):
     FORMAT: ClassVar[str] = "mjcf"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     EXTRA: ClassVar[str] = "mujoco"
-    FRICTION_RULE: ClassVar[str] = "max"
-    RESTITUTION_RULE: ClassVar[str] = "max"
+    RULES: ClassVar[Rules] = Rules("max", "max")
+    LAYERS: ClassVar[bool] = False
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
@@ -64,6 +65,20 @@ class MuJoCo(Engine):
         Feature.RESTITUTION_PAIRS: unsupported(
             "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
         ),
+        **dict.fromkeys(
+            (
+                Feature.RESTITUTION_THRESHOLD,
+                Feature.TORSIONAL_FRICTION,
+                Feature.ROLLING_FRICTION,
+                Feature.HARDNESS_TIME_CONSTANT,
+                Feature.HARDNESS_STIFFNESS,
+                Feature.HARDNESS_NATIVE,
+                Feature.HARDNESS_PAIRS,
+                Feature.PASSING_PAIRS,
+            ),
+            unsupported("not yet"),
+        ),
+        Feature.HARDNESS_COMMON: EXACT,
         Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
         Feature.CONE_PYRAMID_INSCRIBED: approximate(
             "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "

@@ -12,7 +12,18 @@ from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_na
 from simspec.formats.mjcf_contact import pair_problem
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    Inertial,
+    Joint,
+    Pose,
+    ReadBack,
+    Shape,
+    Surface,
+    Vector3,
+)
 
 UNREADABLE = {
     "collision_group": "MuJoCo keeps bit masks and excluded pairs, not the names of groups; the filter is probed"
@@ -157,9 +168,10 @@ class _ReadBack:
             for value, halved in zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
         )
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-        friction = restitution = None
+        surfaces: tuple[Surface, ...] = ()
         if collides:
             friction, restitution = self._surface(geom)
+            surfaces = (Surface(friction, restitution=restitution),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -170,8 +182,7 @@ class _ReadBack:
             collides,
             GROUP_IS_VISUAL[int(model.geom_group[geom])],
             (red, green, blue, alpha),
-            friction,
-            restitution,
+            surfaces,
         )
 
     def _surface(self, geom: int) -> tuple[float, float]:

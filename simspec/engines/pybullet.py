@@ -23,6 +23,7 @@ from simspec.engines.pybullet_probe import Probe
 from simspec.engines.pybullet_readback import read_back
 from simspec.engines.pybullet_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.formats.contact_plan import Rules
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
@@ -58,8 +59,8 @@ class PyBullet(Engine):
     FORMAT: ClassVar[str] = "urdf"
     DISTRIBUTION: ClassVar[str] = "pybullet"
     EXTRA: ClassVar[str] = "pybullet"
-    FRICTION_RULE: ClassVar[str] = "product"
-    RESTITUTION_RULE: ClassVar[str] = "product"
+    RULES: ClassVar[Rules] = Rules("product", "product")
+    LAYERS: ClassVar[bool] = False
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,
@@ -101,6 +102,20 @@ class PyBullet(Engine):
             Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
         ),
         Feature.RESTITUTION_PAIRS: unsupported(_NO_PAIRS),
+        **dict.fromkeys(
+            (
+                Feature.RESTITUTION_THRESHOLD,
+                Feature.TORSIONAL_FRICTION,
+                Feature.ROLLING_FRICTION,
+                Feature.HARDNESS_TIME_CONSTANT,
+                Feature.HARDNESS_STIFFNESS,
+                Feature.HARDNESS_NATIVE,
+                Feature.HARDNESS_PAIRS,
+                Feature.PASSING_PAIRS,
+            ),
+            unsupported("not yet"),
+        ),
+        Feature.HARDNESS_COMMON: EXACT,
         Feature.CONE_ELLIPTIC: via_api("enableConeFriction=1"),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"

@@ -12,7 +12,7 @@ from simspec.engines.pybullet_simulation import Link, Simulation, Tree, from_xyz
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
@@ -154,7 +154,9 @@ def _shapes(sim: Simulation, tree: Tree, link: Link, visuals: list[Shape]) -> tu
     for entry in p.getCollisionShapeData(tree.uid, link.link, physicsClientId=client):
         kind = _kind(entry[2])
         pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
-        shape = Shape("", kind, _size(kind, entry[3]), pose, visual=False, friction=info[1], restitution=info[5])
+        shape = Shape(
+            "", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(Surface(info[1], restitution=info[5]),)
+        )
         same = next((visual for visual in rest if _same(shape, visual)), None)
         if same is not None:
             rest.remove(same)

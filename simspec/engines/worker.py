@@ -3,7 +3,8 @@
 ``python worker.py FOLDER`` in any environment that has numpy and the engine: this file makes its own ``simspec`` package
 importable without putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
-FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS)
+FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
+                      name another folder of artifacts)
 FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
 FOLDER/result.json    schema, status (ok | error), error, versions, one entry per finished operation
 FOLDER/result.npz     arrays of the results, named "<index>.<name>"
@@ -98,6 +99,34 @@ def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> t
     return {"steps": done}, {name: np.array(values) for name, values in found.items()}
 
 
+def _drive(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Motion with contact from the files' initial state: phases of (steps, every), effort (phases, nv).
+
+    -> time (n,), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
+    """
+    import numpy as np
+
+    time, poses, velocities = [], [], []
+    done = 0
+
+    def look() -> None:
+        pose, velocity = engine.body_states()
+        time.append(done * operation["timestep"])
+        poses.append(pose)
+        velocities.append(velocity)
+
+    look()
+    for (steps, every), effort in zip(operation["phases"], arrays["effort"], strict=True):
+        given = effort if effort.any() else None
+        left = steps
+        while left:
+            count = min(every, left)
+            engine.step(count, given)
+            done, left = done + count, left - count
+            look()
+    return {}, {"time": np.array(time), "pose": np.array(poses), "velocity": np.array(velocities)}
+
+
 def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """q (k, nq) -> touching (n, 3): index of the state, then the indices of two bodies that touch in it."""
     import numpy as np
@@ -122,6 +151,7 @@ OPERATIONS = {
     "kinematics": _kinematics,
     "dynamics": _dynamics,
     "motion": _motion,
+    "drive": _drive,
     "touching": _touching,
     "run": _run,
 }
@@ -149,7 +179,8 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
         engine = engine_class()
         try:
             started = time.perf_counter()
-            engine.load(artifacts, read_sidecar(artifacts))
+            folder = Path(operation.get("artifacts", artifacts))
+            engine.load(folder, read_sidecar(folder))
             loaded = time.perf_counter()
             entry, found = OPERATIONS[operation["op"]](engine, arrays, operation)
             entries.append(

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from simspec.features import Table, check_total
+from simspec.formats.contact_plan import ContactPlan, Rules
 from simspec.resources import resource_folder
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import ReadBack, Vector3, World
@@ -26,8 +27,10 @@ class Target:
     """What a format must know of the engine it writes for; data, given by the engine's module."""
 
     engine: str
-    friction_rule: str
-    restitution_rule: str
+    rules: Rules
+    """How the engine combines the numbers of two shapes."""
+    plan: ContactPlan
+    """The numbers that shapes get, and the layers of their copies."""
     settings: Mapping[str, bool | int | float | str]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.base import Target, number, numbers
-from simspec.formats.passes import meeting_materials, solid_shapes, surface_numbers
+from simspec.formats.passes import meeting_materials, solid_shapes
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import PairContact, Shape, World
 
@@ -70,15 +70,14 @@ def pair_defaults(world: World, target: Target) -> Attributes:
 
 def classes(world: World, target: Target) -> list[dict[str, Any]]:
     """One class for each material, and the class of shapes that only show."""
-    friction, _ = surface_numbers(world, "friction", target.friction_rule)
-    restitution, _ = surface_numbers(world, "restitution", target.restitution_rule)
     found: list[dict[str, Any]] = [
         {"name": VISUAL_CLASS, "geom": (("contype", "0"), ("conaffinity", "0"), ("group", "2"))}
     ]
     for material in world.contact.materials:
-        mu = friction[material.name]
+        held = target.plan.numbers[material.name, 0]
+        mu = held.friction
         surface = (("condim", "3" if mu else "1"), ("friction", f"{number(mu)} 0 0"))
-        solref = contact_reference(world, target, restitution[material.name])
+        solref = contact_reference(world, target, held.restitution)
         found.append({"name": MATERIAL_CLASS + material.name, "geom": (*surface, *solref)})
     return found
 

@@ -17,7 +17,18 @@ from simspec.formats.base import read_sidecar
 from simspec.formats.mjcf_contact import pair_problem
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    Inertial,
+    Joint,
+    Pose,
+    Quaternion,
+    ReadBack,
+    Shape,
+    Surface,
+)
 
 UNREADABLE = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
 
@@ -192,9 +203,10 @@ class _Reader:
                 for value, halved in zip(_floats(given["size"]), HALVED[kind], strict=True)
             )
         collides = given["contype"] != "0" or given["conaffinity"] != "0"
-        friction = restitution = None
+        surfaces: tuple[Surface, ...] = ()
         if collides:
             friction, restitution = self._surface(given)
+            surfaces = (Surface(friction, restitution=restitution),)
         red, green, blue, alpha = _floats(given["rgba"])
         return Shape(
             given["name"],
@@ -205,8 +217,7 @@ class _Reader:
             collides,
             GROUP_IS_VISUAL[given["group"]],
             (red, green, blue, alpha),
-            friction,
-            restitution,
+            surfaces,
         )
 
     def _surface(self, given: Mapping[str, str]) -> tuple[float, float]:

@@ -10,7 +10,6 @@ import dataclasses
 import functools
 import math
 
-from simspec.features import Feature, Need
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.types import Body, Pose, Quaternion, Shape, Vector3, World
@@ -165,76 +164,6 @@ def tensor(moments: Vector3, turn: Quaternion) -> tuple[float, float, float, flo
     return frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
 
 
-COMBINATION_RULES = ("max", "min", "product")
-
-
-def surface_numbers(
-    world: World, quantity: str, rule: str
-) -> tuple[dict[str, float], list[tuple[str, str, float, float]]]:
-    """Per-material numbers which, combined by an engine's ``rule``, give the world's pair values.
-
-    ``quantity`` is "friction" or "restitution". Only pairs of materials that can meet count (some body of one may touch
-    some body of the other). Returns the numbers, and the pairs that no per-material number can give, as
-    (first, second, wanted, obtained); empty when the inversion is exact.
-    """
-    wanted = {pair: value for pair, value in _pair_values(world, quantity).items() if pair in meeting_materials(world)}
-    partners: dict[str, list[float]] = {material.name: [] for material in world.contact.materials}
-    for (first, second), value in wanted.items():
-        partners[first].append(value)
-        partners[second].append(value)
-    own = {material.name: getattr(material, quantity) for material in world.contact.materials}
-    numbers: dict[str, float] = {}
-    for name, values in partners.items():
-        if not values:
-            numbers[name] = math.sqrt(own[name]) if rule == "product" else own[name]
-        elif rule == "product":
-            numbers[name] = math.sqrt(wanted.get((name, name), own[name]))
-        else:
-            numbers[name] = min(values) if rule == "max" else max(values)
-    if rule == "product":
-        _spread_product(numbers, wanted)
-    missed = []
-    for (first, second), value in sorted(wanted.items()):
-        obtained = combine_surfaces(rule, numbers[first], numbers[second])
-        if abs(obtained - value) > 1e-12 * max(1.0, abs(value)):  # the tolerance of text, proof level L0
-            missed.append((first, second, value, obtained))
-    return numbers, missed
-
-
-def _spread_product(numbers: dict[str, float], wanted: dict[tuple[str, str], float]) -> None:
-    """Under the product rule, the number of a material that never meets itself follows from a partner's.
-
-    Where no partner is known either (a ramp and a box, one of each), the first keeps the number of its own friction.
-    """
-    known = {first for first, second in wanted if first == second}
-    open_pairs = [pair for pair in sorted(wanted) if pair[0] != pair[1]]
-    while open_pairs:
-        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
-        if half_known is None:
-            known.add(open_pairs[0][0])
-        else:
-            given, asked = half_known if half_known[0] in known else half_known[::-1]
-            if numbers[given] > 0.0:
-                numbers[asked] = wanted[half_known] / numbers[given]
-            known.add(asked)
-        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
-
-
-def combine_surfaces(rule: str, first: float, second: float) -> float:
-    """The pair value that an engine's combination rule makes of two shapes' numbers."""
-    if rule == "max":
-        return max(first, second)
-    if rule == "min":
-        return min(first, second)
-    if rule == "product":
-        return first * second
-    raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(COMBINATION_RULES)}")
-
-
-def _pair_values(world: World, quantity: str) -> dict[tuple[str, str], float]:
-    return {(pair.first, pair.second): getattr(pair, quantity) for pair in world.contact.pairs}
-
-
 @functools.lru_cache(maxsize=8)
 def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     """The sorted pairs of materials of which some body may touch some other."""
@@ -257,23 +186,9 @@ def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
             if len(found) < len(world.contact.pairs) and allowed.may_touch(one.name, other.name):
                 for a in {shape.material for shape in one.shapes if shape.collision}:
                     for b in {shape.material for shape in other.shapes if shape.collision}:
-                        found.add((min(a, b), max(a, b)))
+                        if allowed.may_materials_touch(a, b):
+                            found.add((min(a, b), max(a, b)))
     return frozenset(found)
-
-
-def pair_needs(world: World, friction_rule: str, restitution_rule: str) -> list[Need]:
-    """Needs of FRICTION_PAIRS and RESTITUTION_PAIRS: where per-shape numbers cannot give the world's pair values."""
-    found = []
-    for quantity, rule, feature in (
-        ("friction", friction_rule, Feature.FRICTION_PAIRS),
-        ("restitution", restitution_rule, Feature.RESTITUTION_PAIRS),
-    ):
-        _, missed = surface_numbers(world, quantity, rule)
-        if missed:
-            found.append(
-                Need(feature, tuple(f"contact.pairs.{first}.{second}.{quantity}" for first, second, *_ in missed))
-            )
-    return found
 
 
 def solid_shapes(body: Body) -> tuple[Shape, ...]:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
 from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
-from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes, surface_numbers
+from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes
 from simspec.formats.skel_detectors import TINY_FRICTION, choose, problems
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -246,8 +246,7 @@ def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
-    friction, _ = surface_numbers(world, "friction", target.friction_rule)
-    restitution, _ = surface_numbers(world, "restitution", target.restitution_rule)
+    held = target.plan.numbers
     settings = dict(target.settings)
     settings["contact_solver"] = contact_solver(world, target)
     settings["collision_detector"] = collision_detector(world, target)
@@ -277,7 +276,9 @@ def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vect
                 "body": body.name,
                 "visual": shape.visual,
                 "collision": shape.collision,
-                "surface": [friction[shape.material], restitution[shape.material]] if shape.collision else [],
+                "surface": [held[shape.material, 0].friction, held[shape.material, 0].restitution]
+                if shape.collision
+                else [],
             }
             for body in world.bodies
             for shape in body.shapes

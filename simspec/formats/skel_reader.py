@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
 KINDS = {"weld": "fixed", "revolute": "hinge", "prismatic": "slide", "ball": "ball", "free": "free"}
 SIZES: Mapping[str, tuple[tuple[str, ...], float]] = {
@@ -119,7 +119,9 @@ def _shapes(body: ElementTree.Element, given: Sequence[Mapping[str, Any]]) -> tu
                 shape = dataclasses.replace(shape, visual=True, colour=_numbers(element, "color", 4))
             else:
                 friction, restitution = entry["surface"]
-                shape = dataclasses.replace(shape, collision=True, friction=friction, restitution=restitution)
+                shape = dataclasses.replace(
+                    shape, collision=True, surfaces=(Surface(friction, restitution=restitution),)
+                )
         if shape is None:
             raise ValueError(f"shape {entry['name']!r} is neither visual nor collision")
         found.append(shape)

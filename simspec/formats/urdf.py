@@ -20,11 +20,10 @@ from simspec.formats.passes import (
     principal_axes,
     recentre_free_roots,
     solid_shapes,
-    surface_numbers,
 )
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, rigid_groups, trees
-from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, World
+from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World
 
 JOINT_TYPES = {"fixed": "fixed", "hinge": "continuous", "slide": "prismatic", "ball": "spherical"}
 """URDF's name of each joint kind; a hinge with position limits is ``revolute``."""
@@ -96,6 +95,20 @@ class Urdf(Format):
         Feature.RESTITUTION: EXACT,
         Feature.RESTITUTION_PAIRS: unsupported(
             "PyBullet multiplies two numbers, one per body, and no numbers give these pairs"
+        ),
+        **dict.fromkeys(
+            (
+                Feature.RESTITUTION_THRESHOLD,
+                Feature.TORSIONAL_FRICTION,
+                Feature.ROLLING_FRICTION,
+                Feature.HARDNESS_TIME_CONSTANT,
+                Feature.HARDNESS_STIFFNESS,
+                Feature.HARDNESS_NATIVE,
+                Feature.HARDNESS_PAIRS,
+                Feature.HARDNESS_COMMON,
+                Feature.PASSING_PAIRS,
+            ),
+            EXACT,
         ),
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
@@ -191,13 +204,12 @@ class _Coordinates:
 
 def _surfaces(world: World, target: Target) -> dict[str, tuple[float, float]]:
     """Friction and restitution numbers of each body under the engine's combination rules."""
-    friction, _ = surface_numbers(world, "friction", target.friction_rule)
-    restitution, _ = surface_numbers(world, "restitution", target.restitution_rule)
     found = {}
     for body in world.bodies:
         solid = solid_shapes(body)
         material = solid[0].material if solid else None
-        found[body.name] = (friction[material], restitution[material]) if material is not None else (0.0, 0.0)
+        held = target.plan.numbers[material, 0] if material is not None else Surface()
+        found[body.name] = (held.friction, held.restitution)
     return found
 
 

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
 from simspec.world import frames
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 KINDS = {"fixed": "fixed", "revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
 
@@ -115,7 +115,7 @@ def _shapes(link: Any, dialect: _Dialect, names: list[str]) -> tuple[Shape, ...]
                 found[element.name] = dataclasses.replace(shape, visual=True, colour=colour)
             else:
                 found[element.name] = dataclasses.replace(
-                    shape, collision=True, friction=friction, restitution=restitution
+                    shape, collision=True, surfaces=(Surface(friction, restitution=restitution),)
                 )
     if set(found) != set(names):
         raise ValueError(f"link {link.name!r} has the shapes {sorted(found)}, the sidecar names {sorted(names)}")

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.formats.passes import combine_surfaces, meeting_materials
+from simspec.formats.contact_plan import QUANTITIES, Rules, combine, contact_plan, meeting_laws, shape_pairs
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import Body, Joint, Quaternion, ReadBack, Shape, World
+from simspec.world.types import Body, Hardness, Joint, PairContact, Quaternion, ReadBack, Shape, Surface, World
 
 JOINT_NUMBERS = (
     "damping",
@@ -28,9 +28,12 @@ JOINT_NUMBERS = (
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 
 
-def compare(world: World, held: ReadBack, friction_rule: str, restitution_rule: str, text: bool = False) -> list[Check]:
-    """Hold ``held`` against ``world``. ``text`` = an independent reading of the files: everything is level L0."""
-    return _Comparison(world, held, (friction_rule, restitution_rule), text).run()
+def compare(world: World, held: ReadBack, rules: Rules, layers: bool, text: bool = False) -> list[Check]:
+    """Hold ``held`` against ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/base.py``).
+
+    ``text`` = an independent reading of the files: everything is level L0.
+    """
+    return _Comparison(world, held, rules, layers, text).run()
 
 
 def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
@@ -51,12 +54,14 @@ def relative(expected: float, found: float) -> float:
 
 
 class _Comparison:
-    def __init__(self, world: World, held: ReadBack, rules: tuple[str, str], text: bool):
+    def __init__(self, world: World, held: ReadBack, rules: Rules, layers: bool, text: bool):
         self.world, self.held, self.rules = world, held, rules
+        self.plan = contact_plan(world, rules, layers)
         self.tally = Tally()
         self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
         self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
-        self.surfaces: dict[str, dict[str, dict[float, str]]] = {"friction": {}, "restitution": {}}
+        self.surfaces: dict[tuple[str, int], dict[Surface, str]] = {}
+        """Of each material in each layer the different numbers that shapes hold, each with one place."""
 
     def readable(self, field: str) -> bool:
         return field not in self.held.unreadable
@@ -216,27 +221,73 @@ class _Comparison:
             self.tally.equal(self.levels["geometry"], "visible", shape.visual, other.visual, f"{at}.visual")
         if not shape.collision:
             return
-        for quantity, seen in self.surfaces.items():
-            if self.readable(f"shape.{quantity}"):
-                value = getattr(other, quantity)
-                if value is None:
-                    self.note("geometry", quantity, None, at, "no number")
-                else:
-                    seen.setdefault(shape.material, {}).setdefault(value, at)
+        layers = self.plan.layers(shape.material)
+        if self.tally.equal(self.levels["geometry"], "copies of a shape", len(layers), len(other.surfaces), at):
+            for layer, surface in zip(layers, other.surfaces, strict=True):
+                self.surfaces.setdefault((shape.material, layer), {}).setdefault(surface, at)
 
     def pairs(self) -> None:
-        """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rule, against the world's."""
-        meeting = meeting_materials(self.world)
-        for pair in self.world.contact.pairs:
-            if (pair.first, pair.second) not in meeting:
+        """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rules, against the world's;
+        and each pair that the engine holds as such."""
+        laws = meeting_laws(self.world)
+        for pair, layer in self.plan.layer_of.items():
+            if pair in self.plan.missed:
                 continue
-            for (quantity, seen), rule in zip(self.surfaces.items(), self.rules, strict=True):
-                wanted = getattr(pair, quantity)
-                for one, place in seen.get(pair.first, {}).items():
-                    for two, other_place in seen.get(pair.second, {}).items():
-                        self.number(
-                            "geometry", quantity, wanted, combine_surfaces(rule, one, two), _both(place, other_place)
-                        )
+            for one, place in self.surfaces.get((pair[0], layer), {}).items():
+                for two, other_place in self.surfaces.get((pair[1], layer), {}).items():
+                    self.law(laws[pair], one, two, _both(place, other_place))
+        self.explicit(laws)
+
+    def law(self, law: PairContact, one: Surface, two: Surface, at: str) -> None:
+        """Two shapes' numbers against the law of their materials."""
+        for quantity in QUANTITIES:
+            if getattr(self.rules, quantity) == "none" or not self.readable(f"shape.{quantity}"):
+                continue
+            if getattr(one, quantity) is None or getattr(two, quantity) is None:
+                self.note("geometry", _words(quantity), None, at, "no number")
+            else:
+                found = combine(self.rules, one, two)[quantity]
+                self.number("geometry", _words(quantity), getattr(law, quantity), found, at)
+        if self.rules.hardness == "same" and self.readable("shape.hardness"):
+            for surface in (one, two):
+                self.hardness(law.hardness, surface.hardness, at)
+
+    def hardness(self, wanted: Hardness, found: Hardness | None, at: str) -> None:
+        if found is None or wanted.kind != found.kind:
+            self.note("geometry", "hardness", None, at, f"{found}, should be {wanted}")
+            return
+        self.note("geometry", "hardness", 0.0, at)
+        for name in ("time_constant", "damping_ratio", "stiffness", "damping"):
+            self.number("geometry", "hardness", getattr(wanted, name), getattr(found, name), at)
+
+    def explicit(self, laws: Mapping[tuple[str, str], PairContact]) -> None:
+        """Pairs of shapes that the engine holds as such, and that all of those are there which numbers cannot give."""
+        material = {shape.name: shape.material for body in self.world.bodies for shape in body.shapes}
+        held = set()
+        for pair in self.held.pairs:
+            at = f"pair {pair.first}, {pair.second}"
+            held.add((pair.first, pair.second))
+            both = tuple(sorted(material.get(name, "") for name in (pair.first, pair.second)))
+            if both not in laws:
+                self.note("geometry", "explicit pair", None, at, "these two never touch")
+                continue
+            law = laws[both]
+            for quantity in QUANTITIES:
+                value = getattr(pair.surface, quantity)
+                if value is not None:
+                    self.number("geometry", _words(quantity), getattr(law, quantity), value, at)
+            if pair.surface.hardness is not None:
+                self.hardness(law.hardness, pair.surface.hardness, at)
+        if self.plan.missed:
+            for first, second in shape_pairs(self.world, self.plan.missed):
+                if (first, second) not in held:
+                    self.note("geometry", "explicit pair", None, f"pair {first}, {second}", "is not there")
+                else:
+                    self.note("geometry", "explicit pair", 0.0, f"pair {first}, {second}")
+
+
+def _words(quantity: str) -> str:
+    return quantity.replace("_", " ")
 
 
 def _both(one: str, two: str) -> str:

@@ -133,14 +133,14 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
         read = formats()[compiled.format].read(folder)
     except (ValueError, KeyError, TypeError, OSError, SyntaxError) as error:  # a reader's ways to refuse a damaged file
         return [failed("L0", "text", f"the independent reader refuses the files: {type(error).__name__}: {error}")]
-    return compare(world, read, engine.FRICTION_RULE, engine.RESTITUTION_RULE, text=True)
+    return compare(world, read, engine.RULES, engine.LAYERS, text=True)
 
 
 def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Check], dict[str, str]]:
     answers = reply.answers
     held = from_plain(ReadBack, answers[0].result)
     still = np.zeros_like(probes.v)
-    checks = compare(world, held, engine.FRICTION_RULE, engine.RESTITUTION_RULE)
+    checks = compare(world, held, engine.RULES, engine.LAYERS)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
     both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
     checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)

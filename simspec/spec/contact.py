@@ -8,17 +8,83 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from simspec.spec.quantities import Name, Number, Reader, Word
+from simspec.spec.quantities import Flag, Name, Number, Reader, Word
 from simspec.spec.shapes import NameOf
-from simspec.spec.strict import Fault, Faults, Strict, fault, replace_loc, show
+from simspec.spec.strict import Fault, Faults, Strict, fault, near, replace_loc, show
 
 CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
 RULES = ("min", "max", "product", "mean", "geometric-mean")
 MOST_MATERIALS = 300
 """The world holds every pair of materials: n (n + 1) / 2 entries."""
 
+QUANTITIES = ("friction", "restitution", "torsional_friction", "rolling_friction", "restitution_threshold")
+"""What two materials combine by a rule, in the order of :class:`Combine`."""
+
 Coefficient = Annotated[float, Number("number", 0)]
 Ratio = Annotated[float, Number("number", 0, 1)]
+Arm = Annotated[float, Number("length", 0)]
+Speed = Annotated[float, Number("velocity", 0)]
+
+WORD_STANDS_FOR = ("friction", "restitution", "torsional_friction", "rolling_friction")
+"""What one word for `combine` stands for."""
+
+HARDNESS_WORDS = ("common", "native")
+HARDNESS_FORMS: Mapping[str, Mapping[str, Number]] = {
+    "time-constant": {"time_constant": Number("time", 0, above=True), "damping_ratio": Number("number", 0, above=True)},
+    "stiffness": {"stiffness": Number("stiffness", 0, above=True), "damping": Number("damping", 0)},
+}
+"""The two ways to state a compliance, each with its numbers."""
+
+
+@dataclass(frozen=True)
+class HardnessReader(Reader):
+    """A word, or a mapping of one of ``HARDNESS_FORMS``; read as (kind, numbers in the order of the form)."""
+
+    def read(self, value: Any) -> tuple[str, tuple[float, ...]]:
+        if isinstance(value, str):
+            return Word(HARDNESS_WORDS).read(value), ()
+        if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], tuple):  # read before
+            return value  # type: ignore[return-value]
+        if not isinstance(value, Mapping):
+            raise fault("wants a word or a compliance", show(value), self._allowed())
+        known = {name for form in HARDNESS_FORMS.values() for name in form}
+        for name in value:
+            if name not in known:
+                hint = near(str(name), known)
+                raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint)])
+        kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
+        if kind is None:
+            raise fault("not a whole compliance", show(dict(value)), self._allowed())
+        numbers = []
+        for name, number in HARDNESS_FORMS[kind].items():
+            try:
+                numbers.append(number.read(value[name]))
+            except Faults as error:
+                raise Faults(replace_loc(error.faults, (name,))) from None
+        return kind, tuple(numbers)
+
+    def _allowed(self) -> str:
+        forms = (f"{{{', '.join(form)}}}" for form in HARDNESS_FORMS.values())
+        return ", ".join((*HARDNESS_WORDS, *forms))
+
+    def describe(self) -> str:
+        words = " \\| ".join(f"`{word}`" for word in HARDNESS_WORDS)
+        return words + " \\| " + " \\| ".join(f"`{{{', '.join(form)}}}`" for form in HARDNESS_FORMS.values())
+
+    def schema(self) -> dict[str, Any]:
+        forms = [
+            {
+                "type": "object",
+                "properties": {name: number.schema() for name, number in form.items()},
+                "required": list(form),
+                "additionalProperties": False,
+            }
+            for form in HARDNESS_FORMS.values()
+        ]
+        return {"anyOf": [{"enum": list(HARDNESS_WORDS)}, *forms]}
+
+
+HardnessValue = Annotated[tuple[str, tuple[float, ...]], HardnessReader()]
 
 
 @dataclass(frozen=True)
@@ -74,26 +140,47 @@ class Material(Strict):
 
     friction: Coefficient = Field(0.0, description="μ: sliding friction, largest tangential over normal force")
     restitution: Ratio = Field(0.0, description="e: separation speed over approach speed")
+    torsional_friction: Arm = Field(0.0, description="c: torque about the normal of at most c N")
+    rolling_friction: Arm = Field(0.0, description="c: torque across the normal of at most c N")
+    restitution_threshold: Speed = Field(0.0, description="Slower impacts do not bounce")
+
+
+Rule = Annotated[str, Word(RULES)]
 
 
 class Combine(Strict):
-    """How the values of two different materials combine where `pairs` says nothing. One word stands for both."""
+    """How the values of two different materials combine where `pairs` says nothing. One word stands for all but the
+    threshold."""
 
-    friction: Annotated[str, Word(RULES)] = Field("min", description="Rule for friction")
-    restitution: Annotated[str, Word(RULES)] = Field("min", description="Rule for restitution")
+    friction: Rule = Field("min", description="Rule for sliding friction")
+    restitution: Rule = Field("min", description="Rule for restitution")
+    torsional_friction: Rule = Field("min", description="Rule for torsional friction")
+    rolling_friction: Rule = Field("min", description="Rule for rolling friction")
+    restitution_threshold: Rule = Field("max", description="Rule for the threshold speed")
 
 
 class Pair(Strict):
     """The contact law of two materials; wins over `combine`, and over the material's own values for a pair with itself."""
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
-    friction: Coefficient = Field(None, description="Friction of the pair; default: by `combine`")
+    friction: Coefficient = Field(None, description="Sliding friction of the pair; default: by `combine`")
     restitution: Ratio = Field(None, description="Restitution of the pair; default: by `combine`")
+    torsional_friction: Arm = Field(None, description="Torsional friction of the pair; default: by `combine`")
+    rolling_friction: Arm = Field(None, description="Rolling friction of the pair; default: by `combine`")
+    restitution_threshold: Speed = Field(None, description="Threshold speed of the pair; default: by `combine`")
+    hardness: HardnessValue = Field(None, description="Hardness of the pair; default: that of `contact`")
+    collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two pass through each other")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        if "between" in data and "friction" not in data and "restitution" not in data:
-            yield Fault((), "a pair says nothing without friction or restitution")
+        said = [name for name in data if name != "between"]
+        if "between" in data and not said:
+            yield Fault(
+                (), "a pair says nothing without a law", allowed=", ".join((*QUANTITIES, "hardness", "collide"))
+            )
+        if data.get("collide") is False and len(said) > 1:
+            other = next(name for name in said if name != "collide")
+            yield Fault((other,), "a pair that does not collide has no other law", hint="leave out one of the two")
 
 
 class Group(Strict):
@@ -111,6 +198,9 @@ class Contact(Strict):
         "elliptic",
         description="The friction law. elliptic: |f| ≤ μ N; pyramid-inscribed: |fx| + |fy| ≤ μ N; "
         "pyramid-circumscribed: |fx| ≤ μ N and |fy| ≤ μ N",
+    )
+    hardness: HardnessValue = Field(
+        ("common", ()), description="What holds bodies apart, where a pair says nothing else"
     )
     materials: dict[NameOf, Material] = Field({}, description="Materials by name")
     combine: Combine = Field(None, description="The rule for pairs of different materials, or a rule for each quantity")
@@ -131,7 +221,7 @@ class Contact(Strict):
         except Faults as error:
             del data["combine"]
             return data, replace_loc(error.faults, ("combine",))
-        data["combine"] = {"friction": word, "restitution": word}
+        data["combine"] = dict.fromkeys(WORD_STANDS_FOR, word)
         return data, []
 
     @classmethod

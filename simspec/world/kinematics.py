@@ -131,6 +131,12 @@ class CollisionFilter:
         self._ignored = set(world.contact.ignored_groups)
         self._excluded = set(world.contact.excluded_bodies)
         self._solid = {body.name for body in world.bodies if any(shape.collision for shape in body.shapes)}
+        self._passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
+        self._materials = (
+            {body.name: {shape.material for shape in body.shapes if shape.collision} for body in world.bodies}
+            if self._passing
+            else {}
+        )
 
     def may_touch(self, first: str, second: str) -> bool:
         """Whether contact between the two bodies is allowed; False for a body with itself or without shapes."""
@@ -141,4 +147,12 @@ class CollisionFilter:
         if (min(first, second), max(first, second)) in self._excluded:
             return False
         one, other = self._collision_group[first], self._collision_group[second]
-        return (min(one, other), max(one, other)) not in self._ignored
+        if (min(one, other), max(one, other)) in self._ignored:
+            return False
+        return not self._passing or any(
+            self.may_materials_touch(a, b) for a in self._materials[first] for b in self._materials[second]
+        )
+
+    def may_materials_touch(self, first: str, second: str) -> bool:
+        """Whether shapes of the two materials collide at all."""
+        return (min(first, second), max(first, second)) not in self._passing

@@ -19,6 +19,7 @@ Quaternion = tuple[float, float, float, float]
 JOINT_KINDS = ("fixed", "hinge", "slide", "ball", "free")
 SHAPE_KINDS = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
 FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
+HARDNESS_KINDS = ("common", "time-constant", "stiffness", "native")
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
@@ -57,11 +58,46 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True)
+class Hardness:
+    """What holds two bodies apart, for each point of contact; r is the gap (m, negative = overlap), v = dr/dt.
+
+    common         rigid: v' ≥ β (−r)/dt − e v in every step, β = 0.01, the same equation in every engine
+    time-constant  r̈ = −(2/T) v − r/(T ζ)², whatever the masses: T ``time_constant`` (s), ζ ``damping_ratio``
+    stiffness      the normal force is −k r − c v, and never pulls: k ``stiffness`` (N/m), c ``damping`` (N s/m)
+    native         what the engine does by default: a declared difference between engines
+
+    Numbers that a kind does not use are zero.
+    """
+
+    kind: str = "common"
+    time_constant: float = 0.0
+    damping_ratio: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The numbers that an engine holds for one copy of a shape, to be combined with another's by the engine's rules.
+
+    Sliding friction and restitution are ratios, torsional and rolling friction lengths (m); None = cannot be told.
+    ``hardness`` None = this engine holds hardness elsewhere, or cannot tell it.
+    """
+
+    friction: float | None = 0.0
+    torsional_friction: float | None = 0.0
+    rolling_friction: float | None = 0.0
+    restitution: float | None = 0.0
+    hardness: Hardness | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Shape:
     """A collision and/or visual shape, with its pose in the body frame.
 
-    ``friction`` and ``restitution`` are None in a world (there they follow from ``material``); in a read-back they are
-    the numbers that the engine holds for this shape, to be combined by the engine's own rule, and ``material`` is "".
+    ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
+    that the engine has for this shape, one entry for each copy of it (see ``formats/contact_plan.py``), in the order of
+    their layers, and ``material`` is "".
     """
 
     name: str
@@ -72,8 +108,7 @@ class Shape:
     collision: bool = True
     visual: bool = True
     colour: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
-    friction: float | None = None
-    restitution: float | None = None
+    surfaces: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,22 +165,37 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A surface: sliding friction coefficient and restitution of the material against itself."""
+    """A surface, by its contact with itself; the fields are those of :class:`PairContact`."""
 
     name: str
     friction: float = 0.0
     restitution: float = 0.0
+    torsional_friction: float = 0.0
+    rolling_friction: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class PairContact:
-    """The law between two materials (``first`` ≤ ``second``): friction coefficient, and restitution as the ratio of
-    separation to approach speed."""
+    """The law between two materials (``first`` ≤ ``second``); N is the normal force of a point of contact.
+
+    friction               largest tangential force over N (see the cones)
+    restitution            e, the ratio of separation to approach speed
+    torsional_friction     length c (m): the torque about the normal is at most c N
+    rolling_friction       length c (m): the torque across the normal is at most c N
+    restitution_threshold  approach speed (m/s) below which nothing bounces
+    hardness               see :class:`Hardness`
+    collide                False: shapes of these materials pass through each other
+    """
 
     first: str
     second: str
     friction: float
     restitution: float
+    torsional_friction: float = 0.0
+    rolling_friction: float = 0.0
+    restitution_threshold: float = 0.0
+    hardness: Hardness = Hardness()
+    collide: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +273,18 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldPair:
+    """The law of two shapes that an engine holds as a pair, and which overrides the numbers of both.
+
+    ``first`` and ``second`` are names of shapes, ``first`` < ``second``.
+    """
+
+    first: str
+    second: str
+    surface: Surface
+
+
+@dataclass(frozen=True, slots=True)
 class ReadBack:
     """The world as an engine (or an independent reader of a file) says it holds it, in the world's frames and order.
 
@@ -235,3 +297,4 @@ class ReadBack:
     timestep: float
     friction_cone: str = "elliptic"
     unreadable: dict[str, str] = field(default_factory=dict)
+    pairs: tuple[HeldPair, ...] = ()

@@ -16,12 +16,11 @@ from simspec.engines.base import CONTACT_FIELDS, Engine, check_settings, engines
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
 from simspec.formats.base import formats, read_sidecar
-from simspec.formats.passes import combine_surfaces
 from simspec.proof.comparator import compare
 from simspec.proof.oracle import Oracle
 from simspec.proof.probes import random_states, rotation_error
 from simspec.world.kinematics import CollisionFilter, initial_state
-from simspec.world.types import World
+from simspec.world.types import Surface, World
 from tests import worlds
 
 ENGINES = [
@@ -76,7 +75,7 @@ def loaded(name, tmp_path):
 def test_the_engine_holds_the_world(name, loaded, key):
     world = WORLDS[key]()
     engine = loaded(world)
-    checks = compare(world, engine.read_back(), engine.FRICTION_RULE, engine.RESTITUTION_RULE)
+    checks = compare(world, engine.read_back(), engine.RULES, engine.LAYERS)
     assert [check for check in checks if not check.passed] == []
     assert {"mass", "joint type", "gravity", "timestep"} <= {check.name for check in checks}
 
@@ -324,8 +323,7 @@ def test_settings_say_what_they_do_and_refuse_what_they_cannot(name):
     assert check_settings(engine, [(key, setting.default) for key, setting in engine.SETTINGS.items()]) == []
     (problem,) = check_settings(engine, [("no_such_setting", 1)])
     assert "no_such_setting" in problem.message
-    assert combine_surfaces(engine.FRICTION_RULE, 0.5, 0.5) > 0
-    assert combine_surfaces(engine.RESTITUTION_RULE, 0.5, 0.5) > 0
+    assert combine(engine.RULES, Surface(0.5, restitution=0.5), Surface(0.5, restitution=0.5))["friction"] > 0
 
 
 def test_the_same_world_gives_the_same_bytes(name):

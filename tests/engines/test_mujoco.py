@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simspec.compiler import write_folder
-from simspec.engines.base import resolve_settings
+from simspec.compiler import target_of, write_folder
 from simspec.engines.mujoco import NO_EXPLICIT_PAIRS, MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import combine, negotiate
-from simspec.formats.base import Target, read_sidecar
+from simspec.formats.base import read_sidecar
 from simspec.formats.mjcf import MODEL, Mjcf
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
@@ -26,7 +25,7 @@ mujoco = pytest.importorskip("mujoco")
 
 
 def write(world: World, folder: Path) -> Path:
-    target = Target("mujoco", MuJoCo.FRICTION_RULE, MuJoCo.RESTITUTION_RULE, resolve_settings(MuJoCo, world))
+    target = target_of(world, MuJoCo)
     write_folder(Mjcf().emit(world, target), folder / "a")
     return folder / "a"
 

@@ -16,6 +16,7 @@ from simspec.engines.recorder import record
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature
 from simspec.formats.base import SIDECAR
+from simspec.formats.contact_plan import Rules
 
 STUB = """
 import os, time
@@ -25,7 +26,7 @@ from simspec.features import EXACT, Feature
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
-    FRICTION_RULE = RESTITUTION_RULE = "max"
+    RULES, LAYERS = Rules("max", "max"), False
     SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT), {}
     def load(self, folder, sidecar):
         self.what = sidecar["what"]
@@ -98,7 +99,7 @@ class Growing(Engine):
     """An engine whose only body doubles its height each step until it overflows."""
 
     NAME, FORMAT, DISTRIBUTION, EXTRA = "growing", "none", "numpy", "none"
-    FRICTION_RULE = RESTITUTION_RULE = "max"
+    RULES, LAYERS = Rules("max", "max"), False
     SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
     SETTINGS: ClassVar = {}
 

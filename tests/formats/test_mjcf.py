@@ -8,11 +8,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from simspec.compiler import write_folder
-from simspec.engines.base import resolve_settings
+from simspec.compiler import target_of, write_folder
 from simspec.engines.mujoco import MuJoCo
 from simspec.errors import UnsupportedError
-from simspec.formats.base import Target
 from simspec.formats.mjcf import MODEL, Mjcf, depth_first
 from simspec.formats.mjcf_contact import FILTER_BITS
 from simspec.world.kinematics import CollisionFilter
@@ -31,7 +29,7 @@ WORLDS = {
 
 
 def emit(world: World) -> dict[str, str]:
-    target = Target("mujoco", MuJoCo.FRICTION_RULE, MuJoCo.RESTITUTION_RULE, resolve_settings(MuJoCo, world))
+    target = target_of(world, MuJoCo)
     return Mjcf().emit(world, target)
 
 

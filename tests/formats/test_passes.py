@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from simspec.formats import passes
 from simspec.formats.base import number, sidecar_text
 from simspec.world import frames, kinematics
-from simspec.world.types import Material, PairContact
 from tests import worlds
 
 unit = st.floats(-1, 1).filter(lambda x: x == 0 or abs(x) > 1e-3)
@@ -55,49 +52,6 @@ def test_recentring_changes_no_physics_and_can_be_undone():
         np.testing.assert_allclose(other.joint.position, one.joint.position, atol=1e-15)
         np.testing.assert_allclose(other.joint.velocity, one.joint.velocity, atol=1e-15)
         np.testing.assert_allclose(other.inertial.centre_of_mass, one.inertial.centre_of_mass, atol=1e-15)
-
-
-@pytest.mark.parametrize("rule", passes.COMBINATION_RULES)
-def test_surface_numbers_invert_the_rule(rule):
-    world = worlds.shapes_world(friction=0.36)
-    numbers, missed = passes.surface_numbers(world, "friction", rule)
-    assert not missed
-    assert passes.combine_surfaces(rule, numbers["default"], numbers["default"]) == pytest.approx(0.36, abs=1e-15)
-
-
-def ramp_world():
-    """A ramp that meets a rough and a slick box, which do not meet each other."""
-    world = worlds.shapes_world(("box", "sphere"))
-    names = ("ramp", "rough", "slick")
-    bodies = tuple(
-        dataclasses.replace(body, shapes=(dataclasses.replace(body.shapes[0], material=name),))
-        for body, name in zip(world.bodies, names, strict=True)
-    )
-    values = {("ramp", "rough"): 0.6, ("ramp", "slick"): 0.2}
-    pairs = tuple(PairContact(a, b, values.get((a, b), 0.5), 0.0) for i, a in enumerate(names) for b in names[i:])
-    contact = dataclasses.replace(
-        world.contact,
-        materials=tuple(Material(name, 0.5) for name in names),
-        pairs=pairs,
-        excluded_bodies=(("box", "sphere"),),
-    )
-    return dataclasses.replace(world, bodies=bodies, contact=contact)
-
-
-@pytest.mark.parametrize("rule", passes.COMBINATION_RULES)
-def test_only_pairs_that_can_meet_bind_the_numbers(rule):
-    world = ramp_world()
-    assert passes.meeting_materials(world) == {("ramp", "rough"), ("ramp", "slick")}
-    _, missed = passes.surface_numbers(world, "friction", rule)
-    assert not missed
-
-
-def test_pairs_that_no_number_can_give_are_named():
-    world = ramp_world()
-    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=()))
-    _, missed = passes.surface_numbers(world, "friction", "max")
-    assert [(first, second) for first, second, *_ in missed] == [("ramp", "rough")]
-    assert [need.feature.value for need in passes.pair_needs(world, "max", "min")] == ["material.friction.pairs"]
 
 
 def test_excluded_pairs_hold_rigid_groups_and_leave_out_the_shapeless():

@@ -10,12 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from simspec.engines.base import resolve_settings
+from simspec.compiler import target_of
 from simspec.engines.dart import Dart
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats import skel
-from simspec.formats.base import SIDECAR, Target, read_sidecar
+from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.formats.skel import WORLD, Skel
 from simspec.proof.comparator import compare
 from simspec.world import frames
@@ -28,7 +28,7 @@ SMALL = 3e-4
 
 
 def target(world):
-    return Target("dart", Dart.FRICTION_RULE, Dart.RESTITUTION_RULE, resolve_settings(Dart, world))
+    return target_of(world, Dart)
 
 
 SHAPES = tuple(f"shape.{kind}" for kind in ("box", "cylinder", "capsule", "ellipsoid", "plane"))
@@ -51,7 +51,7 @@ def write(files, folder):
 
 def failures(world, held, text=False):
     """The checks of the comparator that fail, as (name, place)."""
-    checks = compare(world, held, Dart.FRICTION_RULE, Dart.RESTITUTION_RULE, text=text)
+    checks = compare(world, held, Dart.RULES, Dart.LAYERS, text=text)
     assert len(checks) > 5
     return [(check.name, check.where) for check in checks if not check.passed]
 

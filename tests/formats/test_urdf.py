@@ -10,12 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from simspec.engines.base import resolve_settings
+from simspec.compiler import target_of
 from simspec.engines.pybullet import PyBullet
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
-from simspec.formats.base import SIDECAR, Target, read_sidecar
-from simspec.formats.passes import pair_needs
+from simspec.formats.base import SIDECAR, read_sidecar
+from simspec.formats.contact_plan import pair_needs
 from simspec.formats.urdf import Urdf
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
@@ -26,7 +26,7 @@ TEXT = 1e-12
 
 
 def target(world):
-    return Target("pybullet", "product", "product", resolve_settings(PyBullet, world))
+    return target_of(world, PyBullet)
 
 
 def emit(world):
@@ -285,7 +285,7 @@ def test_the_sidecars_filter_is_the_worlds(groups, tmp_path):
 
 
 def refusals(world):
-    extra = pair_needs(world, PyBullet.FRICTION_RULE, PyBullet.RESTITUTION_RULE)
+    extra = pair_needs(world, PyBullet.RULES)
     with pytest.raises(UnsupportedError) as caught:
         negotiate(world, "pybullet", combine(Urdf.SUPPORT, PyBullet.SUPPORT), extra_needs=extra)
     return str(caught.value)

@@ -1,0 +1,113 @@
+"""What a contact probe is (proof level L5): a small world of its own, driven for a while, and what it shows.
+
+A probe is written once for all engines. It knows two materials and their law, lays out bodies of these materials, says how
+they are driven, and turns the motion that comes back into figures, each beside its analytic value. It never learns which
+engine it ran in; an engine's declared deviations are added afterwards, by data (``Engine.CONTACT_DEVIATIONS``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simspec.world.types import Body, PairContact
+
+GRAVITY = 9.81
+"""Of all probes, downwards (m/s²), whatever the scenario's is: a contact law does not depend on it."""
+FLOOR = "floor"
+"""Name of the fixed body that probes stand on: a box whose upper face is at z = 0, of the pair's *first* material."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """What is to be measured: the law of two materials, the cone it is under, and the timestep (s) of the scenario."""
+
+    pair: PairContact
+    friction_cone: str
+    timestep: float
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """``steps`` steps under constant efforts, seen every ``every`` steps; ``effort`` holds, by body, a force (N) at the
+    centre of mass and a torque (N m), in world axes at the beginning of the phase."""
+
+    steps: int
+    every: int = 1
+    effort: Mapping[str, tuple[float, float, float, float, float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One probe world: its bodies in their initial state, and how they are driven."""
+
+    bodies: tuple[Body, ...]
+    phases: tuple[Phase, ...]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What came back of a trial, by body: states at the times (n,), in s, the initial state first.
+
+    ``pose`` (n, 7) x y z w x y z of the body frame; ``velocity`` (n, 6) linear of the body frame's origin, then angular,
+    both in world axes.
+    """
+
+    time: np.ndarray
+    pose: Mapping[str, np.ndarray]
+    velocity: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured figure.
+
+    probe      name of the probe (``push``, ``stop``, ``stick``, ``restitution``, ...)
+    subject    what was probed: two materials ("rubber, steel"), or a shape
+    case       which of the probe's cases was worst, in words ("24 directions, worst at 45°")
+    quantity   what the numbers are ("friction", "distance", "ratio", "depth", ...)
+    unit       their unit, "" for ratios
+    expected   the analytic value
+    measured   what the engine did
+    tolerance  how far ``measured`` may be from ``expected``, absolute, in ``unit``
+    deviation  of an engine that declares one for this probe: its reason; the tolerance is then the declared size
+    points     for plots: rows of numbers, all of one length
+    """
+
+    probe: str
+    subject: str
+    case: str
+    quantity: str
+    unit: str
+    expected: float
+    measured: float
+    tolerance: float
+    deviation: str = ""
+    points: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether the measured value is within the tolerance; never for NaN."""
+        return abs(self.measured - self.expected) <= self.tolerance
+
+
+class Probe:
+    """One kind of measurement on two materials. Subclasses have no state."""
+
+    NAME: str
+    MEANING: str
+    """One line: what is measured, and against what."""
+
+    def applies(self, law: Law) -> bool:
+        """Whether this law has anything for this probe to measure."""
+        raise NotImplementedError
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        """The worlds to run; the same for every engine."""
+        raise NotImplementedError
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        """What the motions (one for each trial, in order) show, against what ``law`` says."""
+        raise NotImplementedError
