@@ -179,8 +179,8 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
         engine = engine_class()
         try:
             started = time.perf_counter()
-            folder = Path(operation.get("artifacts", artifacts))
-            engine.load(folder, read_sidecar(folder))
+            place = Path(operation.get("artifacts", artifacts))
+            engine.load(place, read_sidecar(place))
             loaded = time.perf_counter()
             entry, found = OPERATIONS[operation["op"]](engine, arrays, operation)
             entries.append(
