@@ -49,13 +49,25 @@ NAMES: Mapping[str, str] = {
     "shape not solid": "model",
     "friction": "model",
     "restitution": "bouncing",
+    "pair value": "surfaces",
+    "cone": "surfaces",
+    "hardness": "surfaces",
+    "copy filter": "surfaces",
+    "passing pair": "surfaces",
+    "torsional friction": "rolling",
+    "rolling friction": "rolling",
     "excluded pair dropped": "model",
     "excluded pair too many": "model",
     "collision group": "model",
     "gravity": "model",
     "timestep": "model",
 }
-"""The name of each defect, and the world it is planted into."""
+"""The name of each defect, and the world it is planted into.
+
+In the world "surfaces": *pair value* the friction of ice with rubber, halved; *cone* another than the world's; *hardness*
+contact ten times as soft; *copy filter* copies of two shapes, or an explicit pair, that act where another pair of materials
+should; *passing pair* ghost and ice touch. In "rolling": the number of the pair, halved.
+"""
 
 STEP = 1e-3
 """How far a planted length, angle or share is off: a slip of the pen, a million times the proof's tolerance."""

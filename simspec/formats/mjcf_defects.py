@@ -116,6 +116,13 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": xml(MODEL, _drop_exclude),
     "excluded pair too many": xml(MODEL, _exclude_too_many),
     "collision group": xml(MODEL, _group),
+    "pair value": "not planted yet",
+    "cone": "not planted yet",
+    "hardness": "not planted yet",
+    "copy filter": "not planted yet",
+    "passing pair": "not planted yet",
+    "torsional friction": "not planted yet",
+    "rolling friction": "not planted yet",
     "gravity": _attribute("option", "gravity", lambda text: nudged(text, 2)),
     "timestep": _attribute("option", "timestep", scaled),
 }

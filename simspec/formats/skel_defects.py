@@ -110,6 +110,13 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
+    "pair value": "not planted yet",
+    "cone": "not planted yet",
+    "hardness": "not planted yet",
+    "copy filter": "not planted yet",
+    "passing pair": "not planted yet",
+    "torsional friction": "not planted yet",
+    "rolling friction": "not planted yet",
     "gravity": _text(".//physics/gravity", lambda text: nudged(text, 2)),
     "timestep": _text(".//physics/time_step", scaled),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 
@@ -145,11 +146,55 @@ def bouncing(engine: str) -> World:
     return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
 
 
+def _cube(name: str, x: float, material: str) -> Body:
+    joint = Joint(f"{name}_joint", "free", position=(x, 0.0, 0.5, *FREE), velocity=STILL)
+    shape = Shape(f"{name}_0", "box", (0.1, 0.1, 0.1), Pose(), material)
+    return Body(name, name, Inertial(0.8, inertia=TENSOR), joint, (shape,))
+
+
+def surfaces(engine: str) -> World:
+    """A floor of two materials and a cube of each of three, with pair values that no combination rule gives; the ghost
+    passes through ice."""
+    tiles = {"ice": -1.0, "rubber": 1.0}
+    floor = tuple(
+        Shape(f"floor_{name}", "box", (2.0, 2.0, 0.4), Pose((x, 0.0, -0.2)), name) for name, x in tiles.items()
+    )
+    bodies = (
+        Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), floor),
+        _cube("ghost_cube", -0.5, "ghost"),
+        _cube("ice_cube", 0.0, "ice"),
+        _cube("rubber_cube", 0.5, "rubber"),
+    )
+    contact = Contact(
+        materials=(Material("ghost", 0.5), Material("ice", 0.1), Material("rubber", 0.2)),
+        pairs=(
+            PairContact("ghost", "ghost", 0.5, 0.0),
+            PairContact("ghost", "ice", 0.0, 0.0, collide=False),
+            PairContact("ghost", "rubber", 0.4, 0.0),
+            PairContact("ice", "ice", 0.1, 0.0),
+            PairContact("ice", "rubber", 0.3, 0.0),
+            PairContact("rubber", "rubber", 0.2, 0.0),
+        ),
+    )
+    return World("self-test-surfaces", bodies, contact, PHYSICS, engines=_options(engine))
+
+
+def rolling(engine: str) -> World:
+    """A ball on a floor, with torsional and rolling friction."""
+    world = bouncing(engine)
+    law = PairContact("rubber", "rubber", 0.5, 0.0, torsional_friction=0.01, rolling_friction=0.002)
+    contact = Contact(materials=(Material("rubber", 0.5, 0.0, 0.01, 0.002),), pairs=(law,))
+    options = _options(engine, "material.friction.rolling", "material.friction.torsional")
+    return dataclasses.replace(world, name="self-test-rolling", contact=contact, engines=options)
+
+
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
     "armature": armature,
     "dry friction": dry_friction,
     "ball joint": ball_joint,
     "bouncing": bouncing,
+    "surfaces": surfaces,
+    "rolling": rolling,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
