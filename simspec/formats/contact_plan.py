@@ -76,10 +76,11 @@ class ContactPlan:
 
 def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
     """What an engine makes of two shapes' numbers, by quantity."""
-    return {name: _combined(rules, name, first, second) for name in QUANTITIES}
+    return {name: combined(rules, name, first, second) for name in QUANTITIES}
 
 
-def _combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
+def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
+    """One quantity of :func:`combine`."""
     rule, a, b = getattr(rules, quantity), getattr(first, quantity), getattr(second, quantity)
     if rule == "max":
         return max(a, b)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.formats.contact_plan import QUANTITIES, Rules, combine, contact_plan, meeting_laws, shape_pairs
+from simspec.formats.contact_plan import QUANTITIES, Rules, combined, contact_plan, meeting_laws, shape_pairs
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
@@ -243,10 +243,11 @@ class _Comparison:
         for quantity in QUANTITIES:
             if getattr(self.rules, quantity) == "none" or not self.readable(f"shape.{quantity}"):
                 continue
-            if getattr(one, quantity) is None or getattr(two, quantity) is None:
+            needed = (quantity, "friction") if getattr(self.rules, quantity) == "cross" else (quantity,)
+            if any(getattr(surface, name) is None for surface in (one, two) for name in needed):
                 self.note("geometry", _words(quantity), None, at, "no number")
             else:
-                found = combine(self.rules, one, two)[quantity]
+                found = combined(self.rules, quantity, one, two)
                 self.number("geometry", _words(quantity), getattr(law, quantity), found, at)
         if self.rules.hardness == "same" and self.readable("shape.hardness"):
             for surface in (one, two):

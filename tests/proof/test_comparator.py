@@ -7,12 +7,28 @@ import math
 
 import pytest
 
+from simspec.formats.contact_plan import Rules, contact_plan, shape_pairs, surfaces
 from simspec.proof.comparator import compare
 from simspec.world import frames
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, ReadBack, Shape, World
+from simspec.world.types import (
+    Body,
+    Contact,
+    Hardness,
+    HeldPair,
+    Inertial,
+    Joint,
+    Material,
+    PairContact,
+    Pose,
+    ReadBack,
+    Shape,
+    Surface,
+    World,
+)
 from tests import worlds
 
-RULE = "min"
+RULES = Rules("min", "min", "min", "min", "same")
+SURFACE_FIELDS = ("friction", "torsional_friction", "rolling_friction", "restitution", "hardness")
 MISS = 1e-8
 """The size of the planted errors: ten times the tolerance of the model's levels."""
 
@@ -45,7 +61,7 @@ def full_world() -> World:
         materials=(Material("rubber", 0.8, 0.5), Material("steel", 0.3, 0.2)),
         pairs=(
             PairContact("rubber", "rubber", 0.8, 0.5),
-            PairContact("rubber", "steel", 0.3, 0.2),
+            PairContact("rubber", "steel", 0.3, 0.2, 0.03, 0.02),
             PairContact("steel", "steel", 0.3, 0.2),
         ),
         excluded_bodies=worlds.parent_pairs(bodies),
@@ -55,20 +71,27 @@ def full_world() -> World:
 
 def held(world: World) -> ReadBack:
     """A perfect read-back: the world, with numbers on its shapes instead of materials."""
-    surface = {material.name: material for material in world.contact.materials}
+    plan = contact_plan(world, RULES, True)
 
     def shape(one: Shape) -> Shape:
         if not one.collision:
             return dataclasses.replace(one, material="")
-        own = surface[one.material]
-        return dataclasses.replace(one, material="", friction=own.friction, restitution=own.restitution)
+        return dataclasses.replace(one, material="", surfaces=surfaces(one, plan))
 
     bodies = tuple(dataclasses.replace(body, shapes=tuple(map(shape, body.shapes))) for body in world.bodies)
     return ReadBack(bodies, world.physics.gravity, world.physics.timestep, world.contact.friction_cone)
 
 
+def with_surface(found: ReadBack, body: str, shape: str, layer: int = 0, /, **changes) -> ReadBack:
+    held_surfaces = next(one for one in body_of(found, body).shapes if one.name == shape).surfaces
+    changed = tuple(
+        dataclasses.replace(one, **changes) if index == layer else one for index, one in enumerate(held_surfaces)
+    )
+    return with_shape(found, body, shape, surfaces=changed)
+
+
 def failures(world: World, found: ReadBack, text: bool = False) -> list[tuple[str, str, str]]:
-    return [(c.level, c.name, c.where) for c in compare(world, found, RULE, RULE, text) if not c.passed]
+    return [(c.level, c.name, c.where) for c in compare(world, found, RULES, True, text) if not c.passed]
 
 
 def with_body(found: ReadBack, name: str, /, **changes) -> ReadBack:
@@ -201,25 +224,31 @@ def _shape_cases():
         other = "cylinder" if shape.kind == "capsule" else "capsule"
         changed = with_shape(HELD, "link0", shape.name, kind=other, size=(0.05, 0.2))
         yield f"{shape.name} kind", "L4", "shape type", changed
-        changed = with_shape(HELD, "link0", shape.name, collision=not shape.collision, friction=0.8, restitution=0.5)
+        changed = with_shape(HELD, "link0", shape.name, collision=not shape.collision, surfaces=())
         yield f"{shape.name} collision", "L4", "shape type", changed
         rest = tuple(one for one in body_of(HELD, "link0").shapes if one.name != shape.name)
         yield f"{shape.name} missing", "L4", "shape type", with_body(HELD, "link0", shapes=rest)
         if shape.collision:
             unseen = with_shape(HELD, "link0", shape.name, visual=False)
             yield f"{shape.name} unseen", "L4", "visible", unseen
-            for quantity in ("friction", "restitution"):
-                # RULE is min: the floor's smaller numbers decide, and any shape below them shows
-                lower = with_shape(HELD, "link0", shape.name, **{quantity: 0.1})
-                yield f"{shape.name} {quantity}", "L4", quantity, lower
-                none = with_shape(HELD, "link0", shape.name, **{quantity: None})
-                yield f"{shape.name} {quantity} none", "L4", quantity, none
-    extra = (*body_of(HELD, HINGE).shapes, Shape("extra", "sphere", (0.1,), friction=0.8, restitution=0.5))
+            for quantity in SURFACE_FIELDS[:-1]:
+                # the rule is min: the floor's numbers are as small, and any shape below them shows
+                lower = with_surface(HELD, "link0", shape.name, **{quantity: 0.001})
+                yield f"{shape.name} {quantity}", "L4", quantity.replace("_", " "), lower
+                none = with_surface(HELD, "link0", shape.name, **{quantity: None})
+                yield f"{shape.name} {quantity} none", "L4", quantity.replace("_", " "), none
+            for hardness in (None, Hardness("native"), Hardness("stiffness", stiffness=1e4)):
+                found = with_surface(HELD, "link0", shape.name, hardness=hardness)
+                yield f"{shape.name} hardness {hardness}", "L4", "hardness", found
+            no_surface = with_shape(HELD, "link0", shape.name, surfaces=())
+            yield f"{shape.name} without surface", "L4", "copies of a shape", no_surface
+    extra = (*body_of(HELD, HINGE).shapes, Shape("extra", "sphere", (0.1,), surfaces=(Surface(0.8),)))
     yield "one shape more", "L4", "shape type", with_body(HELD, HINGE, shapes=extra)
     plane = body_of(HELD, "floor").shapes[0].pose
-    for quantity, value in (("friction", 0.3), ("restitution", 0.2)):
-        found = with_shape(HELD, "floor", "floor_0", **{quantity: value * (1 + MISS)})
-        yield f"floor {quantity}", "L4", quantity, found
+    for quantity in SURFACE_FIELDS[:-1]:
+        value = getattr(body_of(HELD, "floor").shapes[0].surfaces[0], quantity)
+        found = with_surface(HELD, "floor", "floor_0", **{quantity: value * (1 - MISS)})
+        yield f"floor {quantity}", "L4", quantity.replace("_", " "), found
     up = frames.rotate(plane.quaternion, (0.0, 0.0, MISS))
     raised = dataclasses.replace(plane, position=frames.add(plane.position, up))
     yield "plane raised", "L4", "shape position", with_shape(HELD, "floor", "floor_0", pose=raised)
@@ -249,7 +278,7 @@ CASES = [*_inertial_cases(), *_joint_cases(), *_shape_cases(), *_world_cases()]
 
 
 def test_a_perfect_read_back_passes():
-    checks = compare(WORLD, HELD, RULE, RULE)
+    checks = compare(WORLD, HELD, RULES, True)
     assert [check for check in checks if not check.passed] == []
     assert {check.level for check in checks} == {"L1", "L2", "L4"}
     assert all(check.worst <= 1e-15 for check in checks)  # quaternions are multiplied
@@ -273,12 +302,15 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
     named = {
         Body: {"name", "inertial", "joint", "shapes", "collision_group", "model"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
-        Shape: {"name", "kind", "size", "pose", "material", "collision", "visual", "colour", "friction", "restitution"},
+        Shape: {"name", "kind", "size", "pose", "material", "collision", "visual", "colour", "surfaces"},
+        Surface: set(SURFACE_FIELDS),
+        Hardness: {"kind", "time_constant", "damping_ratio", "stiffness", "damping"},
+        HeldPair: {"first", "second", "surface"},
         Joint: {
             *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
             *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
         },
-        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable"},
+        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable", "pairs"},
     }
     for kind, fields in named.items():
         assert {field.name for field in dataclasses.fields(kind)} == fields
@@ -295,7 +327,7 @@ def test_text_is_held_to_twelve_digits():
     found = with_inertial(HELD, HINGE, mass=body_of(HELD, HINGE).inertial.mass * (1 + 1e-11))
     assert failures(WORLD, found) == []
     assert [entry[:2] for entry in failures(WORLD, found, text=True)] == [("L0", "mass")]
-    assert {check.level for check in compare(WORLD, HELD, RULE, RULE, text=True)} == {"L0"}
+    assert {check.level for check in compare(WORLD, HELD, RULES, True, text=True)} == {"L0"}
 
 
 def negative(q):
@@ -349,8 +381,10 @@ UNREADABLE = {
     "timestep": lambda: dataclasses.replace(HELD, timestep=0.0),
     "friction_cone": lambda: dataclasses.replace(HELD, friction_cone="pyramid-inscribed"),
     "collision_group": lambda: with_body(HELD, HINGE, collision_group=""),
-    "shape.friction": lambda: with_shape(HELD, "floor", "floor_0", friction=None),
-    "shape.restitution": lambda: with_shape(HELD, "floor", "floor_0", restitution=None),
+    **{
+        f"shape.{name}": lambda name=name: with_surface(HELD, "floor", "floor_0", **{name: None})
+        for name in SURFACE_FIELDS
+    },
     "shape.visual": lambda: with_shape(HELD, "link0", "shape_box", visual=False),
 }
 
@@ -363,18 +397,119 @@ def test_what_cannot_be_read_is_left_out_only_when_it_is_declared(field):
 
 
 def test_pairs_are_combined_by_the_engines_own_rule():
-    """0.8 and 0.3 make 0.3 under min; under max they make 0.8, and under product 0.24."""
-    assert failures(WORLD, HELD) == []
+    """The numbers that give 0.3 under min give another under max or product."""
+    numbers = {"rubber": Surface(0.8, 0.03, 0.02, 0.5, Hardness()), "steel": Surface(0.3, 0.03, 0.02, 0.2, Hardness())}
+    shape = {one.name: one for body in WORLD.bodies for one in body.shapes}
+
+    def with_numbers(body: Body) -> Body:
+        shapes = tuple(
+            dataclasses.replace(one, surfaces=(numbers[shape[one.name].material],)) if one.collision else one
+            for one in body.shapes
+        )
+        return dataclasses.replace(body, shapes=shapes)
+
+    found = dataclasses.replace(HELD, bodies=tuple(map(with_numbers, HELD.bodies)))
+    assert failures(WORLD, found) == []
     for rule in ("max", "product"):
-        found = [c for c in compare(WORLD, HELD, rule, RULE) if not c.passed]
-        assert [c.name for c in found] == ["friction"]
-        assert "floor" in found[0].where or "link0" in found[0].where
-        assert [c.name for c in compare(WORLD, HELD, RULE, rule) if not c.passed] == ["restitution"]
+        wrong = [c for c in compare(WORLD, found, dataclasses.replace(RULES, friction=rule), True) if not c.passed]
+        assert [c.name for c in wrong] == ["friction"]
+        assert "floor" in wrong[0].where or "link0" in wrong[0].where
+        wrong = [c for c in compare(WORLD, found, dataclasses.replace(RULES, restitution=rule), True) if not c.passed]
+        assert [c.name for c in wrong] == ["restitution"]
+
+
+TABLE = (("a", "a", 0.5), ("a", "b", 0.2), ("b", "b", 0.5))
+"""Friction that one number for each material gives under no rule."""
+
+
+def table_world() -> World:
+    ball = worlds.shapes_world(("sphere",)).bodies[1]
+    bodies = tuple(
+        dataclasses.replace(
+            ball,
+            name=name,
+            model=name,
+            joint=dataclasses.replace(ball.joint, name=f"{name}_joint"),
+            shapes=(Shape(f"{name}_0", "sphere", (0.05,), Pose(), name[0]),),
+        )
+        for name in ("a0", "a1", "b0", "b1")
+    )
+    pairs = tuple(PairContact(first, second, value, 0.0) for first, second, value in TABLE)
+    return World("table", bodies, contact=Contact(materials=(Material("a", 0.5), Material("b", 0.5)), pairs=pairs))
+
+
+def test_copies_are_compared_layer_by_layer():
+    world = table_world()
+    found = held(world)
+    layers = len(body_of(found, "b0").shapes[0].surfaces)
+    assert layers == 2
+    assert failures(world, found) == []
+    for layer in range(layers):
+        value = body_of(found, "b0").shapes[0].surfaces[layer].friction
+        wrong = with_surface(found, "b0", "b0_0", layer, friction=value / 2)
+        assert {name for _, name, _ in failures(world, wrong)} == {"friction"}
+    fewer = with_shape(found, "b0", "b0_0", surfaces=body_of(found, "b0").shapes[0].surfaces[:1])
+    assert {name for _, name, _ in failures(world, fewer)} == {"copies of a shape"}
+
+
+def explicit(world: World) -> ReadBack:
+    """As an engine without layers holds the table: some pairs by numbers, all others pair by pair."""
+    plan = contact_plan(world, RULES, False)
+    assert plan.missed
+    laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    pairs = []
+    for first, second in shape_pairs(world, plan.missed):
+        law = laws[tuple(sorted((material[first], material[second])))]
+        pairs.append(HeldPair(first, second, Surface(law.friction, hardness=Hardness())))
+    bodies = tuple(
+        dataclasses.replace(
+            body,
+            shapes=tuple(
+                dataclasses.replace(one, material="", surfaces=surfaces(one, plan)) if one.collision else one
+                for one in body.shapes
+            ),
+        )
+        for body in world.bodies
+    )
+    return ReadBack(bodies, world.physics.gravity, world.physics.timestep, pairs=tuple(pairs))
+
+
+def explicit_failures(world: World, found: ReadBack) -> set[str]:
+    return {check.name for check in compare(world, found, RULES, False) if not check.passed}
+
+
+def test_explicit_pairs_are_compared_and_must_all_be_there():
+    world = table_world()
+    found = explicit(world)
+    assert explicit_failures(world, found) == set()
+    missing = dataclasses.replace(found, pairs=found.pairs[1:])
+    assert explicit_failures(world, missing) == {"explicit pair"}
+    for changes, name in (
+        ({"friction": 0.4}, "friction"),
+        ({"rolling_friction": 0.1}, "rolling friction"),
+        ({"restitution": 0.1}, "restitution"),
+        ({"hardness": Hardness("native")}, "hardness"),
+    ):
+        first = dataclasses.replace(found.pairs[0], surface=dataclasses.replace(found.pairs[0].surface, **changes))
+        assert explicit_failures(world, dataclasses.replace(found, pairs=(first, *found.pairs[1:]))) == {name}
+    stray = HeldPair("a0_0", "nothing", Surface(0.5))
+    assert explicit_failures(world, dataclasses.replace(found, pairs=(*found.pairs, stray))) == {"explicit pair"}
+
+
+def test_an_explicit_pair_of_what_does_not_collide_is_noticed():
+    world = table_world()
+    found = explicit(world)
+    passing = tuple(
+        dataclasses.replace(pair, collide=pair.first == pair.second, friction=0.5) for pair in world.contact.pairs
+    )
+    apart = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=passing))
+    assert "explicit pair" in explicit_failures(apart, found)
 
 
 def test_a_failure_says_where_and_what():
     found = with_joint(HELD, HINGE, damping=0.4)
-    (check,) = (c for c in compare(WORLD, found, RULE, RULE) if not c.passed)
+    (check,) = (c for c in compare(WORLD, found, RULES, True) if not c.passed)
     assert check.where == f"bodies.{HINGE}.joint.damping"
     assert check.worst == pytest.approx(0.25)
     assert check.detail == "0.4, should be 0.3"
