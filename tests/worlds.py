@@ -6,11 +6,13 @@ import dataclasses
 import math
 import random
 
+from simspec.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
     Body,
     Contact,
     EngineOptions,
+    Hardness,
     Inertial,
     Joint,
     Material,
@@ -243,3 +245,57 @@ def gripper() -> World:
         excluded_bodies=(("bar", "palm"), ("left", "palm"), ("palm", "right")),
     )
     return world(bodies, "gripper", contact=contact)
+
+
+def one_law(**law: object) -> World:
+    """A ball above a floor, of one material with this law; ``accept`` and ``engine`` as of EngineOptions, if any."""
+    pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
+    base = spheres(1)
+    bodies = tuple(
+        dataclasses.replace(body, shapes=tuple(dataclasses.replace(s, material="default") for s in body.shapes))
+        for body in base.bodies
+    )
+    return dataclasses.replace(base, bodies=bodies, contact=Contact(materials=(Material("default"),), pairs=(pair,)))
+
+
+CONTACT_GAPS = {
+    Feature.FRICTION: {},
+    Feature.RESTITUTION: {"restitution": 0.5},
+    Feature.RESTITUTION_THRESHOLD: {"restitution": 0.5, "restitution_threshold": 0.3},
+    Feature.TORSIONAL_FRICTION: {"torsional_friction": 0.01},
+    Feature.ROLLING_FRICTION: {"rolling_friction": 0.01},
+    Feature.HARDNESS_COMMON: {},
+    Feature.HARDNESS_TIME_CONSTANT: {
+        "friction": 0.0,
+        "hardness": Hardness("time-constant", time_constant=0.02, damping_ratio=1.0),
+    },
+    Feature.HARDNESS_STIFFNESS: {"friction": 0.0, "hardness": Hardness("stiffness", stiffness=1e5, damping=100.0)},
+    Feature.HARDNESS_NATIVE: {"hardness": Hardness("native")},
+}
+"""For each feature of one pair's law the law that needs it."""
+
+
+def table(friction: dict[tuple[str, str], float], **law: object) -> World:
+    """Tiles of each material in a row, each with a small box of every material resting on it, far enough from each other.
+
+    ``friction`` gives the value of every unordered pair (sorted names). Boxes are called "<material>_on_<tile>".
+    """
+    names = sorted({name for pair in friction for name in pair})
+    flat = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
+    bodies = []
+    for row, tile in enumerate(names):
+        at = Pose((0.0, 20.0 * row, -0.2))
+        floor = Shape(f"tile_{tile}_0", "box", (20.0, 10.0, 0.4), Pose(), tile)
+        bodies.append(
+            Body(f"tile_{tile}", f"tile_{tile}", Inertial(0.0), Joint(f"{tile}_joint", "fixed", origin=at), (floor,))
+        )
+    for row, tile in enumerate(names):
+        for column, name in enumerate(names):
+            body = f"{name}_on_{tile}"
+            place = (column - len(names) / 2, 20.0 * row, 0.02, 1.0, 0.0, 0.0, 0.0)
+            joint = Joint(f"{body}_joint", "free", position=place, velocity=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+            shape = Shape(f"{body}_0", "box", (0.2, 0.2, 0.04), Pose(), name)
+            bodies.append(Body(body, body, flat, joint, (shape,)))
+    pairs = tuple(PairContact(first, second, value, 0.0, **law) for (first, second), value in sorted(friction.items()))
+    contact = Contact(materials=tuple(Material(name, friction[name, name]) for name in names), pairs=pairs)
+    return world(tuple(bodies), "table", contact=contact)

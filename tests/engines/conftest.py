@@ -4,9 +4,49 @@ from __future__ import annotations
 
 import pytest
 
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import Engine, find_engine
 from simspec.engines.dart import Dart
 from simspec.formats.base import read_sidecar
+from simspec.world.types import World
+from tests import worlds
 from tests.formats.test_skel import emit, write
+
+ENGINES = [
+    "mujoco",
+    "pybullet",
+    "dart",
+]
+"""Every engine that must pass the shared suites of this folder."""
+
+ACCEPTED = ("joint.limits.position", "joint.dry_friction", "material.restitution", "shape.capsule")
+
+
+@pytest.fixture(params=ENGINES)
+def name(request) -> str:
+    return request.param
+
+
+@pytest.fixture
+def loaded(name, tmp_path):
+    """Compile a world for the engine and load it; several may be loaded one after the other."""
+    alive: list[Engine] = []
+
+    def load(world: World, outside: tuple[str, ...] = (), accept: tuple[str, ...] = ACCEPTED) -> Engine:
+        for engine in alive:
+            engine.close()
+        alive.clear()
+        world = worlds.with_options(world, name, accept=accept, outside=outside)
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        write_folder(compile_world(world, [name])[name].files, folder)
+        engine = find_engine(name)()
+        engine.load(folder, read_sidecar(folder))
+        alive.append(engine)
+        return engine
+
+    yield load
+    for engine in alive:
+        engine.close()
 
 
 @pytest.fixture

@@ -11,25 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import CONTACT_FIELDS, Engine, check_settings, engines, find_engine
+from simspec.compiler import compile_world
+from simspec.engines.base import CONTACT_FIELDS, check_settings, engines, find_engine
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
-from simspec.formats.base import formats, read_sidecar
+from simspec.formats import contact_plan
+from simspec.formats.base import formats
 from simspec.proof.comparator import compare
 from simspec.proof.oracle import Oracle
 from simspec.proof.probes import random_states, rotation_error
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World
 from tests import worlds
+from tests.engines.conftest import ACCEPTED, ENGINES
 
-ENGINES = [
-    "mujoco",
-    "pybullet",
-    "dart",
-]
-
-ACCEPTED = ("joint.limits.position", "joint.dry_friction", "material.restitution", "shape.capsule")
 WORLDS = {
     "every joint": worlds.every_joint,
     "damped springs": worlds.damped_springs,
@@ -42,33 +37,6 @@ WORLDS = {
 
 def test_every_known_engine_is_in_the_suite():
     assert sorted(ENGINES) == sorted(engines())
-
-
-@pytest.fixture(params=ENGINES)
-def name(request) -> str:
-    return request.param
-
-
-@pytest.fixture
-def loaded(name, tmp_path):
-    """Compile a world for the engine and load it; several may be loaded one after the other."""
-    alive: list[Engine] = []
-
-    def load(world: World, outside: tuple[str, ...] = ()) -> Engine:
-        for engine in alive:
-            engine.close()
-        alive.clear()
-        world = worlds.with_options(world, name, accept=ACCEPTED, outside=outside)
-        folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        write_folder(compile_world(world, [name])[name].files, folder)
-        engine = find_engine(name)()
-        engine.load(folder, read_sidecar(folder))
-        alive.append(engine)
-        return engine
-
-    yield load
-    for engine in alive:
-        engine.close()
 
 
 @pytest.mark.parametrize("key", WORLDS)
@@ -281,6 +249,8 @@ def gap_world(feature: Feature) -> World | None:
         world = worlds.shapes_world()
         cone = feature.value.removeprefix("contact.cone.")
         return dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
+    if feature in worlds.CONTACT_GAPS:
+        return worlds.one_law(**worlds.CONTACT_GAPS[feature])
     built = {
         Feature.ARMATURE: lambda: worlds.limits_and_armature(armature=0.1),
         Feature.DRY_FRICTION: lambda: worlds.limits_and_armature(dry_friction=0.1),
@@ -323,7 +293,8 @@ def test_settings_say_what_they_do_and_refuse_what_they_cannot(name):
     assert check_settings(engine, [(key, setting.default) for key, setting in engine.SETTINGS.items()]) == []
     (problem,) = check_settings(engine, [("no_such_setting", 1)])
     assert "no_such_setting" in problem.message
-    assert combine(engine.RULES, Surface(0.5, restitution=0.5), Surface(0.5, restitution=0.5))["friction"] > 0
+    half = Surface(0.5, restitution=0.5)
+    assert contact_plan.combine(engine.RULES, half, half)["friction"] > 0
 
 
 def test_the_same_world_gives_the_same_bytes(name):
