@@ -23,6 +23,9 @@ from simspec.world.types import ReadBack, World
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
 _SLOW_LOADING = "DART's own loading grows with the cube of a chain's length: 2 s for 500 bodies, 8 s for 800"
+_COPIES = "copies of shapes on welded bodies without mass, of which the collision filter lets one pair touch"
+_NO_MOMENT = "DART's contacts have three rows, one normal and two tangential: no torque"
+_RIGID = "DART's contacts are rigid; dartpy gives no access to its error reduction and constraint force mixing"
 _DETECTORS = "pairs of shapes for which no detector is sound are refused unless accepted"
 
 
@@ -51,7 +54,7 @@ class Dart(Engine):
     DISTRIBUTION: ClassVar[str] = "dartpy"
     EXTRA: ClassVar[str] = "dart"
     RULES: ClassVar[Rules] = Rules("min", "product")
-    LAYERS: ClassVar[bool] = False
+    LAYERS: ClassVar[bool] = True
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(
@@ -71,26 +74,26 @@ class Dart(Engine):
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with detector dart, on planes with ode; {_DETECTORS}"),
         Feature.SHAPE_ELLIPSOID: Support(Level.EXACT, f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
         Feature.SHAPE_PLANE: Support(Level.EXACT, f"with detector ode, under spheres with any; {_DETECTORS}"),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
-        Feature.FRICTION_PAIRS: unsupported("DART takes the smaller of two shapes' numbers, and none give these pairs"),
         Feature.RESTITUTION: approximate(
             "0.002 to 0.018 above the asked ratio at 1 ms, and none at all where it would leave less than 0.1 m/s"
         ),
-        Feature.RESTITUTION_PAIRS: unsupported("DART multiplies two shapes' numbers, and none give these pairs"),
-        **dict.fromkeys(
-            (
-                Feature.RESTITUTION_THRESHOLD,
-                Feature.TORSIONAL_FRICTION,
-                Feature.ROLLING_FRICTION,
-                Feature.HARDNESS_TIME_CONSTANT,
-                Feature.HARDNESS_STIFFNESS,
-                Feature.HARDNESS_NATIVE,
-                Feature.HARDNESS_PAIRS,
-                Feature.PASSING_PAIRS,
-            ),
-            unsupported("not yet"),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION_THRESHOLD: approximate(
+            "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
+            "and all else does, whatever threshold is asked for"
         ),
-        Feature.HARDNESS_COMMON: EXACT,
+        Feature.TORSIONAL_FRICTION: unsupported(f"{_NO_MOMENT} about the normal"),
+        Feature.ROLLING_FRICTION: unsupported(f"{_NO_MOMENT} across the normal"),
+        Feature.HARDNESS_COMMON: Support(
+            Level.EXACT, "DART's own law, for overlaps up to 0.1 mm at 1 ms (see MOST_RECOVERY)"
+        ),
+        Feature.HARDNESS_TIME_CONSTANT: unsupported(_RIGID),
+        Feature.HARDNESS_STIFFNESS: unsupported(_RIGID),
+        Feature.HARDNESS_NATIVE: Support(Level.EXACT, "DART's default is the common law"),
+        Feature.HARDNESS_PAIRS: unsupported(_RIGID),
+        Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
         Feature.CONE_ELLIPTIC: via_api("NsgsFrictionSolver, law Coulomb"),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.dart_coordinates import JOINT_KINDS, NAME
+from simspec.engines.dart_nodes import collision_nodes, shape_nodes
 from simspec.engines.dart_simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames
@@ -25,6 +26,10 @@ SHAPE_KINDS = {
 }
 """DART's shape types."""
 
+COPY_TOLERANCE = 1e-12
+"""How far a node may be from the one it is welded to: the tolerance of text, proof level L0. DART computes the weld's place
+from the two nodes' own, to the last bit."""
+
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model and its present state as DART holds them."""
@@ -36,7 +41,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     for index, (name, node) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = _joint(sim, node.getParentJoint(), index, q, v)
         bodies.append(
-            Body(name, sim.sidecar["models"][index], _inertial(node), joint, _shapes(sim, node, names.get(name, [])))
+            Body(name, sim.sidecar["models"][index], _inertial(node), joint, _shapes(sim, index, names.get(name, [])))
         )
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     return ReadBack(
@@ -162,23 +167,61 @@ def _shape(node: Any) -> Shape:
     return shape
 
 
-def _shapes(sim: Simulation, body: Any, given: list[dict[str, Any]]) -> tuple[Shape, ...]:
-    """A body's shapes in the world's order. DART has a node for the visual and one for the collision side of a shape;
-    two that are alike and that the sidecar says are one are joined, all else is left as it is."""
-    held = [_shape(node) for node in sim.shape_nodes(body)]
-    solid = [shape for shape in held if not shape.visual]
-    seen = [shape for shape in held if shape.visual]
-    if len(solid) != sum(entry["collision"] for entry in given) or len(seen) != sum(entry["visual"] for entry in given):
-        return tuple(held)
-    found = []
+def _shapes(sim: Simulation, index: int, given: list[dict[str, Any]]) -> tuple[Shape, ...]:
+    """A body's shapes in the world's order. DART has a node for the visual side of a shape and one for each of its copies;
+    those that are alike and that the sidecar says are one are joined, all else is left as it is."""
+    own = sim.bodies[index]
+    copies: dict[str, list[Shape]] = {}
+    for node in sim.nodes.of(index):
+        place = _place_on(node, own)
+        for one in collision_nodes(node):
+            name, _ = sim.nodes.copy(one)
+            copies.setdefault(name, []).append(_moved(_shape(one), place))
+    seen = [_shape(one) for one in shape_nodes(own) if one.hasVisualAspect()]
+    if len(seen) != sum(entry["visual"] for entry in given):
+        return (*(shape for held in copies.values() for shape in held), *seen)
+    found: list[Shape] = []
     for entry in given:
-        one = solid.pop(0) if entry["collision"] else None
-        other = seen.pop(0) if entry["visual"] else None
-        if (
-            one is not None
-            and other is not None
-            and (one.kind, one.size, one.pose) == (other.kind, other.size, other.pose)
-        ):
-            one, other = dataclasses.replace(one, visual=True, colour=other.colour), None
-        found.extend(dataclasses.replace(shape, name=entry["name"]) for shape in (one, other) if shape is not None)
+        parts = copies.get(entry["name"], []) + ([seen.pop(0)] if entry["visual"] else [])
+        kept = []
+        for part in parts:
+            alike = next((at for at, one in enumerate(kept) if _same(one, part)), None)
+            if alike is None:
+                kept.append(part)
+            else:
+                kept[alike] = _joined(kept[alike], part)
+        found.extend(dataclasses.replace(shape, name=entry["name"]) for shape in kept)
     return tuple(found)
+
+
+def _place_on(node: Any, own: Any) -> Pose:
+    """Where a further node of a body stands in the body's own; it must be welded to that and have no mass."""
+    if node.getName() == own.getName():
+        return Pose()
+    joint, above = node.getParentJoint(), node.getParentBodyNode()
+    if JOINT_KINDS[joint.getType()] != "fixed" or above is None or above.getName() != own.getName():
+        raise EngineError(NAME, f"the copies on {node.getName()!r} are not welded to {own.getName()!r}")
+    if node.getMass() != 0.0 or np.any(node.getInertia().getMoment()):
+        raise EngineError(NAME, f"{node.getName()!r}, which holds copies of shapes, has a mass")
+    transform = node.getTransform(own)
+    return Pose() if np.abs(transform.matrix() - np.eye(4)).max() <= COPY_TOLERANCE else _pose(transform)
+
+
+def _moved(shape: Shape, place: Pose) -> Shape:
+    return dataclasses.replace(shape, pose=frames.compose(place, shape.pose))
+
+
+def _same(one: Shape, other: Shape) -> bool:
+    """Whether two sides or copies of a shape are alike."""
+    return (one.kind, one.size, one.pose) == (other.kind, other.size, other.pose)
+
+
+def _joined(one: Shape, other: Shape) -> Shape:
+    seen = one if one.visual else other
+    return dataclasses.replace(
+        one,
+        collision=one.collision or other.collision,
+        visual=one.visual or other.visual,
+        colour=seen.colour,
+        surfaces=one.surfaces + other.surfaces,
+    )

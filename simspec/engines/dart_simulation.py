@@ -16,8 +16,9 @@ import numpy as np
 
 from simspec.engines.dart_coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
 from simspec.engines.dart_efforts import Efforts
+from simspec.engines.dart_nodes import Nodes
 from simspec.errors import EngineError
-from simspec.formats.skel import WORLD, file_name
+from simspec.formats.skel import WORLD
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
@@ -72,20 +73,17 @@ class Simulation:
         with captured_errors(self.log):
             self._set_solver()
         self.timestep: float = self.world.getTimeStep()
-        self.names = [entry["name"] for entry in sidecar["bodies"]]
+        self.nodes = Nodes(self.world, sidecar)
+        self.names, self.bodies = self.nodes.names, self.nodes.bodies
         self.offsets = np.array([entry["frame_offset"] for entry in sidecar["bodies"]], dtype=float).reshape(-1, 3)
-        self.bodies = self._find_bodies()
-        self._place = {file_name(name): index for index, name in enumerate(self.names)}
         self.coordinates = Coordinates(self.bodies, [entry["kind"] for entry in sidecar["bodies"]])
         self._set_limits()
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
         self.efforts = Efforts(self.coordinates, joints, sidecar, self.timestep)
-        self._set_surfaces()
+        self.nodes.set_surfaces()
         self._set_filter()
         self._moves = [body.isReactive() for body in self.bodies]
-        self._may_touch = any(
-            moves and self.collision_nodes(body) for moves, body in zip(self._moves, self.bodies, strict=True)
-        )
+        self._may_touch = any(moves and self.nodes.solid(index) for index, moves in enumerate(self._moves))
         choice = self.settings["exact_rotation"]
         self._exact_rotation = choice == "always" or (choice == "auto" and not self._may_touch)
         self.set_state(*self.coordinates.get_state())
@@ -131,18 +129,6 @@ class Simulation:
         chosen.tolerance = given["tolerance"]
         solver.setBoxedLcpSolver(kind(chosen))
 
-    def _find_bodies(self) -> list[Any]:
-        """DART's bodies in the order of the sidecar."""
-        held: dict[str, Any] = {}
-        for index in range(self.world.getNumSkeletons()):
-            for body in self.world.getSkeleton(index).getBodyNodes():
-                held[body.getName()] = body
-        wanted = [file_name(name) for name in self.names]
-        missing, more = [name for name in wanted if name not in held], sorted(set(held) - set(wanted))
-        if missing or more:
-            raise EngineError(NAME, f"{WORLD} has no bodies {missing}, and the sidecar has no bodies {more}")
-        return [held[name] for name in wanted]
-
     def _set_limits(self) -> None:
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
         for name in self.sidecar["enforce_limits"]:
@@ -151,48 +137,16 @@ class Simulation:
             joints[entry["body"]].setForceLowerLimit(0, -entry["value"])
             joints[entry["body"]].setForceUpperLimit(0, entry["value"])
 
-    def _set_surfaces(self) -> None:
-        given: dict[str, list[Mapping[str, Any]]] = {}
-        for shape in self.sidecar["shapes"]:
-            if shape["collision"]:
-                given.setdefault(shape["body"], []).append(shape)
-        for name, body in zip(self.names, self.bodies, strict=True):
-            nodes, shapes = self.collision_nodes(body), given.get(name, [])
-            if len(nodes) != len(shapes):
-                raise EngineError(
-                    NAME, f"body {name!r} has {len(nodes)} collision shapes, the sidecar names {len(shapes)}"
-                )
-            for node, shape in zip(nodes, shapes, strict=True):
-                friction, restitution = shape["surface"]
-                node.getDynamicsAspect().setFrictionCoeff(friction)
-                node.getDynamicsAspect().setRestitutionCoeff(restitution)
-
-    @staticmethod
-    def shape_nodes(body: Any) -> list[Any]:
-        """A body's shape nodes; each is either a visual or a collision shape of the file."""
-        return [body.getShapeNode(index) for index in range(body.getNumShapeNodes())]
-
-    def collision_nodes(self, body: Any) -> list[Any]:
-        """A body's collision shapes, in the order of the file."""
-        return [node for node in self.shape_nodes(body) if node.hasCollisionAspect()]
-
     def _set_filter(self) -> None:
         """Every pair of bodies may touch, also in one tree, but for those that the sidecar excludes."""
         for index in range(self.world.getNumSkeletons()):
             skeleton = self.world.getSkeleton(index)
             skeleton.enableSelfCollisionCheck()
             skeleton.enableAdjacentBodyCheck()
-        of = dict(zip(self.names, self.bodies, strict=True))
         # the option is a copy, the filter in it is the solver's own (measured)
         add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
-        groups = self.sidecar["groups"]
-        for first, second in self.sidecar["ignored_groups"]:
-            for one in groups[first]:
-                for other in groups[second]:
-                    if one != other:
-                        add(of[one], of[other])
-        for one, other in self.sidecar["excluded"]:
-            add(of[one], of[other])
+        for one, other in self.nodes.apart():
+            add(one, other)
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -218,21 +172,29 @@ class Simulation:
         DART detects contacts between bodies that both cannot move where one is in a tree that moves, and makes nothing
         of them; they are left out.
         """
-        found = []
+        place, moves, found = self.nodes.place, self._moves, []
         for contact in result.getContacts():
             first, second = (
-                self._place[one.getShapeFrame().asShapeNode().getBodyNode().getName()]
+                place[one.getShapeFrame().asShapeNode().getBodyNode().getName()]
                 for one in (contact.collisionObject1, contact.collisionObject2)
             )
-            if self._moves[first] or self._moves[second]:
+            if moves[first] or moves[second]:
                 found.append(((first, second), contact))
         return found
 
     def detect_contacts(self) -> np.ndarray:
-        """Sorted pairs (n, 2) of bodies that touch at the present state."""
+        """Sorted pairs (n, 2) of bodies that touch at the present state.
+
+        Raises EngineError when two shapes touch by other copies than they should: the filter is wrong.
+        """
         result = self.dartpy.collision.CollisionResult()
         self.solver.getCollisionGroup().collide(self.solver.getCollisionOption(), result)
-        pairs = {tuple(sorted(bodies)) for bodies, _ in self.contacts_of(result)}
+        contacts = self.contacts_of(result)
+        if self.sidecar["copies"]:
+            for _, contact in contacts:
+                one, other = contact.collisionObject1, contact.collisionObject2
+                self.nodes.check_meeting(one.getShapeFrame().asShapeNode(), other.getShapeFrame().asShapeNode())
+        pairs = {tuple(sorted(bodies)) for bodies, _ in contacts}
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
 
     def disable_contact(self) -> None:

@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
 from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
+from simspec.formats.contact_plan import ContactPlan
 from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes
+from simspec.formats.skel_copies import Node, Nodes, class_name
 from simspec.formats.skel_detectors import TINY_FRICTION, choose, problems
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
-from simspec.world.types import Body, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 WORLD = "world.skel"
 
@@ -42,6 +44,10 @@ PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,))))
 RESERVED = {"world": "world."}
 """A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
 
+COPY = "{body}.{index}"
+"""The name of a body's further nodes (see ``formats/skel_copies.py``), and of the welds that hold them; no name in a spec has
+a point."""
+
 SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
 """Which contact solver has each cone by default (setting ``contact_solver: auto``)."""
 
@@ -50,6 +56,7 @@ SMALL_TURN = (1e-5, 1e-3)
 vectors shorter than 1e-3 by a Taylor form, which is off by θ³/6, up to 1.7e-10 (measured). Below 1e-5 that is 2e-16."""
 
 _SIDECAR = "in the sidecar, set through the engine's API"
+_COPIES = "copies of shapes on welded bodies without mass; their numbers and what they touch in the sidecar"
 _COMPUTED = "in the sidecar: .skel's own is implicit in time"
 
 
@@ -68,9 +75,10 @@ class Skel(Format):
         Feature.BALL_SPRING: via_api(_COMPUTED),
         Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
         Feature.FRICTION: via_api(_SIDECAR),
-        Feature.FRICTION_PAIRS: unsupported("DART takes the smaller of two shapes' numbers, and none give these pairs"),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: via_api(_SIDECAR),
-        Feature.RESTITUTION_PAIRS: unsupported("DART multiplies two shapes' numbers, and none give these pairs"),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
@@ -83,6 +91,7 @@ class Skel(Format):
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
         at_zero = poses(_at_origin(moved), at_zero=True)
+        nodes = Nodes(world, target.plan)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
         content = {
             "name": world.name,
@@ -93,15 +102,23 @@ class Skel(Format):
                 {
                     "name": root,
                     "mobile": "false" if all(body.name in static for body in bodies) else "true",
-                    "bodies": [_body(body, at_zero[body.name]) for body in bodies],
-                    "joints": [_joint(body) for body in bodies],
+                    "bodies": [
+                        _body(body, node, at_zero[body.name], target.plan)
+                        for body in bodies
+                        for node in nodes.of[body.name]
+                    ],
+                    "joints": [
+                        _joint(body) if node.index == 0 else _weld(node)
+                        for body in bodies
+                        for node in nodes.of[body.name]
+                    ],
                 }
                 for root, bodies in trees(moved).items()
             ],
         }
         return {
             WORLD: environment().get_template("skel/world.skel.j2").render(content),
-            SIDECAR: sidecar_text(_sidecar(self.NAME, world, target, offsets)),
+            SIDECAR: sidecar_text(_sidecar(self.NAME, world, target, nodes, offsets)),
         }
 
     def read(self, folder: Path) -> ReadBack:
@@ -119,6 +136,12 @@ def file_name(name: str) -> str:
 def world_name(name: str) -> str:
     """The inverse of :func:`file_name`."""
     return {there: here for here, there in RESERVED.items()}.get(name, name)
+
+
+def node_name(node: Node) -> str:
+    """The name of a body's node in the file."""
+    own = file_name(node.body)
+    return own if node.index == 0 else COPY.format(body=own, index=node.index)
 
 
 def contact_solver(world: World, target: Target) -> str:
@@ -192,14 +215,23 @@ def _transformation(pose: Pose) -> tuple[float, ...]:
     return (*pose.position, *frames.to_euler_xyz(pose.quaternion))
 
 
-def _body(body: Body, at_zero: Pose) -> dict[str, Any]:
+def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> dict[str, Any]:
+    """A body's own node with what is seen of it, or a further one, without mass."""
+    inertial = body.inertial if node.index == 0 else Inertial(0.0)
+    copies = [
+        _shape(shape)
+        for shape in solid_shapes(body)
+        for layer in plan.layers(shape.material)
+        if (shape.material, layer) in node.parts
+    ]
     return {
-        "name": file_name(body.name),
+        "name": node_name(node),
         "pose": _transformation(at_zero),
-        "mass": body.inertial.mass,
-        "inertia": body.inertial.inertia,
-        "centre_of_mass": body.inertial.centre_of_mass,
-        "shapes": [_shape(shape) for shape in body.shapes],
+        "mass": inertial.mass,
+        "inertia": inertial.inertia,
+        "centre_of_mass": inertial.centre_of_mass,
+        "seen": [_shape(shape) for shape in body.shapes if shape.visual] if node.index == 0 else [],
+        "solid": copies,
     }
 
 
@@ -214,8 +246,6 @@ def _shape(shape: Shape) -> dict[str, Any]:
         "sizes": sizes,
         "pose": _transformation(shape.pose),
         "colour": shape.colour,
-        "visual": shape.visual,
-        "collision": shape.collision,
     }
 
 
@@ -235,6 +265,13 @@ def _joint(body: Body) -> dict[str, Any]:
     }
 
 
+def _weld(node: Node) -> dict[str, Any]:
+    """What holds a further node to the body's own."""
+    nothing = {"axis": None, "limits": None, "dry_friction": 0.0, "position": (), "velocity": ()}
+    name, parent = node_name(node), file_name(node.body)
+    return {"name": name, "type": JOINT_TYPES["fixed"], "parent": parent, "child": name, **nothing}
+
+
 def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """A joint's initial position and velocity in DART's coordinates; of a free joint the rotation comes first."""
     if joint.kind == "ball":
@@ -245,8 +282,7 @@ def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return joint.position, joint.velocity
 
 
-def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
-    held = target.plan.numbers
+def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
     settings = dict(target.settings)
     settings["contact_solver"] = contact_solver(world, target)
     settings["collision_detector"] = collision_detector(world, target)
@@ -276,9 +312,8 @@ def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vect
                 "body": body.name,
                 "visual": shape.visual,
                 "collision": shape.collision,
-                "surface": [held[shape.material, 0].friction, held[shape.material, 0].restitution]
-                if shape.collision
-                else [],
+                "material": shape.material,
+                "surfaces": _surfaces(shape, nodes.of[body.name], target.plan),
             }
             for body in world.bodies
             for shape in body.shapes
@@ -296,4 +331,43 @@ def _sidecar(name: str, world: World, target: Target, offsets: Mapping[str, Vect
         ignored_groups=ignored,
         groups={group: names for group, names in sorted(groups.items()) if group in named},
         excluded=excluded_pairs_to_write(world),
+        copies=[
+            {"node": node_name(node), "body": body.name}
+            for body in world.bodies
+            for node in nodes.of[body.name]
+            if node.index > 0
+        ],
+        filter=_filter(nodes),
     )
+
+
+def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> list[dict[str, Any]]:
+    """The copies of a shape in the order of their layers: the node each is on, and its numbers there."""
+    if not shape.collision:
+        return []
+    place = {part: node_name(node) for node in nodes for part in node.parts}
+    return [
+        {
+            "node": place[shape.material, layer],
+            "layer": layer,
+            "friction": plan.numbers[shape.material, layer].friction,
+            "restitution": plan.numbers[shape.material, layer].restitution,
+        }
+        for layer in plan.layers(shape.material)
+    ]
+
+
+def _filter(nodes: Nodes) -> dict[str, Any]:
+    """Classes of nodes, and the pairs of classes that do not touch; only the classes that such a pair names. ``layers`` tells
+    a reader what the filter is for: (material, material, the layer they meet in, or null)."""
+    apart = nodes.apart()
+    named = {one for pair in apart for one in pair}
+    return {
+        "classes": {
+            class_name(parts): [node_name(node) for node in held]
+            for parts, held in nodes.classes().items()
+            if parts in named
+        },
+        "apart": [[class_name(one), class_name(other)] for one, other in apart],
+        "layers": nodes.layers() if apart else [],
+    }

@@ -53,11 +53,34 @@ def _listed(block: str, key: str, body: str, by: float = 1e-3) -> Plant:
     return sidecar(edit)
 
 
-def _surface(index: int) -> Plant:
+def _surface(quantity: str) -> Plant:
     def edit(content: dict) -> None:
-        next(entry for entry in content["shapes"] if entry["body"] == "ball")["surface"][index] -= 1e-3
+        next(entry for entry in content["shapes"] if entry["body"] == "ball")["surfaces"][0][quantity] -= 1e-3
 
     return sidecar(edit)
+
+
+def _pair_value(content: dict) -> None:
+    """Ice has its highest number where it meets rubber."""
+    copies = next(entry for entry in content["shapes"] if entry["body"] == "ice_cube")["surfaces"]
+    max(copies, key=lambda copy: copy["friction"])["friction"] *= 0.5
+
+
+def _cone(content: dict) -> None:
+    content["friction_cone"] = "pyramid-circumscribed"
+
+
+def _copy_filter(content: dict) -> None:
+    """Ice and rubber meet in each other's wrong layer."""
+    layer = next(layer for one, other, layer in content["filter"]["layers"] if (one, other) == ("ice", "rubber"))
+    wrong = 1 - layer
+    content["filter"]["apart"].remove([f"ice.{wrong}", f"rubber.{wrong}"])
+    content["filter"]["apart"].append([f"ice.{layer}", f"rubber.{layer}"])
+
+
+def _passing_pair(content: dict) -> None:
+    apart = content["filter"]["apart"]
+    apart[:] = [pair for pair in apart if {name.rpartition(".")[0] for name in pair} != {"ghost", "ice"}]
 
 
 def _not_solid(content: dict) -> None:
@@ -105,18 +128,18 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _text(f"{LOWER}/collision_shape/transformation", nudged),
     "shape orientation": _text(f"{LOWER}/collision_shape/transformation", lambda text: nudged(text, 4)),
     "shape not solid": sidecar(_not_solid),
-    "friction": _surface(0),
-    "restitution": _surface(1),
+    "friction": _surface("friction"),
+    "restitution": _surface("restitution"),
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
-    "pair value": "not planted yet",
-    "cone": "not planted yet",
-    "hardness": "not planted yet",
-    "copy filter": "not planted yet",
-    "passing pair": "not planted yet",
-    "torsional friction": "not planted yet",
-    "rolling friction": "not planted yet",
+    "pair value": sidecar(_pair_value),
+    "cone": sidecar(_cone),
+    "hardness": "DART's contacts are rigid by a rule of its own: no file has a number for it",
+    "copy filter": sidecar(_copy_filter),
+    "passing pair": sidecar(_passing_pair),
+    "torsional friction": "DART has no torsional friction, and a world that asks for it is refused",
+    "rolling friction": "DART has no rolling friction, and a world that asks for it is refused",
     "gravity": _text(".//physics/gravity", lambda text: nudged(text, 2)),
     "timestep": _text(".//physics/time_step", scaled),
 }

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
+from simspec.formats.skel_filter import check_filter
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
@@ -98,36 +99,57 @@ def _geometry(element: ElementTree.Element) -> tuple[str, tuple[float, ...]]:
     return kind.tag, tuple(float(word) * factor for name in names for word in _text(kind, name).split())
 
 
-def _shapes(body: ElementTree.Element, given: Sequence[Mapping[str, Any]]) -> tuple[Shape, ...]:
-    """The shapes in the order of the sidecar, which says which of them are visual, collision, or both."""
-    collisions, visuals = body.findall("collision_shape"), body.findall("visualization_shape")
+def _shapes(
+    nodes: Mapping[str, ElementTree.Element], own: str, given: Sequence[Mapping[str, Any]]
+) -> tuple[Shape, ...]:
+    """The shapes of a body in the order of the sidecar, which says which of them are visual and on which nodes they are
+    solid. ``nodes`` are the body's, ``own`` the name of the one that has the visual shapes."""
+    solid = {name: node.findall("collision_shape") for name, node in nodes.items()}
+    seen = nodes[own].findall("visualization_shape")
     found = []
     for entry in given:
-        shape = None
-        for role, elements in (("collision", collisions), ("visual", visuals)):
-            if not entry[role]:
-                continue
-            if not elements:
-                raise ValueError(f"body {body.get('name')!r} has too few {role} shapes for {entry['name']!r}")
-            element = elements.pop(0)
-            kind, size = _geometry(element)
-            read = Shape(entry["name"], kind, size, _pose(element), collision=False, visual=False)
-            if shape is not None and (shape.kind, shape.size, shape.pose) != (read.kind, read.size, read.pose):
-                raise ValueError(f"visual and collision of shape {entry['name']!r} differ")
-            shape = shape or read
-            if role == "visual":
-                shape = dataclasses.replace(shape, visual=True, colour=_numbers(element, "color", 4))
-            else:
-                friction, restitution = entry["surface"]
-                shape = dataclasses.replace(
-                    shape, collision=True, surfaces=(Surface(friction, restitution=restitution),)
-                )
-        if shape is None:
-            raise ValueError(f"shape {entry['name']!r} is neither visual nor collision")
-        found.append(shape)
-    if collisions or visuals:
-        raise ValueError(f"body {body.get('name')!r} has shapes that the sidecar does not name")
+        name = entry["name"]
+        if entry["collision"] != bool(entry["surfaces"]):
+            raise ValueError(f"shape {name!r} is solid without a surface, or has one without being solid")
+        read: list[Shape] = []
+        for copy in entry["surfaces"]:
+            if not solid.get(copy["node"]):
+                raise ValueError(f"node {copy['node']!r} has too few collision shapes for {name!r}")
+            read.append(_shape(name, solid[copy["node"]].pop(0)))
+        if entry["visual"]:
+            if not seen:
+                raise ValueError(f"body {own!r} has too few visual shapes for {name!r}")
+            element = seen.pop(0)
+            read.append(dataclasses.replace(_shape(name, element), colour=_numbers(element, "color", 4)))
+        if not read:
+            raise ValueError(f"shape {name!r} is neither visual nor collision")
+        if any((one.kind, one.size, one.pose) != (read[0].kind, read[0].size, read[0].pose) for one in read):
+            raise ValueError(f"visual and collision of shape {name!r}, or two of its copies, differ")
+        surfaces = tuple(Surface(copy["friction"], restitution=copy["restitution"]) for copy in entry["surfaces"])
+        found.append(
+            dataclasses.replace(read[-1], visual=entry["visual"], collision=entry["collision"], surfaces=surfaces)
+        )
+    left = [name for name, elements in (*solid.items(), (own, seen)) if elements]
+    if left:
+        raise ValueError(f"nodes {left} have shapes that the sidecar does not name")
     return tuple(found)
+
+
+def _shape(name: str, element: ElementTree.Element) -> Shape:
+    kind, size = _geometry(element)
+    return Shape(name, kind, size, _pose(element))
+
+
+def _check_copy(node: str, body: str, elements: Mapping[str, ElementTree.Element], joint: Joint) -> None:
+    """A further node of a body is its own but for the name: in the same place, without mass, held by a weld."""
+    held, own = elements[node], elements[body]
+    if joint.kind != "fixed" or joint.parent != body:
+        raise ValueError(f"node {node!r} is not welded to {body!r}")
+    if _text(held, "transformation") != _text(own, "transformation"):
+        raise ValueError(f"node {node!r} is not where {body!r} is")
+    inertial = _inertial(held)
+    if inertial.mass or any(inertial.inertia) or held.findall("visualization_shape"):
+        raise ValueError(f"node {node!r} has a mass or can be seen, which its body {body!r} should")
 
 
 def _joint(joint: ElementTree.Element, places: Mapping[str, Pose]) -> Joint:
@@ -191,26 +213,33 @@ def read_folder(folder: Path) -> ReadBack:
     for element in held.iterfind("skeleton/joint"):
         joints[_text(element, "child")] = _joint(element, places)
     entries = content["bodies"]
-    if len(entries) != len(elements):
-        raise ValueError(f"world.skel holds {len(elements)} bodies, the sidecar {len(entries)}")
-    shapes: dict[str, list[Mapping[str, Any]]] = {}
-    for shape in content["shapes"]:
-        shapes.setdefault(shape["body"], []).append(shape)
     # a body that is called "world" goes by another name in the file
     own = {"world": "world."}
     back = {there: here for here, there in own.items()}
+    copies = {copy["node"]: own.get(copy["body"], copy["body"]) for copy in content["copies"]}
+    if sorted([own.get(entry["name"], entry["name"]) for entry in entries] + list(copies)) != sorted(elements):
+        raise ValueError("the bodies of world.skel are not those that the sidecar names")
+    shapes: dict[str, list[Mapping[str, Any]]] = {}
+    for shape in content["shapes"]:
+        shapes.setdefault(shape["body"], []).append(shape)
+    nodes: dict[str, list[str]] = {}
+    for node, body in copies.items():
+        _check_copy(node, body, elements, joints[node])
+        nodes.setdefault(body, []).append(node)
+    check_filter(content, set(elements), {back.get(name, name) for name in _fixed(joints)})
     found: dict[str, Body] = {}
     for entry, model in zip(entries, content["models"], strict=True):
         name = own.get(entry["name"], entry["name"])
         joint = joints[name]
         if joint.parent is not None:
             joint = dataclasses.replace(joint, parent=back.get(joint.parent, joint.parent))
+        held_nodes = {node: elements[node] for node in (name, *nodes.get(name, ()))}
         found[entry["name"]] = Body(
             entry["name"],
             model,
             _inertial(elements[name]),
             joint,
-            _shapes(elements[name], shapes.get(entry["name"], ())),
+            _shapes(held_nodes, name, shapes.get(entry["name"], ())),
         )
     for key, field in (
         ("velocity_limits", "velocity_limit"),
@@ -235,6 +264,19 @@ def read_folder(folder: Path) -> ReadBack:
         content["friction_cone"],
         dict(UNREADABLE),
     )
+
+
+def _fixed(joints: Mapping[str, Joint]) -> set[str]:
+    """The nodes that cannot move."""
+
+    def stands(name: str | None) -> bool:
+        while name is not None:
+            if joints[name].kind != "fixed":
+                return False
+            name = joints[name].parent
+        return True
+
+    return {name for name in joints if stands(name)}
 
 
 def _set_joint(bodies: dict[str, Body], name: str, **changes: float) -> None:

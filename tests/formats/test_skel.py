@@ -330,7 +330,11 @@ def test_a_solver_setting_must_not_change_the_cone():
 def test_surfaces_invert_darts_rules(tmp_path):
     """Friction is the smaller of two numbers, restitution their product."""
     content = read_sidecar(write(emit(two_materials()), tmp_path))
-    held = {shape["name"]: shape["surface"] for shape in content["shapes"]}
+    held = {
+        shape["name"]: [one[key] for one in shape["surfaces"] for key in ("friction", "restitution")]
+        for shape in content["shapes"]
+    }
+    assert content["copies"] == [], "all meet all others: two materials stay on one node"
     assert min(held["floor_0"][0], held["a"][0]) == 0.7
     assert min(held["floor_0"][0], held["b"][0]) == 0.1
     assert held["a"][1] * held["b"][1] == pytest.approx(0.25, rel=1e-15)
