@@ -11,6 +11,7 @@ import pytest
 from simspec.compiler import target_of, write_folder
 from simspec.engines.mujoco import MuJoCo
 from simspec.errors import UnsupportedError
+from simspec.formats.contact_plan import contact_plan, surfaces
 from simspec.formats.mjcf import MODEL, Mjcf, depth_first
 from simspec.formats.mjcf_contact import FILTER_BITS
 from simspec.world.kinematics import CollisionFilter
@@ -47,11 +48,10 @@ def differences(want: object, got: object, path: str = "") -> list[str]:
 
 def as_held(world: World) -> tuple[Body, ...]:
     """The world's bodies as a file holds them: surfaces as numbers in place of materials, no names of groups."""
-    surfaces = {material.name: (material.friction, material.restitution) for material in world.contact.materials}
+    plan = contact_plan(world, MuJoCo.RULES, MuJoCo.LAYERS)
 
     def held(shape: Shape) -> Shape:
-        friction, restitution = surfaces[shape.material] if shape.collision else (None, None)
-        return dataclasses.replace(shape, material="", friction=friction, restitution=restitution)
+        return dataclasses.replace(shape, material="", surfaces=surfaces(shape, plan) if shape.collision else ())
 
     return tuple(
         dataclasses.replace(body, collision_group="default", shapes=tuple(map(held, body.shapes)))
