@@ -190,7 +190,7 @@ class Simulation:
         result = self.dartpy.collision.CollisionResult()
         self.solver.getCollisionGroup().collide(self.solver.getCollisionOption(), result)
         contacts = self.contacts_of(result)
-        if self.sidecar["copies"]:
+        if self.sidecar["filter"]["layers"]:
             for _, contact in contacts:
                 one, other = contact.collisionObject1, contact.collisionObject2
                 self.nodes.check_meeting(one.getShapeFrame().asShapeNode(), other.getShapeFrame().asShapeNode())

@@ -311,7 +311,6 @@ def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Map
                 "name": shape.name,
                 "body": body.name,
                 "visual": shape.visual,
-                "collision": shape.collision,
                 "material": shape.material,
                 "surfaces": _surfaces(shape, nodes.of[body.name], target.plan),
             }

@@ -84,7 +84,7 @@ def _passing_pair(content: dict) -> None:
 
 
 def _not_solid(content: dict) -> None:
-    next(entry for entry in content["shapes"] if entry["body"] == "cube")["collision"] = False
+    next(entry for entry in content["shapes"] if entry["body"] == "cube")["surfaces"].clear()
 
 
 def _drop_exclude(content: dict) -> None:

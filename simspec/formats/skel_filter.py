@@ -52,7 +52,7 @@ def _meeting(content: Mapping[str, Any], of: Mapping[str, str], fixed: set[str])
     """The pairs of shapes, by their copies, of which some body may touch some other. Two bodies of a kind are enough."""
     copies: dict[str, set[Copies]] = {}
     for shape in content["shapes"]:
-        if shape["collision"]:
+        if shape["surfaces"]:
             found = tuple(of.get(copy["node"], "") for copy in shape["surfaces"])
             copies.setdefault(shape["body"], set()).add(found)
     if all(len(one) < 2 for held in copies.values() for one in held):

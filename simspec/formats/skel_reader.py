@@ -109,8 +109,6 @@ def _shapes(
     found = []
     for entry in given:
         name = entry["name"]
-        if entry["collision"] != bool(entry["surfaces"]):
-            raise ValueError(f"shape {name!r} is solid without a surface, or has one without being solid")
         read: list[Shape] = []
         for copy in entry["surfaces"]:
             if not solid.get(copy["node"]):
@@ -127,7 +125,7 @@ def _shapes(
             raise ValueError(f"visual and collision of shape {name!r}, or two of its copies, differ")
         surfaces = tuple(Surface(copy["friction"], restitution=copy["restitution"]) for copy in entry["surfaces"])
         found.append(
-            dataclasses.replace(read[-1], visual=entry["visual"], collision=entry["collision"], surfaces=surfaces)
+            dataclasses.replace(read[-1], visual=entry["visual"], collision=bool(entry["surfaces"]), surfaces=surfaces)
         )
     left = [name for name, elements in (*solid.items(), (own, seen)) if elements]
     if left:
