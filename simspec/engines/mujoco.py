@@ -42,7 +42,7 @@ class MuJoCo(Engine):
     FORMAT: ClassVar[str] = "mjcf"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     EXTRA: ClassVar[str] = "mujoco"
-    RULES: ClassVar[Rules] = Rules("max", "max")
+    RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: approximate(
@@ -59,25 +59,15 @@ class MuJoCo(Engine):
             "a reference velocity of −e times the approach speed: within 0.02 of e for spheres from 1 m/s at 1 ms, 0.06 "
             "at 2 and 4 ms (measured), and slower where gravity acts on during the step out of the overlap"
         ),
-        Feature.FRICTION_PAIRS: unsupported(
-            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
-        ),
-        Feature.RESTITUTION_PAIRS: unsupported(
-            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
-        ),
-        **dict.fromkeys(
-            (
-                Feature.RESTITUTION_THRESHOLD,
-                Feature.TORSIONAL_FRICTION,
-                Feature.ROLLING_FRICTION,
-                Feature.HARDNESS_TIME_CONSTANT,
-                Feature.HARDNESS_STIFFNESS,
-                Feature.HARDNESS_NATIVE,
-                Feature.HARDNESS_PAIRS,
-                Feature.PASSING_PAIRS,
-            ),
-            unsupported("not yet"),
-        ),
+        Feature.FRICTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+        Feature.RESTITUTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+        Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+        Feature.RESTITUTION_THRESHOLD: approximate("none"),
+        Feature.TORSIONAL_FRICTION: approximate("tbd"),
+        Feature.ROLLING_FRICTION: approximate("tbd"),
+        Feature.HARDNESS_TIME_CONSTANT: approximate("tbd"),
+        Feature.HARDNESS_STIFFNESS: approximate("tbd"),
+        Feature.HARDNESS_NATIVE: approximate("tbd"),
         Feature.HARDNESS_COMMON: EXACT,
         Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
         Feature.CONE_PYRAMID_INSCRIBED: approximate(
@@ -107,6 +97,12 @@ class MuJoCo(Engine):
             10.0,
             "How much harder friction is than the normal direction. MuJoCo's own 1 creeps ten times faster below the limit of "
             "friction (measured).",
+            minimum=1e-6,
+        ),
+        "compliant_impratio": Setting(
+            1e7,
+            "impratio where some compliant contact has friction. MuJoCo's friction is as soft as the contact it rests on: at 10 a "
+            "box on springs creeps 8 mm/s at 60 % of the limit, at 1e7 0.007 mm/s (measured).",
             minimum=1e-6,
         ),
         "noslip_iterations": Setting(

@@ -9,13 +9,14 @@ import numpy as np
 
 from simspec.errors import EngineError
 from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
-from simspec.formats.mjcf_contact import pair_problem
+from simspec.formats.mjcf_surface import surface
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
+    HeldPair,
     Inertial,
     Joint,
     Pose,
@@ -76,7 +77,12 @@ class _ReadBack:
         if KEYFRAME not in self._names["KEY"]:
             raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
         self._key = self._names["KEY"].index(KEYFRAME)
-        self._check_pairs()
+        settings = sidecar["settings"]
+        self._law = (
+            float(model.opt.timestep),
+            float(settings["contact_error_reduction"]),
+            float(settings["contact_impedance"]),
+        )
 
     def _all_names(self, kind: str) -> list[str]:
         count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
@@ -101,6 +107,7 @@ class _ReadBack:
             float(option.timestep),
             CONE_NAMES[int(option.cone)],
             dict(UNREADABLE),
+            self._pairs(),
         )
 
     def _body(self, index: int, name: str, model_name: str) -> Body:
@@ -170,8 +177,9 @@ class _ReadBack:
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         surfaces: tuple[Surface, ...] = ()
         if collides:
-            friction, restitution = self._surface(geom)
-            surfaces = (Surface(friction, restitution=restitution),)
+            held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
+            friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
+            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, *self._law),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -185,25 +193,19 @@ class _ReadBack:
             surfaces,
         )
 
-    def _surface(self, geom: int) -> tuple[float, float]:
+    def _pairs(self) -> tuple[HeldPair, ...]:
+        """The explicit pairs, sorted; MuJoCo's own inverse masses turn its accelerations back into forces."""
         model = self._model
-        friction = float(model.geom_friction[geom][0]) if model.geom_condim[geom] > 1 else 0.0
-        return friction, self._restitution(model.geom_solref[geom])
-
-    def _restitution(self, solref: Any) -> float:
-        """The damping of the reference, per step, is one plus the restitution."""
-        return float(-solref[1] * self._model.opt.timestep - 1.0)
-
-    def _check_pairs(self) -> None:
-        """An explicit pair overrides its shapes; it must hold what they give together."""
-        model = self._model
+        found = []
         for pair in range(model.npair):
             ends = (int(model.pair_geom1[pair]), int(model.pair_geom2[pair]))
-            held = (float(model.pair_friction[pair][0]), self._restitution(model.pair_solref[pair]))
-            surfaces = [self._surface(geom) for geom in ends]
-            given = (max(surface[0] for surface in surfaces), max(surface[1] for surface in surfaces))
-            names = (self._names["GEOM"][ends[0]], self._names["GEOM"][ends[1]])
-            if problem := pair_problem(names, held, given):
-                raise EngineError("mujoco", problem)
-            if model.pair_friction[pair][1] != held[0]:
-                raise EngineError("mujoco", f"the explicit pair of {names[0]!r} and {names[1]!r} is not isotropic")
+            first, second = sorted(self._names["GEOM"][end] for end in ends)
+            one, two, torsion, roll, other_roll = model.pair_friction[pair].tolist()
+            if one != two or roll != other_roll:
+                raise EngineError("mujoco", f"the explicit pair of {first!r} and {second!r} is not isotropic")
+            inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
+            solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
+            condim = int(model.pair_dim[pair])
+            held = surface(condim, (one, torsion, roll), solref, solimp, *self._law, inverse_mass)
+            found.append(HeldPair(first, second, held))
+        return tuple(sorted(found, key=lambda held: (held.first, held.second)))

@@ -16,17 +16,18 @@ from simspec.formats.base import SIDECAR, Format, Target, environment, number, n
 from simspec.formats.mjcf_contact import (
     MATERIAL_CLASS,
     VISUAL_CLASS,
-    Attributes,
+    check_laws,
     classes,
-    collision_masks,
     contact_reference,
     explicit_pairs,
+    friction_hardness,
     joint_references,
     pair_defaults,
 )
+from simspec.formats.mjcf_filter import Attributes, Kind, collision_masks
 from simspec.formats.passes import excluded_pairs_to_write, principal_axes, recentre_free_roots
 from simspec.world import frames
-from simspec.world.types import Body, Joint, Pose, ReadBack, Shape, World
+from simspec.world.types import Body, Joint, Pose, ReadBack, Shape, Surface, World
 
 MODEL = "model.xml"
 KEYFRAME = "initial"
@@ -137,14 +138,16 @@ DEEPEST_INDENT = 24
 class Mjcf(Format):
     """MJCF files for MuJoCo.
 
-    Contact. One law for every pair: in one step the normal velocity v becomes −e v + β r / dt (e restitution, r overlap, β
-    ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``; with e = 0 DART does the same by itself. MuJoCo
-    takes the smaller number of each pair, so the larger restitution holds.
+    Contact. The common law of every pair: in one step the normal velocity v becomes −e v + β r / dt (e restitution, r overlap,
+    β ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``; with e = 0 DART does the same by itself. MuJoCo
+    takes the smaller number of each pair, so the larger restitution holds. Compliant contact is the same constraint with
+    an impedance near zero, native contact MuJoCo's own numbers (``mjcf_contact.HARDNESS``).
 
     Friction. A shape's reference acts on the slip as on the normal velocity: it would bounce sideways and, MuJoCo's cone
     being associated, throw sliding bodies up. Explicit pairs have a reference of their own for friction (which MuJoCo
     obeys under the elliptic cone only), so every two shapes that may touch with friction are listed. A world with more than
     ``explicit_pairs_limit`` of them gets none and says so (sidecar ``explicit_pairs: false``, and the engine's log).
+    Pairs of materials that no numbers of shapes can give are explicit pairs always, or refused.
     """
 
     NAME: ClassVar[str] = "mjcf"
@@ -153,12 +156,6 @@ class Mjcf(Format):
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
         Feature.RESTITUTION: approximate("a reference velocity of the contact constraint, −e times the approach speed"),
-        Feature.FRICTION_PAIRS: unsupported(
-            "MuJoCo takes the larger of two shapes' numbers, and none give these pairs"
-        ),
-        Feature.RESTITUTION_PAIRS: unsupported(
-            "MuJoCo takes the harder of two shapes' references, and none give these pairs"
-        ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
     }
 
@@ -168,7 +165,7 @@ class Mjcf(Format):
         moved, offsets = recentre_free_roots(world)
         order = depth_first(moved)
         masks, group_excludes = collision_masks(moved)
-        pairs = explicit_pairs(moved, target)
+        pairs, all_pairs = explicit_pairs(moved, target)
         content = {
             "name": world.name,
             "compiler": COMPILER,
@@ -176,11 +173,11 @@ class Mjcf(Format):
             "option": _option(world, target),
             "size": SIZE,
             "joint_defaults": (*JOINT_DEFAULTS, *joint_references(world, target)),
-            "geom_defaults": (*GEOM_DEFAULTS, *contact_reference(world, target, 0.0)),
+            "geom_defaults": (*GEOM_DEFAULTS, *contact_reference(world, target, Surface())),
             "pair_defaults": pair_defaults(world, target),
             "classes": classes(world, target),
             "events": _events(order, masks),
-            "pairs": pairs or (),
+            "pairs": pairs,
             "excludes": [
                 (file_name(a), file_name(b)) for a, b in sorted({*excluded_pairs_to_write(moved), *group_excludes})
             ],
@@ -192,7 +189,7 @@ class Mjcf(Format):
             world,
             target,
             offsets,
-            explicit_pairs=pairs is not None,
+            explicit_pairs=all_pairs,
             models=[body.model for body in world.bodies],
             # MJCF has no element for a rigid joint, so its name has no place there
             fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},
@@ -230,6 +227,7 @@ def _check(world: World) -> None:
         for body in world.bodies
         if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
     ]
+    problems.extend(check_laws(world))
     if problems:
         raise UnsupportedError(problems)
 
@@ -249,7 +247,7 @@ def depth_first(world: World) -> list[tuple[Body, int, int]]:
     return [(body, depth, depth + 1 - after) for (body, depth), after in zip(found, following, strict=True)]
 
 
-def _events(order: list[tuple[Body, int, int]], masks: Mapping[str, Attributes]) -> Iterator[tuple[str, Any]]:
+def _events(order: list[tuple[Body, int, int]], masks: Mapping[Kind, Attributes]) -> Iterator[tuple[str, Any]]:
     """Opening and closing of bodies, in the order of the file: (indent, body row), or (indent, None) to close."""
     indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
     for body, depth, closing in order:
@@ -258,7 +256,7 @@ def _events(order: list[tuple[Body, int, int]], masks: Mapping[str, Attributes])
             yield indents[min(level, DEEPEST_INDENT - 1)], None
 
 
-def _body(body: Body, masks: Mapping[str, Attributes]) -> dict[str, Any]:
+def _body(body: Body, masks: Mapping[Kind, Attributes]) -> dict[str, Any]:
     joint = body.joint
     place = Pose(joint.position[:3], joint.position[3:7]) if joint.kind == "free" else joint.origin
     inertial = None
@@ -276,7 +274,7 @@ def _body(body: Body, masks: Mapping[str, Attributes]) -> dict[str, Any]:
         "quat": numbers(place.quaternion),
         "inertial": inertial,
         "joint": None if joint.kind == "fixed" else _joint(joint),
-        "geoms": [_geom(shape, masks[body.collision_group]) for shape in body.shapes],
+        "geoms": [_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes],
     }
 
 
@@ -342,7 +340,8 @@ def _option(world: World, target: Target) -> Attributes:
         ("cone", CONES[world.contact.friction_cone]),
         ("solver", {"newton": "Newton", "cg": "CG", "pgs": "PGS"}[str(settings["solver"])]),
         *((name, str(settings[name])) for name in ("iterations", "ls_iterations", "noslip_iterations")),
-        *((name, number(float(settings[name]))) for name in ("tolerance", "ls_tolerance", "impratio")),
+        *((name, number(float(settings[name]))) for name in ("tolerance", "ls_tolerance")),
+        ("impratio", number(friction_hardness(world, target))),
         *OPTION,
     )
 

@@ -1,27 +1,31 @@
-"""Contact in MJCF: the one law, the surfaces of materials, explicit pairs, and which bodies touch."""
+"""Contact in MJCF: the law of a pair as MuJoCo's numbers, the surfaces of materials, and explicit pairs."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.base import Target, number, numbers
-from simspec.formats.passes import meeting_materials, solid_shapes
-from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import PairContact, Shape, World
-
-Attributes = tuple[tuple[str, str], ...]
-"""Attributes of an XML element, in the order in which they are printed."""
+from simspec.formats.contact_plan import Pair, meeting_laws, shape_pairs
+from simspec.formats.mjcf_filter import Attributes
+from simspec.formats.passes import solid_shapes
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import Body, Hardness, PairContact, Surface, World
 
 MATERIAL_CLASS = "material/"
 """Prefix of the class of a material; shapes that only show are of class ``visual``."""
 VISUAL_CLASS = "visual"
-FILTER_BITS = 31
-"""Collision classes that ``contype`` and ``conaffinity`` can tell apart (the sign bit left alone)."""
 LARGEST_FRICTION_RATE = 0.3
 """Share of a slip that friction's reference may take back in one step. MuJoCo's friction cone is associated: where friction
 cannot stop the slip, the normal velocity rises by μ times what the reference asked for. At 1, which stops a slip in
 one step, a box of μ = 1 sliding at 5 m/s hops 319 mm; at 0.3, 29 mm; at 0.1, 3.6 mm (measured)."""
+SPRING_IMPEDANCE = 1e-4
+"""MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load beside its reference: at 1e-4 it is a spring-damper
+that gives way to all of it, whatever the number of points that share it."""
+NATIVE = (("solref", "0.02 1"), ("solimp", "0.9 0.95 0.001 0.5 2"))
+"""MuJoCo's own defaults."""
+COMPLIANT = ("time-constant", "stiffness")
 
 
 def _impedance(value: float) -> str:
@@ -33,12 +37,49 @@ def reference(error_reduction: float, restitution: float, timestep: float) -> tu
     return (0.0 - error_reduction / (timestep * timestep), 0.0 - (1.0 + restitution) / timestep)
 
 
-def contact_reference(world: World, target: Target, restitution: float) -> Attributes:
+# --- hardness: a row each -----------------------------------------------------------------------------------------
+
+
+def _common(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
     beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
-    return (
-        ("solref", numbers(reference(beta, restitution, dt))),
-        ("solimp", _impedance(float(target.settings["contact_impedance"]))),
-    )
+    solref = reference(beta, held.restitution or 0.0, dt)
+    return (("solref", numbers(solref)), ("solimp", _impedance(float(target.settings["contact_impedance"]))))
+
+
+def _time_constant(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+    """MuJoCo's own form: r̈ = −(2/T) v − r/(T ζ)²; its two numbers are T and ζ."""
+    spring = _of(held)
+    solref = numbers((spring.time_constant, spring.damping_ratio))
+    return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
+
+
+def _stiffness(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+    """MuJoCo's numbers are accelerations: forces times the inverse masses of both bodies; the depth under a load is
+    (1 − d) times the load over them."""
+    spring, yielding = _of(held), inverse_mass * (1.0 - SPRING_IMPEDANCE)
+    solref = numbers((0.0 - spring.stiffness * yielding, 0.0 - spring.damping * yielding))
+    return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
+
+
+def _native(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+    return NATIVE
+
+
+HARDNESS: Mapping[str, Callable[[World, Target, Surface, float], Attributes]] = {
+    "common": _common,
+    "time-constant": _time_constant,
+    "stiffness": _stiffness,
+    "native": _native,
+}
+"""``solref`` and ``solimp`` by kind of hardness, from (world, target, surface, sum of both inverse masses in 1/kg)."""
+
+
+def _of(held: Surface) -> Hardness:
+    return held.hardness or Hardness()
+
+
+def contact_reference(world: World, target: Target, held: Surface, inverse_mass: float = 1.0) -> Attributes:
+    return HARDNESS[_of(held).kind](world, target, held, inverse_mass)
 
 
 def joint_references(world: World, target: Target) -> Attributes:
@@ -52,10 +93,34 @@ def joint_references(world: World, target: Target) -> Attributes:
     )
 
 
-def friction_reference(world: World, target: Target) -> tuple[float, float]:
-    """``solreffriction`` of explicit pairs: slip is taken back at ``friction_rate``, without a spring."""
-    dt = world.physics.timestep
-    return (0.0, 0.0 - min(float(target.settings["friction_rate"]), LARGEST_FRICTION_RATE / dt))
+def friction_reference(world: World, target: Target, kind: str) -> tuple[float, float]:
+    """``solreffriction`` of explicit pairs: slip is taken back at ``friction_rate``, without a spring.
+
+    MuJoCo divides by the impedance, and what comes of it is a share d of that: near one, d changes nothing; for a spring
+    the rate is multiplied by d beforehand. A native contact has none of its own.
+    """
+    if kind == "native":
+        return (0.0, 0.0)
+    rate = min(float(target.settings["friction_rate"]), LARGEST_FRICTION_RATE / world.physics.timestep)
+    return (0.0, 0.0 - rate * (SPRING_IMPEDANCE if kind in COMPLIANT else 1.0))
+
+
+def friction_hardness(world: World, target: Target) -> float:
+    """``impratio``: the one number for the world; larger where friction rests on springs."""
+    springs = any(law.friction and law.hardness.kind in COMPLIANT for law in meeting_laws(world).values())
+    return float(target.settings["compliant_impratio" if springs else "impratio"])
+
+
+# --- numbers of shapes and of pairs -------------------------------------------------------------------------------
+
+
+def dimensions(held: Surface) -> str:
+    """``condim``: the directions in which a contact has friction."""
+    if held.rolling_friction:
+        return "6"
+    if held.torsional_friction:
+        return "4"
+    return "3" if held.friction else "1"
 
 
 def pair_defaults(world: World, target: Target) -> Attributes:
@@ -63,8 +128,8 @@ def pair_defaults(world: World, target: Target) -> Attributes:
         ("condim", "3"),
         ("margin", "0"),
         ("gap", "0"),
-        *contact_reference(world, target, 0.0),
-        ("solreffriction", numbers(friction_reference(world, target))),
+        *contact_reference(world, target, Surface()),
+        ("solreffriction", numbers(friction_reference(world, target, "common"))),
     )
 
 
@@ -75,108 +140,163 @@ def classes(world: World, target: Target) -> list[dict[str, Any]]:
     ]
     for material in world.contact.materials:
         held = target.plan.numbers[material.name, 0]
-        mu = held.friction
-        surface = (("condim", "3" if mu else "1"), ("friction", f"{number(mu)} 0 0"))
-        solref = contact_reference(world, target, held.restitution)
+        friction = numbers((held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0))
+        surface = (("condim", dimensions(held)), ("friction", friction))
+        solref = contact_reference(world, target, held)
         found.append({"name": MATERIAL_CLASS + material.name, "geom": (*surface, *solref)})
     return found
 
 
-def explicit_pairs(world: World, target: Target) -> list[dict[str, str]] | None:
-    """Every two shapes that may touch with friction, or None when there may be more than ``explicit_pairs_limit``.
+def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
+    """Pairs of materials whose law numbers of shapes cannot carry, each with the reason."""
+    found = {}
+    for pair, law in meeting_laws(world).items():
+        if pair in target.plan.missed:
+            found[pair] = "which the numbers of their materials' shapes cannot give together"
+        elif law.hardness.kind == "stiffness":
+            found[pair] = "whose stiffness depends on the masses of both bodies"
+        elif law.friction and law.hardness.kind in COMPLIANT:
+            found[pair] = "which are compliant and have friction, whose rate is not the spring's"
+        elif law.friction and law.restitution and world.contact.friction_cone == "elliptic":
+            found[pair] = "which have both restitution and friction, and would bounce sideways"
+    return found
 
-    None are needed under the pyramid, where MuJoCo ignores their reference for friction.
-    Raises UnsupportedError in that case where one of the pairs has restitution too: without an explicit pair it would bounce
-    sideways.
+
+def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool]:
+    """Rows of explicit pairs, and whether all that should be listed are.
+
+    Listed are every two shapes that may touch and whose law needs it (``pairs_needed``), and every two with friction: they
+    alone have a reference of their own for friction (not under the pyramid, where MuJoCo ignores it, nor where hardness
+    is native). The latter only up to ``explicit_pairs_limit``. Raises UnsupportedError when even the former are more.
     """
-    if world.contact.friction_cone != "elliptic":
-        return []
-    met = meeting_materials(world)
-    laws = {(p.first, p.second): p for p in world.contact.pairs if p.friction and (p.first, p.second) in met}
-    shapes: dict[str, list[tuple[int, str, Shape]]] = {}
-    for index, body in enumerate(world.bodies):
+    laws = meeting_laws(world)
+    needed = pairs_needed(world, target)
+    elliptic = world.contact.friction_cone == "elliptic"
+    wished = [
+        pair
+        for pair, law in laws.items()
+        if pair in needed or (elliptic and law.friction and law.hardness.kind != "native")
+    ]
+    counts: dict[str, int] = {}
+    for body in world.bodies:
         for shape in solid_shapes(body):
-            shapes.setdefault(shape.material, []).append((index, body.name, shape))
+            counts[shape.material] = counts.get(shape.material, 0) + 1
     limit = int(target.settings["explicit_pairs_limit"])
-    # an upper bound that needs no look at single bodies, so that a pile of thousands costs nothing
-    if sum(len(shapes[first]) * len(shapes[second]) / (1 + (first == second)) for first, second in laws) > limit:
-        bouncing = [law for law in laws.values() if law.restitution]
-        if bouncing:
-            raise UnsupportedError([_too_many_pairs(law, limit) for law in bouncing])
-        return None
-    allowed = CollisionFilter(world)
-    beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
+
+    def too_many(pairs: list[Pair]) -> bool:
+        # an upper bound that needs no look at single bodies, so that a pile of thousands costs nothing
+        return sum(counts[one] * counts[two] / (1 + (one == two)) for one, two in pairs) > limit
+
+    if not too_many(wished):
+        return _rows(world, target, laws, wished), True
+    if too_many(list(needed)):
+        raise UnsupportedError([_too_many_pairs(pair, why, limit) for pair, why in needed.items()])
+    return _rows(world, target, laws, list(needed)), False
+
+
+def _rows(world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> list[Attributes]:
+    shared = dict(pair_defaults(world, target))
+    inverse = inverse_masses(world)
     rows = []
-    for (first, second), law in laws.items():
-        surface = {
-            "friction": numbers((law.friction, law.friction, 0.0, 0.0, 0.0)),
-            "solref": numbers(reference(beta, law.restitution, dt)),
-        }
-        for index, body, shape in shapes[first]:
-            for other_index, other_body, other in shapes[second]:
-                once = first != second or index < other_index
-                if once and allowed.may_touch(body, other_body):
-                    rows.append({"geom1": shape.name, "geom2": other.name, **surface})
+    for pair in pairs:
+        law = laws[pair]
+        held = Surface(
+            law.friction, law.torsional_friction, law.rolling_friction, law.restitution, hardness=law.hardness
+        )
+        for one, two in shape_pairs(world, [pair]):
+            weight = inverse[one] + inverse[two] if law.hardness.kind == "stiffness" else 1.0
+            given = {
+                "condim": dimensions(held),
+                "friction": numbers(
+                    (law.friction, law.friction, law.torsional_friction, law.rolling_friction, law.rolling_friction)
+                ),
+                **dict(contact_reference(world, target, held, weight)),
+                "solreffriction": numbers(friction_reference(world, target, law.hardness.kind)),
+            }
+            own = ((name, value) for name, value in given.items() if shared.get(name) != value)
+            rows.append((("geom1", one), ("geom2", two), *own))
     return rows
 
 
-def _too_many_pairs(law: PairContact, limit: int) -> Problem:
-    return Problem(
-        "in MuJoCo every two shapes that have both restitution and friction need an explicit pair, and here these may be "
-        f"more than explicit_pairs_limit ({limit})",
-        f"contact.pairs.{law.first}.{law.second}.restitution",
-        hint="set the restitution or the friction of the many bodies' material to zero, or raise "
-        "engines.mujoco.settings.explicit_pairs_limit",
-    )
+def inverse_masses(world: World) -> dict[str, float]:
+    """MuJoCo's inverse mass (1/kg) of each collision shape's body: 1/m of a free one, 0 of what cannot move.
 
-
-SAME_NUMBER = 1e-12
-"""Relative and absolute, as proof level L0's: how far an explicit pair may be from what its shapes give together."""
-
-
-def pair_problem(names: tuple[str, str], held: tuple[float, float], of_shapes: tuple[float, float]) -> str | None:
-    """What is wrong with an explicit pair: its friction and restitution are not what its shapes' numbers give; or None."""
-    if all(abs(a - b) <= SAME_NUMBER * max(1.0, abs(b)) for a, b in zip(held, of_shapes, strict=True)):
-        return None
-    return (
-        f"the explicit pair of {names[0]!r} and {names[1]!r} holds friction {held[0]:g} and restitution {held[1]:g}, "
-        f"their own numbers give {of_shapes[0]:g} and {of_shapes[1]:g}"
-    )
-
-
-def collision_masks(world: World) -> tuple[dict[str, Attributes], list[tuple[str, str]]]:
-    """``contype`` and ``conaffinity`` of each collision group, and pairs to exclude where masks do not suffice.
-
-    MuJoCo lets two shapes touch when (type1 & affinity2) or (type2 & affinity1). Each group that ignores another has a
-    bit of its own as its type, and the bits of all groups that it may touch as its affinity: both terms are then
-    the same, and their "or" is exactly the wanted matrix. Groups that ignore nothing share the first bit.
+    NaN for bodies of mechanisms, whose inverse mass depends on all their tree.
     """
-    ignored = set(world.contact.ignored_groups)
-    groups = sorted({body.collision_group for body in world.bodies})
-    special = [group for group in groups if any(group in pair for pair in ignored)]
-    if not special:
-        return dict.fromkeys(groups, ()), []
-    if len(special) >= FILTER_BITS:
-        return dict.fromkeys(groups, ()), _ignored_bodies(world)
-    bits = dict.fromkeys(groups, 0) | {group: index for index, group in enumerate(special, 1)}
+    static = rigid_groups(world)
+    parents = {body.joint.parent for body in world.bodies}
 
-    def affinity(group: str) -> int:
-        # the first bit stands for all that ignore nothing, and stays set when no such group is there
-        return 1 | sum(1 << bits[o] for o in special if (min(group, o), max(group, o)) not in ignored)
+    def of(body: Body) -> float:
+        if static[body.name] == "world":
+            return 0.0
+        single = body.joint.kind == "free" and body.name not in parents
+        return 1.0 / body.inertial.mass if single else float("nan")
 
-    masks = {group: (("contype", str(1 << bits[group])), ("conaffinity", str(affinity(group)))) for group in groups}
-    return masks, []
+    return {shape.name: of(body) for body in world.bodies for shape in solid_shapes(body)}
 
 
-def _ignored_bodies(world: World) -> list[tuple[str, str]]:
-    members: dict[str, list[str]] = {}
-    for body in world.bodies:
-        if solid_shapes(body):
-            members.setdefault(body.collision_group, []).append(body.name)
-    return [
-        (min(one, other), max(one, other))
-        for first, second in world.contact.ignored_groups
-        for one in members.get(first, ())
-        for other in members.get(second, ())
-        if one != other
+def _too_many_pairs(pair: Pair, why: str, limit: int) -> Problem:
+    return Problem(
+        f"in MuJoCo every two shapes of these materials, {why}, need an explicit pair, and here all that do may be more than "
+        f"explicit_pairs_limit ({limit})",
+        f"contact.pairs.{pair[0]}.{pair[1]}",
+        hint="give the material of the many bodies a law of its own friction, restitution and hardness alone that is the "
+        "larger of both materials' values, or raise engines.mujoco.settings.explicit_pairs_limit",
+    )
+
+
+# --- what MuJoCo cannot have --------------------------------------------------------------------------------------
+
+
+def _faults(world: World, law: PairContact) -> Iterator[tuple[str, str, str]]:
+    """What is wrong with one law: quantity, message, hint."""
+    pyramid = world.contact.friction_cone != "elliptic"
+    hardness, dt = law.hardness, world.physics.timestep
+    if pyramid:
+        for name in ("torsional_friction", "rolling_friction"):
+            if getattr(law, name):
+                yield name, f"under MuJoCo's pyramid {name.replace('_', ' ')} is wrong (measured)", _ELLIPTIC
+        if law.friction and hardness.kind in COMPLIANT:
+            yield "hardness", "under MuJoCo's pyramid compliant contact has no friction that sticks", _ELLIPTIC
+    if law.restitution and hardness.kind != "common":
+        yield "restitution", f"MuJoCo has no restitution beside {hardness.kind} hardness", "set the restitution to zero"
+    if hardness.kind == "time-constant" and hardness.time_constant < 2.0 * dt:
+        yield (
+            "hardness",
+            "MuJoCo raises a time constant below two timesteps to two",
+            f"at least {2.0 * dt:g} s, or a smaller timestep",
+        )
+
+
+_ELLIPTIC = "use friction_cone: elliptic"
+
+
+def check_laws(world: World) -> list[Problem]:
+    """What MuJoCo cannot have of the laws of materials that meet."""
+    laws = meeting_laws(world)
+    problems = [
+        Problem(message, f"contact.pairs.{first}.{second}.{name}", hint=hint)
+        for (first, second), law in laws.items()
+        for name, message, hint in _faults(world, law)
     ]
+    springs = {pair: law.hardness for pair, law in laws.items() if law.hardness.kind == "stiffness"}
+    inverse = inverse_masses(world) if springs else {}
+    dt = world.physics.timestep
+    for pair, spring in springs.items():
+        weights = {inverse[one] + inverse[two]: (one, two) for one, two in shape_pairs(world, [pair])}
+        for weight, shapes in weights.items():
+            if weight != weight:
+                message = (
+                    "MuJoCo's stiffness is known between free single bodies and what cannot move, not for mechanisms"
+                )
+                hint = "use {time_constant, damping_ratio}"
+            elif spring.stiffness * weight * dt * dt > 1.0 or spring.damping * weight * dt > 1.0:
+                message = "the spring is too hard for the timestep: one step would undo more than the whole overlap"
+                hint = "a smaller timestep, less stiffness or less damping"
+            else:
+                continue
+            problems.append(
+                Problem(message, f"contact.pairs.{pair[0]}.{pair[1]}.hardness", found=" with ".join(shapes), hint=hint)
+            )
+            break
+    return problems

@@ -14,13 +14,14 @@ from xml.etree import ElementTree
 
 from simspec.formats import mjcf
 from simspec.formats.base import read_sidecar
-from simspec.formats.mjcf_contact import pair_problem
+from simspec.formats.mjcf_surface import surface
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
+    HeldPair,
     Inertial,
     Joint,
     Pose,
@@ -67,6 +68,7 @@ def read_folder(folder: Path) -> ReadBack:
         reader.timestep,
         CONE_NAMES[option["cone"]],
         dict(UNREADABLE),
+        reader.pairs(),
     )
 
 
@@ -102,7 +104,9 @@ class _Reader:
         key = self._one(self.section("keyframe"), "key")
         self._position, self._velocity = _floats(key.attrib["qpos"]), _floats(key.attrib["qvel"])
         self._nq = self._nv = 0
-        self._check_pairs()
+        settings = beside["settings"]
+        self._law = (self.timestep, settings["contact_error_reduction"], settings["contact_impedance"])
+        self._pair_defaults = self._one(defaults, "pair").attrib
 
     def section(self, name: str) -> ElementTree.Element:
         return self._one(self._root, name)
@@ -203,10 +207,7 @@ class _Reader:
                 for value, halved in zip(_floats(given["size"]), HALVED[kind], strict=True)
             )
         collides = given["contype"] != "0" or given["conaffinity"] != "0"
-        surfaces: tuple[Surface, ...] = ()
-        if collides:
-            friction, restitution = self._surface(given)
-            surfaces = (Surface(friction, restitution=restitution),)
+        surfaces: tuple[Surface, ...] = (self._surface(given, _floats(given["friction"])),) if collides else ()
         red, green, blue, alpha = _floats(given["rgba"])
         return Shape(
             given["name"],
@@ -220,27 +221,33 @@ class _Reader:
             surfaces,
         )
 
-    def _surface(self, given: Mapping[str, str]) -> tuple[float, float]:
-        friction = _floats(given["friction"])[0] if given["condim"] == "3" else 0.0
-        return friction, self._restitution(given["solref"])
+    def _surface(self, given: Mapping[str, str], friction: tuple[float, ...], inverse_mass: float = 1.0) -> Surface:
+        solref, solimp = _floats(given["solref"]), _floats(given["solimp"])
+        return surface(int(given["condim"]), friction, solref, solimp, *self._law, inverse_mass)
 
-    def _restitution(self, solref: str) -> float:
-        """The damping of the reference, per step, is one plus the restitution."""
-        _, damping = _floats(solref)
-        return -damping * self.timestep - 1.0
+    def pairs(self) -> tuple[HeldPair, ...]:
+        """The explicit pairs, sorted."""
+        inverse = self._inverse_masses()
+        found = []
+        for pair in self.section("contact").findall("pair"):
+            given = {**self._pair_defaults, **pair.attrib}
+            first, second = sorted((given["geom1"], given["geom2"]))
+            one, two, torsion, roll, other_roll = _floats(given["friction"])
+            if one != two or roll != other_roll:
+                raise ValueError(f"the explicit pair of {first!r} and {second!r} is not isotropic")
+            held = self._surface(given, (one, torsion, roll), inverse[first] + inverse[second])
+            found.append(HeldPair(first, second, held))
+        return tuple(sorted(found, key=lambda held: (held.first, held.second)))
 
-    def _check_pairs(self) -> None:
-        """An explicit pair overrides its shapes; it must say what they give together."""
-        pairs = self.section("contact").findall("pair")
-        wanted = {pair.attrib[end] for pair in pairs for end in ("geom1", "geom2")}
-        shapes = {
-            name: self._surface({**self._classes[geom.attrib["class"]], **geom.attrib})
-            for geom in self.section("worldbody").iter("geom")
-            if (name := geom.attrib["name"]) in wanted
-        }
-        for pair in pairs:
-            names = (pair.attrib["geom1"], pair.attrib["geom2"])
-            held = (_floats(pair.attrib["friction"])[0], self._restitution(pair.attrib["solref"]))
-            given = (max(shapes[name][0] for name in names), max(shapes[name][1] for name in names))
-            if problem := pair_problem(names, held, given):
-                raise ValueError(problem)
+    def _inverse_masses(self) -> dict[str, float]:
+        """1/m of the body of each geom; 0 of bodies without a joint up to the world."""
+        found: dict[str, float] = {}
+        waiting = [(body, False) for body in self.section("worldbody").findall("body")]
+        while waiting:
+            body, moves = waiting.pop()
+            moves = moves or body.find("joint") is not None
+            inertial = body.find("inertial")
+            inverse = 1.0 / float(inertial.attrib["mass"]) if moves and inertial is not None else 0.0
+            found.update((geom.attrib["name"], inverse) for geom in body.findall("geom"))
+            waiting.extend((child, moves) for child in body.findall("body"))
+        return found

@@ -16,6 +16,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats.base import read_sidecar
 from simspec.formats.mjcf import MODEL, Mjcf
+from simspec.proof.comparator import compare
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
@@ -143,14 +144,21 @@ def test_a_shifted_zero_is_an_engine_error(tmp_path):
         engine.close()
 
 
-def test_an_explicit_pair_that_contradicts_its_shapes_is_an_error(tmp_path):
-    folder = write(worlds.gripper(), tmp_path)
+@pytest.mark.parametrize("friction", ["0.5 0.5 0 0 0", "0.4 0.5 0 0 0"])
+def test_an_explicit_pair_with_another_law_is_noticed(friction, tmp_path):
+    world = worlds.gripper()
+    folder = write(world, tmp_path)
     text = (folder / MODEL).read_text()
-    (folder / MODEL).write_text(text.replace('friction="0.4 0.4 0 0 0"', 'friction="0.5 0.5 0 0 0"', 1))
+    (folder / MODEL).write_text(text.replace('friction="0.4 0.4 0 0 0"', f'friction="{friction}"', 1))
     engine = MuJoCo()
     engine.load(folder, read_sidecar(folder))
-    with pytest.raises(EngineError, match="explicit pair"):
-        engine.read_back()
+    if friction == "0.5 0.5 0 0 0":
+        checks = compare(world, engine.read_back(), MuJoCo.RULES, MuJoCo.LAYERS)
+        assert [check.name for check in checks if not check.passed] == ["friction"]
+    else:
+        with pytest.raises(EngineError, match="not isotropic"):
+            engine.read_back()
+    engine.close()
 
 
 # --- states, dynamics, motion -------------------------------------------------------------------------------------
@@ -520,6 +528,7 @@ def test_every_setting_reaches_the_engine(load):
         "tolerance": 1e-5,
         "ls_tolerance": 0.02,
         "impratio": 3.0,
+        "compliant_impratio": 500.0,
         "noslip_iterations": 2,
         "multiccd": False,
         "warmstart": False,

@@ -13,7 +13,7 @@ from simspec.engines.mujoco import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.formats.contact_plan import contact_plan, surfaces
 from simspec.formats.mjcf import MODEL, Mjcf, depth_first
-from simspec.formats.mjcf_contact import FILTER_BITS
+from simspec.formats.mjcf_filter import FILTER_BITS
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
@@ -123,7 +123,7 @@ def test_damaged_files_are_refused(tmp_path):
         ('qvel="0 ', 'qvel="', "velocities"),
         ('<joint name="bar_joint"', '<site name="x"/><joint name="bar_joint"', "not read"),
         ('angle="radian"', 'angle="degree"', "radian"),
-        ('friction="0.4 0.4 0 0 0"', 'friction="0.5 0.5 0 0 0"', "explicit pair"),
+        ('friction="0.4 0.4 0 0 0"', 'friction="0.4 0.5 0 0 0"', "not isotropic"),
     ):
         changed = files[MODEL].replace(old, new, 1)
         assert changed != files[MODEL]
