@@ -207,9 +207,6 @@ def read_folder(folder: Path) -> ReadBack:
         raise ValueError("world.skel has no <world>")
     elements = {body.attrib["name"]: body for body in held.iterfind("skeleton/body")}
     places = {name: _pose(body) for name, body in elements.items()}
-    joints = {}
-    for element in held.iterfind("skeleton/joint"):
-        joints[_text(element, "child")] = _joint(element, places)
     entries = content["bodies"]
     # a body that is called "world" goes by another name in the file
     own = {"world": "world."}
@@ -217,6 +214,11 @@ def read_folder(folder: Path) -> ReadBack:
     copies = {copy["node"]: own.get(copy["body"], copy["body"]) for copy in content["copies"]}
     if sorted([own.get(entry["name"], entry["name"]) for entry in entries] + list(copies)) != sorted(elements):
         raise ValueError("the bodies of world.skel are not those that the sidecar names")
+    joints = {}
+    for element in held.iterfind("skeleton/joint"):
+        joints[_text(element, "child")] = _joint(element, places)
+    if set(joints) != set(elements):
+        raise ValueError(f"the joints of {sorted(set(joints) ^ set(elements))} are missing, or have no body")
     shapes: dict[str, list[Mapping[str, Any]]] = {}
     for shape in content["shapes"]:
         shapes.setdefault(shape["body"], []).append(shape)
