@@ -53,39 +53,33 @@ class Nodes:
             self._of[place].append(held[name])
         self._nodes = held
         self._copies = self._find_copies()
-        self._material = {shape["name"]: shape["material"] for shape in sidecar["shapes"]}
-        self._layers = {shape["name"]: [copy["layer"] for copy in shape["surfaces"]] for shape in sidecar["shapes"]}
         self._layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar["filter"]["layers"]}
 
     def of(self, index: int) -> Sequence[Any]:
         """All nodes of a body, its own first."""
         return self._of[index]
 
-    def node(self, name: str) -> Any:
-        """A node by its name."""
-        return self._nodes[name]
-
     def solid(self, index: int) -> bool:
         """Whether a body has collision shapes."""
         return any(collision_nodes(node) for node in self._of[index])
 
-    def _find_copies(self) -> dict[str, tuple[str, int]]:
-        """Of every collision shape of DART, by its name and its node's, the shape of the world and the number of the copy."""
+    def _find_copies(self) -> dict[str, tuple[int, int]]:
+        """Of every collision shape of DART, by its name and its node's, the sidecar's entry and the number of the copy."""
         left = {name: collision_nodes(node) for name, node in self._nodes.items()}
         found = {}
-        for shape in self._sidecar["shapes"]:
+        for number, shape in enumerate(self._sidecar["shapes"]):
             for index, copy in enumerate(shape["surfaces"]):
                 if not left.get(copy["node"]):
                     raise EngineError(NAME, f"{WORLD} has too few collision shapes on {copy['node']!r}")
                 one = left[copy["node"]].pop(0)
-                found[_key(one)] = (shape["name"], index)
+                found[_key(one)] = (number, index)
         extra = sorted(name for name, shapes in left.items() if shapes)
         if extra:
             raise EngineError(NAME, f"{extra} have collision shapes that the sidecar does not name")
         return found
 
-    def copy(self, shape: Any) -> tuple[str, int]:
-        """The shape of the world that a collision shape of DART is a copy of, and which one."""
+    def copy(self, shape: Any) -> tuple[int, int]:
+        """The place in the sidecar's list of the shape that a collision shape of DART is a copy of, and which copy."""
         return self._copies[_key(shape)]
 
     def check_meeting(self, one: Any, other: Any) -> None:
@@ -93,26 +87,21 @@ class Nodes:
 
         The filter is DART's own and cannot be listed; a contact shows what it lets through.
         """
-        (name, index), (other_name, other_index) = self.copy(one), self.copy(other)
-        pair = frozenset((self._material[name], self._material[other_name]))
-        layers = {self._layers[name][index], self._layers[other_name][other_index]}
+        shapes, copies = self._sidecar["shapes"], (self.copy(one), self.copy(other))
+        pair = frozenset(shapes[number]["material"] for number, _ in copies)
+        layers = {shapes[number]["surfaces"][index]["layer"] for number, index in copies}
         if pair in self._layer_of and layers != {self._layer_of[pair]}:
+            names = " and ".join(repr(shapes[number]["name"]) for number, _ in copies)
             raise EngineError(
-                NAME,
-                f"lets copies of {name!r} and {other_name!r} touch that are in layers {sorted(layers)}, not "
-                f"{self._layer_of[pair]}",
+                NAME, f"lets copies of {names} touch that are in layers {sorted(layers)}, not {self._layer_of[pair]}"
             )
 
     def set_surfaces(self) -> None:
         """Give every copy of a shape its numbers."""
-        numbers = {
-            (shape["name"], index): copy
-            for shape in self._sidecar["shapes"]
-            for index, copy in enumerate(shape["surfaces"])
-        }
         for node in self._nodes.values():
             for shape in collision_nodes(node):
-                given, aspect = numbers[self.copy(shape)], shape.getDynamicsAspect()
+                number, index = self.copy(shape)
+                given, aspect = self._sidecar["shapes"][number]["surfaces"][index], shape.getDynamicsAspect()
                 aspect.setFrictionCoeff(given["friction"])
                 aspect.setRestitutionCoeff(given["restitution"])
 

@@ -34,9 +34,9 @@ from the two nodes' own, to the last bit."""
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model and its present state as DART holds them."""
     q, v = sim.coordinates.get_state()
-    names: dict[str, list[dict[str, Any]]] = {}
-    for entry in sim.sidecar["shapes"]:
-        names.setdefault(entry["body"], []).append(entry)
+    names: dict[str, list[tuple[int, dict[str, Any]]]] = {}
+    for number, entry in enumerate(sim.sidecar["shapes"]):
+        names.setdefault(entry["body"], []).append((number, entry))
     bodies = []
     for index, (name, node) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = _joint(sim, node.getParentJoint(), index, q, v)
@@ -167,22 +167,22 @@ def _shape(node: Any) -> Shape:
     return shape
 
 
-def _shapes(sim: Simulation, index: int, given: list[dict[str, Any]]) -> tuple[Shape, ...]:
+def _shapes(sim: Simulation, index: int, given: list[tuple[int, dict[str, Any]]]) -> tuple[Shape, ...]:
     """A body's shapes in the world's order. DART has a node for the visual side of a shape and one for each of its copies;
     those that are alike and that the sidecar says are one are joined, all else is left as it is."""
     own = sim.bodies[index]
-    copies: dict[str, list[Shape]] = {}
+    copies: dict[int, list[Shape]] = {}
     for node in sim.nodes.of(index):
         place = _place_on(node, own)
         for one in collision_nodes(node):
-            name, _ = sim.nodes.copy(one)
-            copies.setdefault(name, []).append(_moved(_shape(one), place))
+            number, _ = sim.nodes.copy(one)
+            copies.setdefault(number, []).append(_moved(_shape(one), place))
     seen = [_shape(one) for one in shape_nodes(own) if one.hasVisualAspect()]
-    if len(seen) != sum(entry["visual"] for entry in given):
+    if len(seen) != sum(entry["visual"] for _, entry in given):
         return (*(shape for held in copies.values() for shape in held), *seen)
     found: list[Shape] = []
-    for entry in given:
-        parts = copies.get(entry["name"], []) + ([seen.pop(0)] if entry["visual"] else [])
+    for number, entry in given:
+        parts = copies.get(number, []) + ([seen.pop(0)] if entry["visual"] else [])
         kept = []
         for part in parts:
             alike = next((at for at, one in enumerate(kept) if _same(one, part)), None)

@@ -179,7 +179,7 @@ def _check(world: World, target: Target) -> None:
             hint=f"accept it by name: engines.{target.engine}.accept: [material.friction]",
         )
         for pair in world.contact.pairs
-        if 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted
+        if pair.collide and 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted
     ]
     if found:
         raise UnsupportedError(found)

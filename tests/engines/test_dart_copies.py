@@ -13,9 +13,10 @@ from simspec.engines.dart import MOST_RECOVERY, Dart
 from simspec.errors import EngineError
 from simspec.formats.skel import WORLD
 from simspec.proof.selftest_worlds import surfaces
-from simspec.world.types import Contact, Joint, Material, PairContact, Physics, Shape
+from simspec.world.kinematics import CollisionFilter
+from simspec.world.types import Contact, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
-from tests.engines.test_dart_contact import scene
+from tests.engines.test_dart_contact import crowd, scene
 from tests.formats.test_skel import failures
 from tests.formats.test_skel_copies import drop_filter, edited
 
@@ -109,6 +110,43 @@ def test_six_materials_with_21_values_that_no_rule_gives(load_dart):
     touched = {tuple(sorted(pair)) for pair in engine.contacts()["body"].tolist()}
     tiles = {body.name: index for index, body in enumerate(world.bodies)}
     assert touched == {(tiles[f"tile_{name[-1]}"], tiles[name]) for name in moving}, "indices of the world's bodies"
+
+
+@pytest.mark.parametrize("detector", ["dart", "ode", "bullet", "fcl"])
+def test_groups_and_exclusions_hold_for_every_copy(detector, load_dart):
+    """Trees whose boxes all overlap, in three materials, of which two pass through each other."""
+    base = crowd()
+    bodies = tuple(
+        dataclasses.replace(
+            body, shapes=tuple(dataclasses.replace(shape, material=NAMES[index % 3]) for shape in body.shapes)
+        )
+        for index, body in enumerate(base.bodies)
+    )
+    mixed = pairs_of(MIXED)
+    pairs = tuple(
+        dataclasses.replace(pair, collide=False) if (pair.first, pair.second) == ("b", "c") else pair
+        for pair in mixed.pairs
+    )
+    contact = dataclasses.replace(base.contact, materials=mixed.materials, pairs=pairs)
+    world = dataclasses.replace(base, bodies=bodies, contact=contact)
+    allowed = CollisionFilter(world)
+    engine = load_dart(worlds.with_options(world, "dart", settings=(("collision_detector", detector),)))
+    names = [body.name for body in bodies]
+    wanted = [[i, j] for i, j in itertools.combinations(range(len(names)), 2) if allowed.may_touch(names[i], names[j])]
+    assert engine.detect_contacts().tolist() == wanted
+
+
+def test_a_body_does_not_touch_itself(load_dart):
+    """Three overlapping shapes of three materials on one body: on nodes of their own, which DART would let touch."""
+    base = shaped_tree(MIXED)
+    shapes = tuple(
+        Shape(f"s{name}", "sphere", (0.1,), Pose((0.05 * i, 0.0, 0.0)), name) for i, name in enumerate(NAMES)
+    )
+    bodies = (*base.bodies[:-1], dataclasses.replace(base.bodies[-1], shapes=shapes))
+    engine = load_dart(dataclasses.replace(base, bodies=bodies))
+    assert engine.detect_contacts().tolist() == []
+    engine.step(1)
+    assert len(engine.contacts()["distance"]) == 0
 
 
 def test_restitution_of_pairs_that_no_product_gives(load_dart):
