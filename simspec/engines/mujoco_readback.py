@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.errors import EngineError
 from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
-from simspec.formats.mjcf_surface import surface
+from simspec.formats.mjcf_surface import CommonLaw, surface
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import (
@@ -77,12 +77,7 @@ class _ReadBack:
         if KEYFRAME not in self._names["KEY"]:
             raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
         self._key = self._names["KEY"].index(KEYFRAME)
-        settings = sidecar["settings"]
-        self._law = (
-            float(model.opt.timestep),
-            float(settings["contact_error_reduction"]),
-            float(settings["contact_impedance"]),
-        )
+        self._law = CommonLaw.of(float(model.opt.timestep), sidecar["settings"])
 
     def _all_names(self, kind: str) -> list[str]:
         count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
@@ -179,7 +174,7 @@ class _ReadBack:
         if collides:
             held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
             friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
-            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, *self._law),)
+            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, self._law),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -206,6 +201,6 @@ class _ReadBack:
             inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
             solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
             condim = int(model.pair_dim[pair])
-            held = surface(condim, (one, torsion, roll), solref, solimp, *self._law, inverse_mass)
+            held = surface(condim, (one, torsion, roll), solref, solimp, self._law, inverse_mass)
             found.append(HeldPair(first, second, held))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))

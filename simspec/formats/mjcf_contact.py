@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.base import Target, number, numbers
+from simspec.formats.base import Target, numbers
 from simspec.formats.contact_plan import Pair, meeting_laws, shape_pairs
 from simspec.formats.mjcf_filter import Attributes
 from simspec.formats.passes import solid_shapes
@@ -28,6 +30,14 @@ NATIVE = (("solref", "0.02 1"), ("solimp", "0.9 0.95 0.001 0.5 2"))
 COMPLIANT = ("time-constant", "stiffness")
 
 
+CUSHION_START = 0.01
+CUSHION_SHAPE = (0.5, 2.0)
+"""Impedance of a frictional contact at first touch, and midpoint and power of its rise over ``friction_cushion`` metres.
+A soft first touch carries what the associated cone adds to the normal force: a slider floats in it instead of hopping. A
+rise that begins flat (power 2) keeps fast sliders calm: of μ = 1, pushed at 1.6 times the limit, 0.5 % of friction is missing,
+at power 1 2.4 % (measured, 1 ms)."""
+
+
 def _impedance(value: float) -> str:
     return numbers((value, value, 0.001, 0.5, 2.0))
 
@@ -41,9 +51,14 @@ def reference(error_reduction: float, restitution: float, timestep: float) -> tu
 
 
 def _common(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
+    """Under friction with a cushion, which what bounces cannot have: a step that ends in it would take most of the bounce."""
     beta, dt = float(target.settings["contact_error_reduction"]), world.physics.timestep
     solref = reference(beta, held.restitution or 0.0, dt)
-    return (("solref", numbers(solref)), ("solimp", _impedance(float(target.settings["contact_impedance"]))))
+    impedance, cushion = (float(target.settings[name]) for name in ("contact_impedance", "friction_cushion"))
+    solimp = _impedance(impedance)
+    if held.friction and not held.restitution and cushion and world.contact.friction_cone == "elliptic":
+        solimp = numbers((CUSHION_START, impedance, cushion, *CUSHION_SHAPE))
+    return (("solref", numbers(solref)), ("solimp", solimp))
 
 
 def _time_constant(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
@@ -142,7 +157,8 @@ def classes(world: World, target: Target) -> list[dict[str, Any]]:
         held = target.plan.numbers[material.name, 0]
         friction = numbers((held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0))
         surface = (("condim", dimensions(held)), ("friction", friction))
-        solref = contact_reference(world, target, held)
+        # no cushion: without an explicit pair's own reference for friction it does not help
+        solref = contact_reference(world, target, dataclasses.replace(held, friction=0.0))
         found.append({"name": MATERIAL_CLASS + material.name, "geom": (*surface, *solref)})
     return found
 
@@ -285,7 +301,7 @@ def check_laws(world: World) -> list[Problem]:
     for pair, spring in springs.items():
         weights = {inverse[one] + inverse[two]: (one, two) for one, two in shape_pairs(world, [pair])}
         for weight, shapes in weights.items():
-            if weight != weight:
+            if math.isnan(weight):
                 message = (
                     "MuJoCo's stiffness is known between free single bodies and what cannot move, not for mechanisms"
                 )

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from simspec.formats import mjcf
 from simspec.formats.base import read_sidecar
-from simspec.formats.mjcf_surface import surface
+from simspec.formats.mjcf_surface import CommonLaw, surface
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import (
@@ -104,8 +104,7 @@ class _Reader:
         key = self._one(self.section("keyframe"), "key")
         self._position, self._velocity = _floats(key.attrib["qpos"]), _floats(key.attrib["qvel"])
         self._nq = self._nv = 0
-        settings = beside["settings"]
-        self._law = (self.timestep, settings["contact_error_reduction"], settings["contact_impedance"])
+        self._law = CommonLaw.of(self.timestep, beside["settings"])
         self._pair_defaults = self._one(defaults, "pair").attrib
 
     def section(self, name: str) -> ElementTree.Element:
@@ -223,7 +222,7 @@ class _Reader:
 
     def _surface(self, given: Mapping[str, str], friction: tuple[float, ...], inverse_mass: float = 1.0) -> Surface:
         solref, solimp = _floats(given["solref"]), _floats(given["solimp"])
-        return surface(int(given["condim"]), friction, solref, solimp, *self._law, inverse_mass)
+        return surface(int(given["condim"]), friction, solref, solimp, self._law, inverse_mass)
 
     def pairs(self) -> tuple[HeldPair, ...]:
         """The explicit pairs, sorted."""

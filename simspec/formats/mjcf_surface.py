@@ -7,7 +7,9 @@ contact, a₁ with it, d the impedance); a spring-damper is an impedance near ze
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from simspec.world.types import Hardness, Surface
 
@@ -15,8 +17,24 @@ MUJOCO_DEFAULT = ((0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0))
 """MuJoCo's own solref and solimp."""
 SOFT = 1e-3
 """Impedances below this leave a₀ to the other forces, up to a thousandth: springs. MuJoCo allows 1e-4 to 0.9999."""
-ROUND_OFF = 1e-9
-"""Relative: how far the numbers of the common law, which are quotients by the timestep, may be from it."""
+ROUND_OFF = 1e-12
+"""How far the error reduction, a quotient by the timestep's square, may be from the common law's."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommonLaw:
+    """What says that a contact holds the common law: the timestep, and the settings that give it its numbers."""
+
+    timestep: float
+    error_reduction: float
+    solimps: tuple[tuple[float, ...], ...]
+
+    @classmethod
+    def of(cls, timestep: float, settings: Mapping[str, Any]) -> CommonLaw:
+        """From a sidecar's settings; the two impedances are the rigid one, and friction's with its soft first touch."""
+        high, cushion = float(settings["contact_impedance"]), float(settings["friction_cushion"])
+        rigid = (high, high, 0.001, 0.5, 2.0)
+        return cls(timestep, float(settings["contact_error_reduction"]), (rigid, (0.01, high, cushion, 0.5, 2.0)))
 
 
 def surface(
@@ -24,43 +42,34 @@ def surface(
     friction: Sequence[float],
     solref: Sequence[float],
     solimp: Sequence[float],
-    timestep: float,
-    error_reduction: float,
-    impedance: float,
+    common: CommonLaw,
     inverse_mass: float = 1.0,
 ) -> Surface:
     """The surface that one geom or one explicit pair holds.
 
-    ``friction``: sliding, torsional, rolling. ``error_reduction`` and ``impedance`` are those of the common law.
+    ``friction``: sliding, torsional, rolling.
     ``inverse_mass`` (1/kg): of an explicit pair the sum of both bodies'; a geom holds what it would be at 1 kg.
     """
-    hardness = _hardness(solref, solimp, timestep, error_reduction, impedance, inverse_mass)
+    hardness = _hardness(solref, solimp, common, inverse_mass)
     return Surface(
         float(friction[0]) if condim >= 3 else 0.0,
         float(friction[1]) if condim >= 4 else 0.0,
         float(friction[2]) if condim >= 6 else 0.0,
         # the damping of the common law's reference, per step, is one plus the restitution
-        0.0 - solref[1] * timestep - 1.0 if hardness.kind == "common" else 0.0,
+        0.0 - solref[1] * common.timestep - 1.0 if hardness.kind == "common" else 0.0,
         hardness,
     )
 
 
-def _hardness(
-    solref: Sequence[float],
-    solimp: Sequence[float],
-    timestep: float,
-    error_reduction: float,
-    impedance: float,
-    inverse_mass: float,
-) -> Hardness:
+def _hardness(solref: Sequence[float], solimp: Sequence[float], common: CommonLaw, inverse_mass: float) -> Hardness:
     stiffness, damping = (float(value) for value in solref)
     if (tuple(solref), tuple(solimp)) == MUJOCO_DEFAULT:
         return Hardness("native")
     constant = solimp[0] == solimp[1]
     if constant and stiffness > 0.0 and solimp[0] <= SOFT:
         return Hardness("time-constant", time_constant=stiffness, damping_ratio=damping)
-    taken_back = 0.0 - stiffness * timestep * timestep
-    if constant and solimp[0] == impedance and abs(taken_back - error_reduction) <= ROUND_OFF * error_reduction:
+    taken_back = 0.0 - stiffness * common.timestep * common.timestep
+    if tuple(solimp) in common.solimps and abs(taken_back - common.error_reduction) <= ROUND_OFF:
         return Hardness("common")
     # a spring-damper by what holds a load: its depth is (1 − d) a₀ / k
     yielding = inverse_mass * (1.0 - solimp[0])
