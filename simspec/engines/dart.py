@@ -33,15 +33,10 @@ MOST_RECOVERY = 1e-3
 """DART takes back 1 % of an overlap in each step, but no faster than this (m/s): measured from 1 µm to 20 mm with all its
 solvers, and the same at every timestep. Overlaps of up to 0.1 mm for each ms of the timestep follow the common law."""
 
-STANDARD_GRAVITY = 9.81
-
-_RECOVERY = "an overlap is taken back at 1 mm/s at most; the common law takes back 20 mm at 0.4 m/s in steps of 0.5 ms"
 _PREDICTED = (
     "DART multiplies the speed at the end of the step, gravity included: the ratio is e (1 + g dt / v), at 1 m/s"
 )
-_LATE = (
-    "detector ode finds boxes and cylinders that just touch one step late; what they fall by then is taken back in time"
-)
+_HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt alone is above DART's least bounce"
 
 
 def _armature_covered(world: World) -> str | None:
@@ -157,13 +152,9 @@ class Dart(Engine):
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
-        Deviation("overlap", 1.0 - MOST_RECOVERY / 0.4, _RECOVERY),
         Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
         Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
-        *(
-            Deviation("rest", STANDARD_GRAVITY * timestep**2, _LATE, relative=False, timestep=timestep)
-            for timestep in (0.004, 0.008, 0.016)
-        ),
+        Deviation("rest", 0.16, _HOPS, relative=False, timestep=0.016),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",
