@@ -14,10 +14,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
-from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
+from simspec.features import EXACT, Feature, Table, approximate, unsupported
 from simspec.formats.contact_plan import Rules
 from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
@@ -33,9 +34,10 @@ NO_EXPLICIT_PAIRS = (
 class MuJoCo(Engine):
     """MuJoCo's semi-implicit Euler in generalised coordinates, with its convex contact solver.
 
-    Friction of two shapes is the larger of their numbers, restitution too. Contact is one constraint law for all pairs (see
-    :class:`simspec.formats.mjcf.Mjcf`). MuJoCo's friction cone is associated (convex): a sliding body is lifted a little,
-    0.1 mm at 1 m/s, 3.6 mm at 5 m/s and μ = 1; and a body at rest under load creeps, 1e-6 m/s at 80 % of the limit (measured).
+    Every quantity of two shapes is the larger of their numbers; explicit pairs of shapes override both. Contact is one
+    constraint law for all pairs (see :class:`simspec.formats.mjcf.Mjcf`). MuJoCo's friction cone is associated (convex): what
+    slides is lifted. On the cushion of frictional pairs that lift stays below 0.1 mm at 1 m/s and μ = 0.5; at 5 m/s and
+    μ = 1 bodies hop by 3 to 4 mm. A body at rest under load creeps, 1.7e-6 m/s at 60 % of the limit (measured).
     """
 
     NAME: ClassVar[str] = "mujoco"
@@ -55,26 +57,7 @@ class MuJoCo(Engine):
         Feature.TREE_DEPTH: unsupported(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
-        Feature.RESTITUTION: approximate(
-            "a reference velocity of −e times the approach speed: within 0.02 of e for spheres from 1 m/s at 1 ms, 0.06 "
-            "at 2 and 4 ms (measured), and slower where gravity acts on during the step out of the overlap"
-        ),
-        Feature.FRICTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
-        Feature.RESTITUTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
-        Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
-        Feature.RESTITUTION_THRESHOLD: approximate("none"),
-        Feature.TORSIONAL_FRICTION: approximate("tbd"),
-        Feature.ROLLING_FRICTION: approximate("tbd"),
-        Feature.HARDNESS_TIME_CONSTANT: approximate("tbd"),
-        Feature.HARDNESS_STIFFNESS: approximate("tbd"),
-        Feature.HARDNESS_NATIVE: approximate("tbd"),
-        Feature.HARDNESS_COMMON: EXACT,
-        Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
-        Feature.CONE_PYRAMID_INSCRIBED: approximate(
-            "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
-            "320 mm at 5 m/s (measured, μ 0.3 to 1), and with restitution slip bounces back too"
-        ),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+        **CONTACT_SUPPORT,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "solver": Setting(
@@ -170,6 +153,7 @@ class MuJoCo(Engine):
             maximum=0.9999,
         ),
     }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
 
     def __init__(self) -> None:

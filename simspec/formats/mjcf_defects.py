@@ -82,6 +82,42 @@ def _group(root: Element) -> None:
     geom.set("conaffinity", same.attrib["conaffinity"])
 
 
+def _pair_value(root: Element) -> None:
+    """The friction of ice with rubber, in every explicit pair of the two."""
+    for pair in _explicit(root, {"floor_ice", "rubber_cube_0"}, {"floor_rubber", "ice_cube_0"}):
+        one_value, other, *rest = floats(pair.attrib["friction"])
+        pair.set("friction", numbers((one_value / 2.0, other / 2.0, *rest)))
+
+
+def _explicit(root: Element, *pairs: set[str]) -> list[Element]:
+    found = [
+        pair for pair in one(root, "contact").findall("pair") if {pair.attrib["geom1"], pair.attrib["geom2"]} in pairs
+    ]
+    if len(found) != len(pairs):
+        raise LookupError(f"{len(found)} explicit pairs of {pairs}")
+    return found
+
+
+def _soft(root: Element) -> None:
+    """All contact takes back a tenth of what it should: pairs and classes of materials."""
+    for element in one(root, "default").iter():
+        if "solref" in element.attrib:
+            element.set("solref", scaled(element.attrib["solref"], 0, 0.1))
+
+
+def _wrong_pair(root: Element) -> None:
+    """An explicit pair that names another shape than it should."""
+    (pair,) = _explicit(root, {"floor_ice", "rubber_cube_0"})
+    pair.set("geom1" if pair.attrib["geom1"] == "rubber_cube_0" else "geom2", "ghost_cube_0")
+
+
+def _ghost_touches(root: Element) -> None:
+    """The ghost has the masks of rubber."""
+    ghost, rubber = one(root, ".//geom[@name='ghost_cube_0']"), one(root, ".//geom[@name='rubber_cube_0']")
+    for name in ("contype", "conaffinity"):
+        ghost.set(name, rubber.attrib[name])
+
+
 DEFECTS: Mapping[str, Plant | str] = {
     "mass": _attribute(INERTIAL, "mass", scaled),
     "centre of mass": _attribute(INERTIAL, "pos", nudged),
@@ -111,18 +147,18 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _attribute(".//geom[@name='lower_0']", "pos", nudged),
     "shape orientation": _attribute(".//geom[@name='lower_0']", "quat", lambda text: nudged(text, 1)),
     "shape not solid": xml(MODEL, _not_solid),
-    "friction": _attribute("contact/pair[@geom2='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
-    "restitution": _attribute("contact/pair[@geom2='ball_0']", "solref", lambda text: scaled(text, 1)),
+    "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
+    "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
     "excluded pair dropped": xml(MODEL, _drop_exclude),
     "excluded pair too many": xml(MODEL, _exclude_too_many),
     "collision group": xml(MODEL, _group),
-    "pair value": "not planted yet",
-    "cone": "not planted yet",
-    "hardness": "not planted yet",
-    "copy filter": "not planted yet",
-    "passing pair": "not planted yet",
-    "torsional friction": "not planted yet",
-    "rolling friction": "not planted yet",
+    "pair value": xml(MODEL, _pair_value),
+    "cone": _attribute("option", "cone", lambda _: "pyramidal"),
+    "hardness": xml(MODEL, _soft),
+    "copy filter": xml(MODEL, _wrong_pair),
+    "passing pair": xml(MODEL, _ghost_touches),
+    "torsional friction": _attribute("contact/pair", "friction", lambda text: scaled(text, 2, 0.5)),
+    "rolling friction": _attribute("contact/pair", "friction", lambda text: scaled(scaled(text, 3, 0.5), 4, 0.5)),
     "gravity": _attribute("option", "gravity", lambda text: nudged(text, 2)),
     "timestep": _attribute("option", "timestep", scaled),
 }

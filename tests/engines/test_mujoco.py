@@ -400,9 +400,8 @@ def test_a_box_slides_as_far_as_coulomb_says_and_stays_down(friction, speed, loa
             break
     want = speed**2 / (2 * friction * 9.81) - speed * 0.001 / 2
     assert q[0] == pytest.approx(want, rel=0.015)
-    assert highest < 3e-3 * friction * (
-        speed > 1.0
-    )  # declared: 2.5 mm at μ = 1 and 5 m/s; a shape's own reference: 319 mm
+    # without a cushion and a reference for friction of its own: 319 mm at μ = 1
+    assert highest < (5e-3 if speed > 1.0 else 1e-6)
 
 
 @pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed"])
@@ -419,7 +418,7 @@ def test_contact_arrays_keep_the_contract(cone, load):
     np.testing.assert_allclose(found["normal"], up, atol=1e-9)
     assert (np.abs(found["distance"]) < (1e-4 if cone == "elliptic" else 1e-6)).all()  # 69 µm: the cushion of friction
     assert (found["distance"] < 0).all()
-    np.testing.assert_allclose(found["position"][:, 2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(found["position"][:, 2], 0.0, atol=1e-4)
     force = np.zeros(6)
     for index in range(engine.data.ncon):
         mujoco.mj_contactForce(engine.model, engine.data, index, force)
