@@ -1,0 +1,56 @@
+"""The bodies of contact probes: a floor of a pair's first material, and free balls and boxes of its second."""
+
+from __future__ import annotations
+
+from simspec.proof.contact.probe import FLOOR, Law
+from simspec.world import frames
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, Vector3
+
+FLOOR_SIZE = (400.0, 400.0, 2.0)
+"""m. A box, not a plane: PyBullet's plane makes boxes tumble, and DART's gives one contact for a face."""
+STILL = (0.0,) * 6
+"""Velocity: linear of the body's frame, then angular, both in world axes."""
+
+
+def floor(law: Law, size: Vector3 = FLOOR_SIZE) -> Body:
+    """A fixed box whose upper face is at z = 0."""
+    shape = Shape(f"{FLOOR}_0", "box", size, Pose((0.0, 0.0, -size[2] / 2)), law.pair.first)
+    return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
+
+
+def ball(
+    law: Law,
+    name: str,
+    radius: float,
+    mass: float,
+    at: Vector3,
+    velocity: tuple[float, ...] = STILL,
+    inertia: float | None = None,
+) -> Body:
+    """A free ball with its centre at ``at``; ``inertia`` (kg m²) about every axis, by default a solid ball's."""
+    own = 0.4 * mass * radius * radius if inertia is None else inertia
+    shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), law.pair.second)
+    return _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
+
+
+def box(
+    law: Law,
+    name: str,
+    size: Vector3,
+    mass: float,
+    at: Vector3,
+    velocity: tuple[float, ...] = STILL,
+    turn: Quaternion = frames.IDENTITY,
+) -> Body:
+    """A free box of uniform density with its centre at ``at``."""
+    x, y, z = (edge * edge for edge in size)
+    moments = (mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y))
+    shape = Shape(f"{name}_0", "box", size, Pose(), law.pair.second)
+    return _free(name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), shape, at, turn, velocity)
+
+
+def _free(
+    name: str, inertial: Inertial, shape: Shape, at: Vector3, turn: Quaternion, velocity: tuple[float, ...]
+) -> Body:
+    joint = Joint(f"{name}_joint", "free", position=(*at, *turn), velocity=tuple(velocity))
+    return Body(name, name, inertial, joint, (shape,))
