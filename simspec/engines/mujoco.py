@@ -128,7 +128,7 @@ class MuJoCo(Engine):
             "Depth (m) over which a frictional contact that does not bounce becomes rigid. MuJoCo's friction lifts what "
             "slides; on a cushion the lift finds its balance: to 1 m/s and μ = 0.5 nothing hops and pushing gives μ within "
             "0.02 %; without, a box hops every 10 ms and the friction of 60 ms is up to 10 % off (measured, 1 ms). Price: "
-            "what rests is 69 µm deep, not 0.3. 0: none.",
+            "what rests is 70 to 100 µm deep, not 0.3. 0: none.",
             minimum=0.0,
             maximum=0.1,
         ),

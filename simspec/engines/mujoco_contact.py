@@ -80,10 +80,10 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
         _HOP,
         {
             0.0: {0.75: 0.03, 1.25: 0.06},
-            0.0015: {0.4: 0.02, 0.75: 0.06, 1.25: 0.08},
-            0.003: {0.4: 0.03, 0.75: 0.06, 1.25: 0.16},
+            0.0015: {0.4: 0.02, 0.7: 0.04, 0.9: 0.06, 1.25: 0.12},
+            0.003: {0.4: 0.04, 0.9: 0.08, 1.25: 0.16},
             0.006: {0.15: 0.025, 0.4: 0.04, 0.75: 0.08, 1.25: 0.16},
-            0.012: {0.4: 0.05, 0.75: 0.16},
+            0.012: {0.15: 0.03, 0.4: 0.06, 0.7: 0.16},
         },
     ),
     # from 1, 2, 3 and 5 m/s
@@ -91,10 +91,10 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
         "stop",
         f"{_LATE}; {_HOP}",
         {
-            0.0: {0.6: 0.02, 1.25: 0.025},
-            0.003: {0.9: 0.02, 1.25: 0.055},
-            0.006: {0.4: 0.02, 0.6: 0.04, 0.9: 0.09, 1.25: 0.22},
-            0.012: {0.4: 0.09, 0.6: 0.2, 0.9: 0.27, 1.25: 1.0},
+            0.0: {0.6: 0.02, 0.9: 0.04},
+            0.003: {1.25: 0.06},
+            0.006: {0.6: 0.04, 0.9: 0.1, 1.25: 0.22},
+            0.012: {0.4: 0.09, 0.6: 0.2, 0.9: 0.3, 1.25: 1.0},
         },
     ),
     *(
@@ -102,7 +102,7 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
         for timestep, size in ((0.0015, 0.06), (0.003, 0.12), (0.006, 0.31))
     ),
     Deviation("stick", 1e-5, _SHARE, relative=False),
-    Deviation("rest", 6.1e-4, "the common law takes back 1 % of an overlap in a step", relative=False, timestep=0.012),
+    Deviation("rest", 6e-4, "the common law takes back 1 % of an overlap in a step", relative=False, timestep=0.012),
     Deviation("compliance", 0.01, "steps of a fiftieth of the period", timestep=0.0),
     Deviation("torsional", 0.05, "a spin that stops within ten steps", timestep=0.003),
     Deviation("rolling", 0.02, _CONE),

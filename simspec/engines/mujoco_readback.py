@@ -173,8 +173,9 @@ class _ReadBack:
         surfaces: tuple[Surface, ...] = ()
         if collides:
             held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
+            margin = float(model.geom_margin[geom])
             friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
-            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, self._law),)
+            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, margin, self._law),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -201,6 +202,7 @@ class _ReadBack:
             inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
             solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
             condim = int(model.pair_dim[pair])
-            held = surface(condim, (one, torsion, roll), solref, solimp, self._law, inverse_mass)
+            margin = float(model.pair_margin[pair])
+            held = surface(condim, (one, torsion, roll), solref, solimp, margin, self._law, inverse_mass)
             found.append(HeldPair(first, second, held))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))

@@ -222,7 +222,7 @@ class _Reader:
 
     def _surface(self, given: Mapping[str, str], friction: tuple[float, ...], inverse_mass: float = 1.0) -> Surface:
         solref, solimp = _floats(given["solref"]), _floats(given["solimp"])
-        return surface(int(given["condim"]), friction, solref, solimp, self._law, inverse_mass)
+        return surface(int(given["condim"]), friction, solref, solimp, float(given["margin"]), self._law, inverse_mass)
 
     def pairs(self) -> tuple[HeldPair, ...]:
         """The explicit pairs, sorted."""
