@@ -1,0 +1,133 @@
+"""Contact probe of a stated compliance: how far a ball sinks in, at rest and when it arrives."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.proof.contact.bodies import ball, floor
+from simspec.proof.contact.impact import subject
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world.types import Body
+
+LARGEST_REST_DEPTH = 0.02
+"""m: an upward force takes as much of the weight off that the ball sinks in no further."""
+ARRIVAL = 3.0
+"""Speed of the arriving ball, in units of (load acceleration) / (natural frequency): it goes in several rest depths."""
+RESOLVED = 0.05
+"""Natural frequency and damping rate times the timestep that a ball on a stiffness is made heavy enough for."""
+SINKS_PER_RADIUS = 0.25
+"""Largest sink over the ball's radius, so that the contact stays one point."""
+SETTLED = 10.0
+"""Time constants of the slower decay after which the resting ball is looked at."""
+MOST_STEPS = 6000
+DIP_STEPS = 1.0
+"""Steps' way at the speed of arrival: when in a step contact begins, and whether the force is that of its beginning (MuJoCo)
+or its end (Bullet)."""
+REST_DEPTH_SHARE = 0.01
+"""Relative tolerance of the depth at rest, which does not depend on the timestep."""
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """d̈ = ``load`` − ``damping`` ḋ − ``stiffness`` d, of the depth d (m) of a ball: all per mass."""
+
+    stiffness: float
+    damping: float
+    load: float
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency (rad/s)."""
+        return math.sqrt(self.stiffness)
+
+    @property
+    def rest(self) -> float:
+        """Depth at rest (m)."""
+        return self.load / self.stiffness
+
+    @property
+    def decay(self) -> float:
+        """Rate (1/s) of the slower decay."""
+        spread = self.damping**2 / 4.0 - self.stiffness
+        return self.damping / 2.0 - (math.sqrt(spread) if spread > 0.0 else 0.0)
+
+    def deepest(self, speed: float) -> tuple[float, float]:
+        """When (s) and how deep (m) a ball that arrives at the surface with ``speed`` (m/s) is deepest.
+
+        d = d₀ + A exp(s₁ t) + B exp(s₂ t) with s² + b s + κ = 0, up to the first t > 0 with ḋ = 0. Until then the contact
+        pushes, so that it makes no difference that it never pulls.
+        """
+        root = cmath.sqrt(self.damping**2 / 4.0 - self.stiffness)
+        if abs(root) < 1e-6 * self.frequency:  # the two solutions fall together; the difference vanishes as its square
+            root = complex(1e-6 * self.frequency)
+        one, two = -self.damping / 2.0 + root, -self.damping / 2.0 - root
+        a = (speed + self.rest * two) / (one - two)
+        b = -self.rest - a
+        time = cmath.log(-b * two / (a * one)) / (one - two)
+        if root.imag:
+            half = math.pi / abs(root.imag)
+            time = complex(time.real % half)
+        depth = self.rest + a * cmath.exp(one * time) + b * cmath.exp(two * time)
+        return time.real, depth.real
+
+
+class Compliance(Probe):
+    """A ball at rest on the law, and one that arrives at the surface."""
+
+    NAME = "compliance"
+    MEANING = "depth of a ball at rest, and deepest point of one that arrives, against the damped oscillator"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.hardness.kind in ("time-constant", "stiffness")
+
+    def _case(self, law: Law) -> tuple[float, Oscillator]:
+        """The ball's mass and its oscillator."""
+        hardness, dt = law.pair.hardness, law.timestep
+        if hardness.kind == "time-constant":
+            mass = 1.0
+            stiffness = 1.0 / (hardness.time_constant * hardness.damping_ratio) ** 2
+            damping = 2.0 / hardness.time_constant
+        else:
+            mass = max(1.0, hardness.stiffness * (dt / RESOLVED) ** 2, hardness.damping * dt / RESOLVED)
+            stiffness, damping = hardness.stiffness / mass, hardness.damping / mass
+        return mass, Oscillator(stiffness, damping, min(GRAVITY, LARGEST_REST_DEPTH * stiffness))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        mass, oscillator = self._case(law)
+        arrival = ARRIVAL * oscillator.load / oscillator.frequency
+        time, depth = oscillator.deepest(arrival)
+        radius = max(0.1, depth / SINKS_PER_RADIUS)
+        bodies: tuple[Body, ...] = (
+            floor(law),
+            ball(law, "resting", radius, mass, (0.0, 0.0, radius - oscillator.rest)),
+            ball(law, "arriving", radius, mass, (10.0 * radius, 0.0, radius), (0.0, 0.0, -arrival, 0.0, 0.0, 0.0)),
+        )
+        lift = mass * (GRAVITY - oscillator.load)
+        effort = {name: (0.0, 0.0, lift, 0.0, 0.0, 0.0) for name in ("resting", "arriving")} if lift else {}
+        dip = math.ceil(1.5 * time / law.timestep) + 3
+        rest = math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep)
+        rest = max(1, min(MOST_STEPS, rest) - dip)
+        return [Trial(bodies, (Phase(dip, effort=effort), Phase(rest, every=rest, effort=effort)))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        _, oscillator = self._case(law)
+        arrival = ARRIVAL * oscillator.load / oscillator.frequency
+        _, deepest = oscillator.deepest(arrival)
+        radius = max(0.1, deepest / SINKS_PER_RADIUS)
+        heights = {name: motions[0].pose[name][:, 2] for name in ("resting", "arriving")}
+        seen = heights["arriving"][:-1]  # the last is after the rest
+        measured = float(radius - np.min(seen))
+        resting = float(radius - heights["resting"][-1])
+        found = [
+            ("ball at rest", oscillator.rest, resting, REST_DEPTH_SHARE * oscillator.rest),
+            (f"arriving at {arrival:.3g} m/s, deepest", deepest, measured, DIP_STEPS * arrival * law.timestep),
+        ]
+        return [Figure(self.NAME, subject(law), case, "depth", "m", *numbers) for case, *numbers in found]
+
+
+PROBES: Mapping[str, Probe] = {Compliance.NAME: Compliance()}

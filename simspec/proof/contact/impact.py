@@ -1,0 +1,212 @@
+"""Contact probes across the normal: how bodies bounce, rest, and leave an overlap (see ``proof/contact/probe.py``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simspec.proof.contact.bodies import ball, box, floor
+from simspec.proof.contact.probe import FLOOR, GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world import frames
+from simspec.world.types import Body
+
+RESTITUTION_SPEEDS = (1.0, 2.0, 5.0)
+"""Approach speeds (m/s): where bouncing matters, and where all core engines bounce (DART does not below e v = 0.1 m/s)."""
+BELOW_THRESHOLD = 0.5
+"""Share of the threshold speed at which nothing may bounce."""
+STEP_PHASES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Shares of a step after which the ball reaches the floor: an engine that looks once a step finds it as deep as that."""
+RESTITUTION_TOLERANCE = 0.05
+"""What is promised of the ratio at 1 ms. It is also what taking back the overlap can add (at most β = 0.01, since the
+overlap is at most one step's way) and what a step's gravity can (g dt / v = 0.01), several times over."""
+STEPS_BEFORE, STEPS_AFTER = 2, 12
+"""Whole steps of flight before the one that arrives, and steps from there on: a rigid contact is over after one."""
+
+TURNED = 0.01
+"""Share of the approach speed that a step of contact adds at least: as much as β alone can."""
+
+ERROR_REDUCTION = 0.01
+"""β of the common hardness (see ``world.types.Hardness``)."""
+OVERLAPS = (1e-5, 5e-5)
+"""Initial overlaps (m): of rest and build, and small enough for engines that limit the speed of recovery (DART, to
+1 mm/s) to have the law."""
+OVERLAP_SHARE = 0.02
+"""Of the expected speed: what a solver of finite accuracy may miss, ten times what any core engine does."""
+OVERLAP_GRAVITY = 2e-3
+"""Of one step's gravity: MuJoCo's contacts reach 0.999 of the reference, and gravity is part of what they stop."""
+
+REST_DEPTH = 1e-4
+"""m: the promise for rigid contact; engines' own soft defaults lie 0.1 to 0.4 mm deep."""
+REST_SPEED = 1e-4
+"""m/s up or down at rest: a hundredth of what gravity adds in 1 ms; a body that jitters in its contact is above it."""
+REST_HOP = 1.0
+"""With restitution, in units of (1 + e) g dt: PyBullet and DART multiply a step's speed after gravity was added, so that a
+body at rest hops by one step's fall. No threshold speed is above it at every timestep."""
+REST_TIME, REST_STEPS = 0.5, 800
+"""The longer of the two (s, steps): after 800 steps β has taken back 0.9997 of the overlap of an impact."""
+DROP_HEIGHT = 2e-3
+"""m: arrives at 0.2 m/s, and leaves an overlap of up to 0.2 m/s times the timestep to take back."""
+DROP_RESTITUTION = 0.5
+"""Largest restitution for which bodies are dropped too: livelier ones would still be bouncing when they are looked at."""
+CUBE, CUBE_MASS = 0.1, 1.0
+SPHERE, SPHERE_MASS = 0.1, 10.0
+"""Edge (m) and mass (kg); radius and mass."""
+
+
+class Restitution(Probe):
+    """Balls that arrive at several speeds and phases, all in one world."""
+
+    NAME = "restitution"
+    MEANING = "separation over approach speed of balls dropped on a floor, against e"
+
+    def applies(self, law: Law) -> bool:
+        """A compliant contact has no restitution of its own (see ``compliance``), and a native one says nothing."""
+        return law.pair.collide and law.pair.hardness.kind == "common"
+
+    def speeds(self, law: Law) -> dict[float, float]:
+        """The ratio that is expected, by approach speed."""
+        threshold = law.pair.restitution_threshold
+        found = {speed: law.pair.restitution for speed in RESTITUTION_SPEEDS if speed > threshold}
+        if threshold and law.pair.restitution:
+            found[BELOW_THRESHOLD * threshold] = 0.0
+            found.setdefault(2.0 * threshold, law.pair.restitution)
+        return dict(sorted(found.items()))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        dt = law.timestep
+        bodies: list[Body] = [floor(law)]
+        for row, speed in enumerate(self.speeds(law)):
+            # deep enough for the ball's centre to stay above the floor wherever in the step it arrives
+            radius = max(0.1, 4.0 * speed * dt)
+            start = speed - (STEPS_BEFORE + 1) * GRAVITY * dt
+            for column, phase in enumerate(STEP_PHASES):
+                flown = sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + phase * speed
+                place = (3.0 * column, 3.0 * row, radius + flown * dt)
+                bodies.append(ball(law, _name(row, column), radius, 1.0, place, (0.0, 0.0, -start, 0.0, 0.0, 0.0)))
+        return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        found = []
+        for row, (speed, expected) in enumerate(self.speeds(law).items()):
+            ratios = [
+                bounce_ratio(motions[0].velocity[_name(row, column)][:, 2], law.timestep)
+                for column in range(len(STEP_PHASES))
+            ]
+            worst = int(np.argmax(np.abs(np.nan_to_num(np.array(ratios) - expected, nan=np.inf))))
+            found.append(
+                Figure(
+                    self.NAME,
+                    subject(law),
+                    f"arriving at {speed:g} m/s, worst of {len(STEP_PHASES)} phases at {STEP_PHASES[worst]:g} of a step",
+                    "ratio",
+                    "",
+                    expected,
+                    ratios[worst],
+                    RESTITUTION_TOLERANCE,
+                    points=tuple(zip(STEP_PHASES, ratios, strict=True)),
+                )
+            )
+        return found
+
+
+def bounce_ratio(speed: np.ndarray, timestep: float) -> float:
+    """Separation over approach speed of one impact, from the upward speeds (n,) at every step.
+
+    The approach is the fastest fall; from there on the contact turns the ball, until a step adds less than ``TURNED`` of
+    the approach to its speed. One step leaves gravity no time; of several, what it took in between is given back.
+    """
+    lowest = int(np.argmin(speed))
+    if speed[lowest] >= 0.0 or lowest + 1 >= len(speed):
+        return math.nan
+    turned = np.flatnonzero(np.diff(speed[lowest + 1 :]) < -TURNED * speed[lowest])
+    if not len(turned):
+        return math.nan
+    lost = GRAVITY * timestep * turned[0]
+    return float((speed[lowest + 1 + turned[0]] + lost) / -speed[lowest])
+
+
+class Rest(Probe):
+    """A cube and a ball that are put down, and that are let fall a little."""
+
+    NAME = "rest"
+    MEANING = "how deep a 1 kg, 10 cm cube and a 10 kg ball lie in the floor, and how fast they still move"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.hardness.kind == "common"
+
+    def cases(self, law: Law) -> dict[str, float]:
+        """Initial gap (m) by case."""
+        return {"put down": 0.0} | ({"dropped": DROP_HEIGHT} if law.pair.restitution <= DROP_RESTITUTION else {})
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        bodies: list[Body] = [floor(law)]
+        for column, gap in enumerate(self.cases(law).values()):
+            at = 3.0 * column
+            bodies.append(box(law, f"cube_{column}", (CUBE, CUBE, CUBE), CUBE_MASS, (at, 0.0, CUBE / 2 + gap)))
+            bodies.append(ball(law, f"ball_{column}", SPHERE, SPHERE_MASS, (at, 3.0, SPHERE + gap)))
+        steps = max(REST_STEPS, math.ceil(REST_TIME / law.timestep))
+        seen = steps // 4
+        return [Trial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        found = []
+        for column, case in enumerate(self.cases(law)):
+            for shape in ("cube", "ball"):
+                pose, velocity = motions[0].pose[f"{shape}_{column}"][2:], motions[0].velocity[f"{shape}_{column}"][2:]
+                depth = np.array([-lowest_point(shape, row) for row in pose])
+                text = f"{shape} {case}"
+                deepest = float(depth[int(np.argmax(np.abs(depth)))])
+                speed = float(np.abs(velocity[:, 2]).max())
+                hop = REST_HOP * (1.0 + law.pair.restitution) * GRAVITY * law.timestep if law.pair.restitution else 0.0
+                found.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, deepest, REST_DEPTH))
+                found.append(Figure(self.NAME, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop))
+        return found
+
+
+def lowest_point(shape: str, pose: np.ndarray) -> float:
+    """Height of the lowest point of a probe's cube or ball at a pose (7,)."""
+    if shape == "ball":
+        return float(pose[2]) - SPHERE
+    upright = np.array(frames.matrix(tuple(pose[3:7])))[2]
+    return float(pose[2] - np.abs(upright).sum() * CUBE / 2)
+
+
+class Overlap(Probe):
+    """Balls that begin inside the floor."""
+
+    NAME = "overlap"
+    MEANING = "speed at which an overlap is left after one step, against β overlap / dt"
+
+    def applies(self, law: Law) -> bool:
+        """With restitution, e times one step's gravity comes on top in engines that add gravity first, and drowns it."""
+        return law.pair.collide and law.pair.hardness.kind == "common" and not law.pair.restitution
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        bodies: list[Body] = [floor(law)]
+        for column, overlap in enumerate(OVERLAPS):
+            bodies.append(ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap)))
+        return [Trial(tuple(bodies), (Phase(1),))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        found = []
+        for column, overlap in enumerate(OVERLAPS):
+            expected = ERROR_REDUCTION * overlap / law.timestep
+            speed = float(motions[0].velocity[f"ball_{column}"][1, 2])
+            tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
+            text = f"overlap {overlap * 1e6:g} µm"
+            found.append(Figure(self.NAME, subject(law), text, "speed", "m/s", expected, speed, tolerance))
+        return found
+
+
+def subject(law: Law) -> str:
+    """The two materials."""
+    return f"{law.pair.first}, {law.pair.second}"
+
+
+def _name(row: int, column: int) -> str:
+    return f"ball_{row}_{column}"
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Restitution(), Rest(), Overlap())}

@@ -1,0 +1,289 @@
+"""True sizes of a scenario's shapes, by touch: a small ball is held just off each surface, and just into it.
+
+What an engine says about a size is one thing (level L4 compares it), what its collision detection does another: shapes
+have been seen to grow by a millimetre of margin, and a capsule to be taken for a ball.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.formats.contact_plan import meeting_laws
+from simspec.formats.passes import solid_shapes
+from simspec.proof.contact.probe import Figure
+from simspec.world import frames
+from simspec.world.kinematics import initial_state, layout
+from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
+
+NAME = "size"
+MEANING = "size of each collision shape by touch with a small ball, against its size in the world"
+TOLERANCE = 1e-4
+"""m: a tenth of the least that engines are known to get wrong (1 mm), and ten thousand times what sound detection needs."""
+GAPS = (-5e-3, -2e-3, -0.5e-3, -TOLERANCE, TOLERANCE, 0.5e-3, 2e-3, 5e-3)
+"""m between ball and surface, sorted; the size error found is the middle between the two gaps where touching ends."""
+BALL = 0.01
+"""Radius of the ball (m): its centre stays outside the shape at every gap."""
+MOST_SHAPES = 100
+"""Distinct shapes that are probed, the first of the world's order; figures say when there are more."""
+TILT = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.7)
+"""Orientation of the shapes: along no axis, where detection is easiest to get right."""
+SHAPES, BALLS = "shapes", "balls"
+"""Collision groups: only a ball meets a shape."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacePoint:
+    """A point of a shape's surface and the outward unit normal there, in the shape's frame."""
+
+    where: str
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class SizeTrial:
+    """The world to load, the states (k, nq) in which to ask for touching pairs, and what each of them tests.
+
+    ``tests``: for each state, for each shape the index of its point, and the gap; ``shapes``: subject, indices into the
+    world's bodies of shape and ball, and points of each probed shape; ``left_out``: number of distinct shapes not probed.
+    """
+
+    world: World
+    q: np.ndarray
+    tests: tuple[tuple[int, float], ...]
+    shapes: tuple[tuple[str, int, int, tuple[SurfacePoint, ...]], ...]
+    left_out: int
+
+
+def surface_points(shape: Shape) -> tuple[SurfacePoint, ...]:
+    """Points of a collision shape with known normals: middles of faces, and places where stand-ins for it would differ."""
+    return tuple(_POINTS[shape.kind](shape.size))
+
+
+def _sphere(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    for normal in _directions(((1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (1, 1, 1))):
+        yield SurfacePoint(_along(normal), _scaled(normal, size[0]), normal)
+
+
+def _box(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    half = [edge / 2 for edge in size]
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            normal = tuple(sign if index == axis else 0.0 for index in range(3))
+            name = f"face {'+' if sign > 0 else '-'}{'xyz'[axis]}"
+            centre = tuple(half[index] * normal[index] for index in range(3))
+            yield SurfacePoint(name, centre, normal)
+            corner = tuple(centre[index] or 0.8 * half[index] for index in range(3))
+            yield SurfacePoint(f"{name} near a corner", corner, normal)
+
+
+def _cylinder(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    radius, half = size[0], size[1] / 2
+    for sign, end in ((1.0, "top"), (-1.0, "bottom")):
+        yield SurfacePoint(end, (0.0, 0.0, sign * half), (0.0, 0.0, sign))
+        for angle in (0.0, 2.0):
+            rim = (0.9 * radius * math.cos(angle), 0.9 * radius * math.sin(angle), sign * half)
+            yield SurfacePoint(f"{end} near the rim", rim, (0.0, 0.0, sign))
+    yield from _side(radius, (0.0, 0.9 * half, -0.9 * half))
+
+
+def _side(radius: float, heights: Sequence[float]) -> Iterator[SurfacePoint]:
+    for height in heights:
+        for angle in (0.0, 1.0, 4.0):
+            normal = (math.cos(angle), math.sin(angle), 0.0)
+            where = "side" if not height else f"side at {height:+.3g} m"
+            yield SurfacePoint(where, (radius * normal[0], radius * normal[1], height), normal)
+
+
+def _capsule(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    radius, half = size[0], size[1] / 2
+    for sign, end in ((1.0, "top"), (-1.0, "bottom")):
+        for normal in _directions(((0, 0, sign), (1, 0, sign), (-1, 2, sign))):
+            x, y, z = _scaled(normal, radius)
+            where = f"{end} cap" if normal[0] else end
+            yield SurfacePoint(where, (x, y, z + sign * half), normal)
+    yield from _side(radius, (0.0, half, -half))
+
+
+def _ellipsoid(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    for unit in _directions(
+        ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (1, 1, 1), (-1, 1, 2))
+    ):
+        point = tuple(unit[index] * size[index] for index in range(3))
+        normal = _unit(tuple(unit[index] / size[index] for index in range(3)))
+        yield SurfacePoint(_along(unit), point, normal)
+
+
+def _plane(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    yield SurfacePoint("origin", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    yield SurfacePoint("1 m off", (0.8, -0.6, 0.0), (0.0, 0.0, 1.0))
+
+
+_POINTS = {
+    "sphere": _sphere,
+    "box": _box,
+    "cylinder": _cylinder,
+    "capsule": _capsule,
+    "ellipsoid": _ellipsoid,
+    "plane": _plane,
+}
+
+
+def _directions(vectors: Sequence[Sequence[float]]) -> list[tuple[float, float, float]]:
+    return [_unit(vector) for vector in vectors]
+
+
+def _unit(vector: Sequence[float]) -> tuple[float, float, float]:
+    return _scaled(vector, 1.0 / math.sqrt(sum(value * value for value in vector)))
+
+
+def _scaled(vector: Sequence[float], by: float) -> tuple[float, float, float]:
+    return (vector[0] * by, vector[1] * by, vector[2] * by)
+
+
+def _along(normal: Sequence[float]) -> str:
+    axes = [("+" if value > 0 else "-") + "xyz"[index] for index, value in enumerate(normal) if value]
+    return "end " + axes[0] if len(axes) == 1 else "towards " + " ".join(axes)
+
+
+# --- the world ----------------------------------------------------------------------------------------------------
+
+
+def size_trial(world: World) -> SizeTrial | None:
+    """A world with each distinct collision shape of ``world`` (kind, size, and whether it sits on a fixed body, a free one, or
+    one that hangs in a tree) and a ball for each; None when nothing in the world can touch.
+
+    Contact laws and options of engines are the world's own.
+    """
+    partners: dict[str, str] = {}
+    for first, second in meeting_laws(world):  # others have no numbers with which to meet
+        partners.setdefault(first, second)
+        partners.setdefault(second, first)
+    distinct: dict[tuple[str, tuple[float, ...], str], tuple[Shape, str, str]] = {}
+    for body in world.bodies:
+        role = "child" if body.joint.parent is not None else "free" if body.joint.kind == "free" else "fixed"
+        for shape in solid_shapes(body):
+            if shape.material in partners:
+                distinct.setdefault((shape.kind, shape.size, role), (shape, role, partners[shape.material]))
+    if not distinct:
+        return None
+    bodies: list[Body] = []
+    probed: list[tuple[str, str, str, tuple[SurfacePoint, ...], Pose]] = []
+    excluded = []
+    at = 0.0
+    chosen = list(distinct.values())[:MOST_SHAPES]
+    for index, (shape, role, partner) in enumerate(chosen):
+        reach = sum(shape.size) + 1.0
+        at += reach
+        # a plane is solid below itself, without end: it lies under all other shapes
+        place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
+        at += reach
+        name, ball = f"shape_{index}", f"ball_{index}"
+        made = _carrier(name, shape, role, place)
+        excluded += [tuple(sorted((body.name, body.joint.parent))) for body in made if body.joint.parent is not None]
+        bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
+        text = " × ".join(f"{value:g}" for value in shape.size)
+        subject = f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}, {role}"
+        probed.append((subject, name, ball, surface_points(shape), place))
+    contact = Contact(
+        world.contact.friction_cone,
+        world.contact.materials,
+        world.contact.pairs,
+        ((BALLS, BALLS), (SHAPES, SHAPES)),
+        tuple(sorted(excluded)),
+    )
+    trial_world = World(f"{world.name}-sizes", tuple(bodies), contact, world.physics, engines=world.engines)
+    return _states(trial_world, probed, len(distinct) - len(chosen))
+
+
+def _states(world: World, probed: Sequence[tuple], left_out: int) -> SizeTrial:
+    place_of = layout(world.bodies).position
+    index_of = {body.name: index for index, body in enumerate(world.bodies)}
+    start, _ = initial_state(world)
+    states, tests = [], []
+    for number in range(max(len(points) for *_, points, _ in probed)):
+        for gap in GAPS:
+            q = start.copy()
+            for _, _, ball, points, pose in probed:
+                one = points[min(number, len(points) - 1)]
+                off = tuple(one.point[axis] + one.normal[axis] * (BALL + gap) for axis in range(3))
+                first = place_of[index_of[ball]].start
+                q[first : first + 3] = frames.add(pose.position, frames.rotate(pose.quaternion, off))
+            states.append(q)
+            tests.append((number, gap))
+    shapes = tuple((subject, index_of[name], index_of[ball], points) for subject, name, ball, points, _ in probed)
+    return SizeTrial(world, np.array(states), tuple(tests), shapes, left_out)
+
+
+def _carrier(name: str, shape: Shape, role: str, place: Pose) -> list[Body]:
+    solid = Shape(f"{name}/solid", shape.kind, shape.size, Pose(), shape.material)
+    heavy = Inertial(1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    if role == "fixed":
+        joint = Joint(name, "fixed", None, place)
+        return [Body(name, name, Inertial(0.0), joint, (solid,), SHAPES)]
+    if role == "free":
+        joint = Joint(name, "free", position=(*place.position, *place.quaternion), velocity=(0.0,) * 6)
+        return [Body(name, name, heavy, joint, (solid,), SHAPES)]
+    root = f"{name}_root"
+    joint = Joint(name, "hinge", root, Pose(), (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+    return [
+        Body(root, root, Inertial(0.0), Joint(root, "fixed", None, place), (), SHAPES),
+        Body(name, root, heavy, joint, (solid,), SHAPES),
+    ]
+
+
+def _ball(name: str, material: str, position: tuple[float, float, float]) -> Body:
+    inertia = 0.4 * BALL * BALL
+    return Body(
+        name,
+        name,
+        Inertial(1.0, (0.0, 0.0, 0.0), (inertia, inertia, inertia, 0.0, 0.0, 0.0)),
+        Joint(name, "free", position=(*position, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
+        (Shape(f"{name}/solid", "sphere", (BALL,), Pose(), material),),
+        BALLS,
+    )
+
+
+# --- what the touching says ---------------------------------------------------------------------------------------
+
+
+def size_figures(trial: SizeTrial, touching: np.ndarray) -> list[Figure]:
+    """A figure for each shape, its worst point, from the touching pairs (n, 3): state, then two bodies' indices."""
+    seen = {(int(state), int(a), int(b)) for state, a, b in touching}
+    found = []
+    for subject, shape, ball, points in trial.shapes:
+        pair = (min(shape, ball), max(shape, ball))
+        errors = {}
+        for number, point in enumerate(points):
+            touched = {gap: (state, *pair) in seen for state, (n, gap) in enumerate(trial.tests) if n == number}
+            errors[point] = size_error(touched)
+        worst = max(errors, key=lambda point: abs(errors[point]))
+        case = f"{len(points)} points, worst at {worst.where}"
+        if trial.left_out:
+            case += f"; {trial.left_out} more shapes not probed"
+        found.append(Figure(NAME, subject, case, "size error", "m", 0.0, errors[worst], TOLERANCE))
+    return found
+
+
+def size_error(touched: dict[float, bool]) -> float:
+    """How far out the surface is (m, negative: inside), from what touched at each of ``GAPS``.
+
+    The middle of the two gaps between which touching ends; zero when it ends between the two tolerances; the last gap when
+    all touch, or none. Where touching comes and goes, the deviation that is larger.
+    """
+    out = max((gap for gap in GAPS if touched[gap]), default=None)
+    inside = min((gap for gap in GAPS if not touched[gap]), default=None)
+    outward = 0.0 if out is None or out < 0.0 else _middle(GAPS.index(out))
+    inward = 0.0 if inside is None or inside > 0.0 else _middle(GAPS.index(inside) - 1)
+    return outward if outward >= -inward else inward
+
+
+def _middle(index: int) -> float:
+    """Between gap ``index`` and the next one outwards; the outermost beyond the ends."""
+    if index < 0 or index + 1 >= len(GAPS):
+        return GAPS[0] if index < 0 else GAPS[-1]
+    return 0.5 * (GAPS[index] + GAPS[index + 1])
