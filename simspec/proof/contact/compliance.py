@@ -108,7 +108,7 @@ class Compliance(Probe):
             ball(law, "arriving", radius, mass, (10.0 * radius, 0.0, radius), (0.0, 0.0, -arrival, 0.0, 0.0, 0.0)),
         )
         lift = mass * (GRAVITY - oscillator.load)
-        effort = {name: (0.0, 0.0, lift, 0.0, 0.0, 0.0) for name in ("resting", "arriving")} if lift else {}
+        effort = dict.fromkeys(("resting", "arriving"), (0.0, 0.0, lift, 0.0, 0.0, 0.0)) if lift else {}
         dip = math.ceil(1.5 * time / law.timestep) + 3
         rest = math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep)
         rest = max(1, min(MOST_STEPS, rest) - dip)

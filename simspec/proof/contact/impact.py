@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simspec.proof.contact.bodies import ball, box, floor
-from simspec.proof.contact.probe import FLOOR, GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
 from simspec.world.types import Body
 
