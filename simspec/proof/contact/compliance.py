@@ -16,8 +16,9 @@ from simspec.world.types import Body
 
 LARGEST_REST_DEPTH = 0.02
 """m: an upward force takes as much of the weight off that the ball sinks in no further."""
-ARRIVAL = 3.0
-"""Speed of the arriving ball, in units of (load acceleration) / (natural frequency): it goes in several rest depths."""
+ARRIVAL, ARRIVAL_DAMPED = 3.0, 2.0
+"""Speed of the arriving ball, in rest depths times natural frequency, or, if that is more, times the faster decay: it goes in
+deeper than it will rest (from 1 rest depth times the faster decay on), and comes back."""
 RESOLVED = 0.05
 """Natural frequency and damping rate times the timestep that a ball on a stiffness is made heavy enough for."""
 SINKS_PER_RADIUS = 0.25
@@ -56,12 +57,19 @@ class Oscillator:
         spread = self.damping**2 / 4.0 - self.stiffness
         return self.damping / 2.0 - (math.sqrt(spread) if spread > 0.0 else 0.0)
 
-    def deepest(self, speed: float) -> tuple[float, float]:
-        """When (s) and how deep (m) a ball that arrives at the surface with ``speed`` (m/s) is deepest.
+    @property
+    def arrival(self) -> float:
+        """The speed (m/s) of the arriving ball."""
+        faster = self.damping - self.decay
+        return self.rest * max(ARRIVAL * self.frequency, ARRIVAL_DAMPED * faster)
+
+    def deepest(self) -> tuple[float, float]:
+        """When (s) and how deep (m) the ball that arrives at the surface is deepest.
 
         d = d₀ + A exp(s₁ t) + B exp(s₂ t) with s² + b s + κ = 0, up to the first t > 0 with ḋ = 0. Until then the contact
         pushes, so that it makes no difference that it never pulls.
         """
+        speed = self.arrival
         root = cmath.sqrt(self.damping**2 / 4.0 - self.stiffness)
         if abs(root) < 1e-6 * self.frequency:  # the two solutions fall together; the difference vanishes as its square
             root = complex(1e-6 * self.frequency)
@@ -99,8 +107,8 @@ class Compliance(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         mass, oscillator = self._case(law)
-        arrival = ARRIVAL * oscillator.load / oscillator.frequency
-        time, depth = oscillator.deepest(arrival)
+        arrival = oscillator.arrival
+        time, depth = oscillator.deepest()
         radius = max(0.1, depth / SINKS_PER_RADIUS)
         bodies: tuple[Body, ...] = (
             floor(law),
@@ -116,8 +124,8 @@ class Compliance(Probe):
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         _, oscillator = self._case(law)
-        arrival = ARRIVAL * oscillator.load / oscillator.frequency
-        _, deepest = oscillator.deepest(arrival)
+        arrival = oscillator.arrival
+        _, deepest = oscillator.deepest()
         radius = max(0.1, deepest / SINKS_PER_RADIUS)
         heights = {name: motions[0].pose[name][:, 2] for name in ("resting", "arriving")}
         seen = heights["arriving"][:-1]  # the last is after the rest

@@ -131,6 +131,8 @@ class Rest(Probe):
     """A cube and a ball that are put down, and that are let fall a little."""
 
     NAME = "rest"
+    STEADY = "steady"
+    """The name of the figures of speed, so that a declared deviation in depth is none in speed."""
     MEANING = "how deep a 1 kg, 10 cm cube and a 10 kg ball lie in the floor, and how fast they still move"
 
     def applies(self, law: Law) -> bool:
@@ -161,7 +163,7 @@ class Rest(Probe):
                 speed = float(np.abs(velocity[:, 2]).max())
                 hop = REST_HOP * (1.0 + law.pair.restitution) * GRAVITY * law.timestep if law.pair.restitution else 0.0
                 found.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, deepest, REST_DEPTH))
-                found.append(Figure(self.NAME, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop))
+                found.append(Figure(self.STEADY, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop))
         return found
 
 
