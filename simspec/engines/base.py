@@ -19,7 +19,7 @@ import numpy as np
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
 from simspec.formats.contact_plan import Rules
-from simspec.world.types import ReadBack, World
+from simspec.world.types import PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
     "body": (2,),
@@ -49,7 +49,8 @@ class Deviation:
     """A known deviation of an engine from the contact law, in one contact probe (see ``proof/contact/``).
 
     ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
-    else it is in the figure's unit. It counts for pairs with at least this ``friction`` and from this ``timestep`` (s) on.
+    else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
+    ``timestep`` (s) on, and under this ``friction_cone`` and kind of ``hardness`` alone, where these are given.
     """
 
     probe: str
@@ -58,6 +59,19 @@ class Deviation:
     relative: bool = True
     friction: float = 0.0
     timestep: float = 0.0
+    restitution: float = 0.0
+    friction_cone: str = ""
+    hardness: str = ""
+
+    def counts_for(self, pair: PairContact, friction_cone: str, timestep: float) -> bool:
+        """Whether it is one of this pair's, under this cone and timestep."""
+        return (
+            pair.friction >= self.friction
+            and pair.restitution >= self.restitution
+            and timestep >= self.timestep
+            and self.friction_cone in ("", friction_cone)
+            and self.hardness in ("", pair.hardness.kind)
+        )
 
 
 class Engine:

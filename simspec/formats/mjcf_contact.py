@@ -27,6 +27,9 @@ SPRING_IMPEDANCE = 1e-4
 that gives way to all of it, whatever the number of points that share it."""
 NATIVE = (("solref", "0.02 1"), ("solimp", "0.9 0.95 0.001 0.5 2"))
 """MuJoCo's own defaults."""
+MOST_PER_STEP = 4.0
+"""Of k dt²/m + 2 c dt/m: where the semi-implicit step of an oscillator, v' = v − dt (k r + c v)/m, r' = r + dt v', stops being
+stable (its characteristic polynomial at −1)."""
 COMPLIANT = ("time-constant", "stiffness")
 
 
@@ -112,18 +115,24 @@ def friction_reference(world: World, target: Target, kind: str) -> tuple[float, 
     """``solreffriction`` of explicit pairs: slip is taken back at ``friction_rate``, without a spring.
 
     MuJoCo divides by the impedance, and what comes of it is a share d of that: near one, d changes nothing; for a spring
-    the rate is multiplied by d beforehand. A native contact has none of its own.
+    the rate is multiplied by d beforehand. On a spring nothing hops, and slip is taken back as fast as is stable. A native
+    contact has no reference of its own for friction.
     """
     if kind == "native":
         return (0.0, 0.0)
-    rate = min(float(target.settings["friction_rate"]), LARGEST_FRICTION_RATE / world.physics.timestep)
-    return (0.0, 0.0 - rate * (SPRING_IMPEDANCE if kind in COMPLIANT else 1.0))
+    fastest = LARGEST_FRICTION_RATE / world.physics.timestep
+    if kind in COMPLIANT:
+        return (0.0, 0.0 - fastest * SPRING_IMPEDANCE)
+    return (0.0, 0.0 - min(float(target.settings["friction_rate"]), fastest))
 
 
 def friction_hardness(world: World, target: Target) -> float:
-    """``impratio``: the one number for the world; larger where friction rests on springs."""
-    springs = any(law.friction and law.hardness.kind in COMPLIANT for law in meeting_laws(world).values())
-    return float(target.settings["compliant_impratio" if springs else "impratio"])
+    """``impratio``: the one number for the world; larger where friction rests on springs, or has moments."""
+    soft = any(
+        (law.friction and law.hardness.kind in COMPLIANT) or law.torsional_friction or law.rolling_friction
+        for law in meeting_laws(world).values()
+    )
+    return float(target.settings["high_impratio" if soft else "impratio"])
 
 
 # --- numbers of shapes and of pairs -------------------------------------------------------------------------------
@@ -306,8 +315,10 @@ def check_laws(world: World) -> list[Problem]:
                     "MuJoCo's stiffness is known between free single bodies and what cannot move, not for mechanisms"
                 )
                 hint = "use {time_constant, damping_ratio}"
-            elif spring.stiffness * weight * dt * dt > 1.0 or spring.damping * weight * dt > 1.0:
-                message = "the spring is too hard for the timestep: one step would undo more than the whole overlap"
+            elif spring.stiffness * weight * dt * dt + 2.0 * spring.damping * weight * dt >= MOST_PER_STEP:
+                message = (
+                    "the spring is too hard for the timestep and these masses: MuJoCo's steps would amplify its motion"
+                )
                 hint = "a smaller timestep, less stiffness or less damping"
             else:
                 continue

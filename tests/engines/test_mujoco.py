@@ -529,7 +529,7 @@ def test_every_setting_reaches_the_engine(load):
         "tolerance": 1e-5,
         "ls_tolerance": 0.02,
         "impratio": 3.0,
-        "compliant_impratio": 500.0,
+        "high_impratio": 500.0,
         "noslip_iterations": 2,
         "multiccd": False,
         "warmstart": False,
