@@ -32,7 +32,7 @@ class Law:
 @dataclass(frozen=True, slots=True)
 class Phase:
     """``steps`` steps under constant efforts, seen every ``every`` steps; ``effort`` holds, by body, a force (N) at the
-    centre of mass and a torque (N m), in world axes at the beginning of the phase."""
+    centre of mass in world axes, and a torque (N m) in the body's axes; it turns with the body."""
 
     steps: int
     every: int = 1
@@ -70,7 +70,7 @@ class Figure:
     quantity   what the numbers are ("friction", "distance", "ratio", "depth", ...)
     unit       their unit, "" for ratios
     expected   the analytic value
-    measured   what the engine did
+    measured   what the engine did; None where it gave no number
     tolerance  how far ``measured`` may be from ``expected``, absolute, in ``unit``
     deviation  of an engine that declares one for this probe: its reason; the tolerance is then the declared size
     points     for plots: rows of numbers, all of one length
@@ -82,15 +82,15 @@ class Figure:
     quantity: str
     unit: str
     expected: float
-    measured: float
+    measured: float | None
     tolerance: float
     deviation: str = ""
     points: tuple[tuple[float, ...], ...] = ()
 
     @property
     def passed(self) -> bool:
-        """Whether the measured value is within the tolerance; never for NaN."""
-        return abs(self.measured - self.expected) <= self.tolerance
+        """Whether the measured value is within the tolerance; never without one."""
+        return self.measured is not None and abs(self.measured - self.expected) <= self.tolerance
 
 
 class Probe:

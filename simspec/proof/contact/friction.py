@@ -1,0 +1,235 @@
+"""Contact probes of sliding friction: pushed in 24 directions, sliding to rest, and held below the limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simspec.proof.contact.bodies import box, floor
+from simspec.proof.contact.law import project, slide
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world.types import Body
+
+DIRECTIONS = tuple(15.0 * number for number in range(24))
+"""Degrees from the x axis of the floor."""
+SIZE, MASS = (0.2, 0.2, 0.02), 1.0
+"""Of the sliders (m, kg): flat, so that a push at the centre hardly tilts the pressure on the faces' corners."""
+SPACING = 2.0
+"""m between sliders; none slides that far."""
+WEIGHT = MASS * GRAVITY
+
+PUSH = 1.6
+"""Push over the limit of friction. Far enough above it for the slip to be clear, and near enough for friction to matter."""
+SETTLE = 0.05
+"""s in which sliders come to rest on the floor, at least ten steps; MuJoCo's contact takes some 30 ms at 1 ms."""
+PUSHED = 0.06
+"""s of pushing, at least 40 steps; the second half counts, so that the first slip does not."""
+SPEED_OFF = 1.0
+"""m/s at most while pushed: MuJoCo's sliders hop at higher speed."""
+PUSH_TOLERANCE = 0.01
+"""Of μ: what is promised at 1 ms; solvers of finite accuracy stay below."""
+NO_FRICTION = 1e-6
+"""Tangential over normal force where μ = 0: round-off of solvers."""
+
+SLIDE_STEPS = 250
+"""Steps in which a slide ends; with a speed of SLIDE_STEPS μ g dt, up to SLIDE_SPEED."""
+SLIDE_SPEED = 1.0
+"""m/s: what slides faster is measured over the same number of steps, which it does not come to rest in."""
+STOP_TOLERANCE = 0.015
+"""Of the distance: what is promised at 1 ms. One step more or less is 1/250 of the time and 1/62500 of the distance."""
+
+HELD = 0.8
+"""Push over the limit, along each direction's own boundary of the cone."""
+HELD_STEPS = 300
+CREEP = 1e-4
+"""m/s at 80 % of the limit: a body that rests creeps less than a hair's width in a second; solvers that are not run to
+the end reach 1e-3."""
+
+
+def _subject(law: Law) -> str:
+    return f"{law.pair.first}, {law.pair.second}"
+
+
+def _direction(degrees: float) -> np.ndarray:
+    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+
+
+def _sliders(law: Law, speeds: Mapping[float, float]) -> tuple[Body, ...]:
+    """A floor, and a slider for each direction with its initial speed along it."""
+    bodies: list[Body] = [floor(law)]
+    for index, (degrees, speed) in enumerate(speeds.items()):
+        at = (SPACING * (index % 6 - 2.5), SPACING * (index // 6 - 1.5), SIZE[2] / 2)
+        x, y = (speed * _direction(degrees)).tolist()
+        bodies.append(box(law, _name(degrees), SIZE, MASS, at, (x, y, 0.0, 0.0, 0.0, 0.0)))
+    return tuple(bodies)
+
+
+def _name(degrees: float) -> str:
+    return f"slider_{degrees:g}"
+
+
+def _pushes(law: Law, strength: float) -> dict[float, np.ndarray]:
+    """The force (2,) on each slider: ``strength`` times the limit."""
+    return {degrees: strength * law.pair.friction * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
+
+
+def _efforts(pushes: Mapping[float, np.ndarray]) -> dict[str, tuple[float, ...]]:
+    return {_name(degrees): (float(push[0]), float(push[1]), 0.0, 0.0, 0.0, 0.0) for degrees, push in pushes.items()}
+
+
+class Push(Probe):
+    """Sliders pushed beyond the limit of friction."""
+
+    NAME = "push"
+    MEANING = "friction force of a slider pushed in 24 directions at 1.6 times the limit, against the cone"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide
+
+    def _steps(self, law: Law) -> tuple[int, int]:
+        """Steps to settle and to push."""
+        pushed = max(40, math.ceil(PUSHED / law.timestep))
+        acceleration = (PUSH - 1.0 / math.sqrt(2.0)) * max(law.pair.friction, 0.05) * GRAVITY
+        most = max(20, int(SPEED_OFF / acceleration / law.timestep))
+        return max(10, math.ceil(SETTLE / law.timestep)), min(pushed, most)
+
+    def _force(self, law: Law) -> dict[float, np.ndarray]:
+        if law.pair.friction:
+            return _pushes(law, PUSH)
+        return {degrees: 0.1 * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        settle, pushed = self._steps(law)
+        half = pushed // 2
+        efforts = _efforts(self._force(law))
+        phases = (Phase(settle, settle), Phase(pushed - half, pushed - half, efforts), Phase(half, half, efforts))
+        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        motion = motions[0]
+        time = motion.time[-1] - motion.time[-2]
+        rows, worst = [], None
+        for degrees, push in self._force(law).items():
+            velocity = motion.velocity[_name(degrees)]
+            acceleration = (velocity[-1, :2] - velocity[-2, :2]) / time
+            # over the weight, which is what the floor carries in the mean: what hops counts as it is
+            measured = (push - MASS * acceleration) / WEIGHT
+            expected = project(push / WEIGHT, law.pair.friction, law.friction_cone)
+            rows.append((math.radians(degrees), float(measured[0]), float(measured[1])))
+            off = float(np.linalg.norm(measured - expected))
+            if worst is None or not off <= worst[0]:
+                worst = (off, degrees, float(np.linalg.norm(expected)))
+        if worst is None:
+            raise ValueError("no direction was pushed")
+        off, degrees, expected_size = worst
+        friction = law.pair.friction
+        tolerance = PUSH_TOLERANCE * friction if friction else NO_FRICTION
+        # the vector's error as a number: how far from the required force, whichever way
+        along = float(np.linalg.norm(next(row for row in rows if row[0] == math.radians(degrees))[1:]))
+        sign = 1.0 if along >= expected_size else -1.0
+        figure = Figure(
+            self.NAME,
+            _subject(law),
+            f"{len(DIRECTIONS)} directions, worst at {degrees:g}°",
+            "friction",
+            "",
+            expected_size,
+            expected_size + sign * off,
+            tolerance,
+            points=tuple(rows),
+        )
+        return [figure]
+
+
+class Stop(Probe):
+    """Sliders with an initial speed."""
+
+    NAME = "stop"
+    MEANING = "distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.friction > 0.0
+
+    def _speed(self, law: Law) -> float:
+        return min(SLIDE_SPEED, SLIDE_STEPS * law.pair.friction * GRAVITY * law.timestep)
+
+    def _steps(self, law: Law) -> int:
+        # pyramids stop late along their edges; twice the time of a disc is enough for all
+        needed = 2.0 * self._speed(law) / (law.pair.friction * GRAVITY * law.timestep) + 10
+        return math.ceil(min(needed, 2.0 * SLIDE_STEPS))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        steps = self._steps(law)
+        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, self._speed(law))), (Phase(steps, steps),))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
+        worst: tuple[float, float, float, float] | None = None
+        rows = []
+        for degrees in DIRECTIONS:
+            pose = motions[0].pose[_name(degrees)]
+            way = pose[-1, :2] - pose[0, :2]
+            path, _ = slide(speed * _direction(degrees), law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
+            expected = float(np.linalg.norm(path[-1]))
+            off = float(np.linalg.norm(way - path[-1]))
+            rows.append((math.radians(degrees), float(way[0]), float(way[1])))
+            if worst is None or not off / expected <= worst[0]:
+                sign = 1.0 if np.linalg.norm(way) >= expected else -1.0
+                worst = (off / expected, degrees, expected, expected + sign * off)
+        if worst is None:
+            raise ValueError("nothing slid")
+        _, degrees, expected, measured = worst
+        case = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions, worst at {degrees:g}°"
+        tolerance = STOP_TOLERANCE * expected
+        return [Figure(self.NAME, _subject(law), case, "distance", "m", expected, measured, tolerance)]
+
+
+class Stick(Probe):
+    """Sliders pushed below the limit of friction."""
+
+    NAME = "stick"
+    MEANING = "creep of a slider pushed in 24 directions at 0.8 times the limit, against none"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.friction > 0.0
+
+    def _force(self, law: Law) -> dict[float, np.ndarray]:
+        """0.8 of what the cone holds in each direction."""
+        found = {}
+        for degrees in DIRECTIONS:
+            direction = _direction(degrees)
+            if law.friction_cone == "elliptic":
+                reach = 1.0
+            elif law.friction_cone == "pyramid-inscribed":
+                reach = 1.0 / float(np.abs(direction).sum())
+            else:
+                reach = 1.0 / float(np.abs(direction).max())
+            found[degrees] = HELD * reach * law.pair.friction * WEIGHT * direction
+        return found
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        settle = max(10, math.ceil(SETTLE / law.timestep))
+        efforts = _efforts(self._force(law))
+        last = HELD_STEPS // 3
+        phases = (
+            Phase(settle, settle),
+            Phase(HELD_STEPS - last, HELD_STEPS - last, efforts),
+            Phase(last, last, efforts),
+        )
+        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        motion = motions[0]
+        time = motion.time[-1] - motion.time[-2]
+        creep = {}
+        for degrees in DIRECTIONS:
+            pose = motion.pose[_name(degrees)]
+            creep[degrees] = float(np.linalg.norm(pose[-1, :2] - pose[-2, :2])) / time
+        worst = max(creep, key=lambda degrees: math.inf if math.isnan(creep[degrees]) else creep[degrees])
+        case = f"{len(DIRECTIONS)} directions, worst at {worst:g}°"
+        return [Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, creep[worst], CREEP)]
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Push(), Stop(), Stick())}

@@ -1,0 +1,267 @@
+"""Proof level L5: every contact probe, on every pair of materials of a scenario that can meet, in one engine.
+
+All probe worlds of an engine run one after the other in one process; what was measured before is taken from the cache.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.engines.base import Deviation, Engine, find_engine
+from simspec.engines.process import Answer, Operation, Running, start
+from simspec.errors import UnsupportedError
+from simspec.formats.contact_plan import meeting_laws
+from simspec.proof.checks import Check, failed
+from simspec.proof.contact import cache, compliance, friction, impact, size, spin
+from simspec.proof.contact.held import Held, held, of_pair
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.world.canonical import to_plain
+from simspec.world.kinematics import layout
+from simspec.world.types import Body, Physics, World
+
+LEVEL = "L5"
+PROBES: Mapping[str, Probe] = friction.PROBES | impact.PROBES | compliance.PROBES | spin.PROBES
+"""Every probe of two materials, by name, in the order of reports."""
+MOVING = "probe"
+"""Collision group of what moves in a probe world: only the floor is met."""
+PLOTTED = ("push",)
+"""Probes whose points reports draw; the others' are not kept."""
+DIGITS = 6
+"""Of kept points: a hundredth of what a plot can show."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """The trials of one probe on one pair (or of the sizes), compiled; ``first``: the index of its first operation."""
+
+    key: str
+    law: Law | None
+    probe: Probe | None
+    compiled: tuple[Compiled, ...]
+    operations: tuple[Operation, ...]
+    trials: tuple[tuple[World, Trial], ...] = ()
+    sizes: size.SizeTrial | None = None
+    friction: float = 0.0
+    known: tuple[Figure, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """Probes under way in an engine."""
+
+    engine: type[Engine]
+    timestep: float
+    jobs: tuple[_Job, ...]
+    running: Running | None
+    use_cache: bool
+
+    def wait(self) -> tuple[list[Figure], list[str]]:
+        """The figures, and the cache's complaints. Raises EngineError."""
+        answers = iter(self.running.wait().answers if self.running is not None else ())
+        found: list[Figure] = []
+        complaints: list[str] = []
+        for job in self.jobs:
+            if job.known is not None:
+                raw: Sequence[Figure] = job.known
+            else:
+                raw = [_kept(figure) for figure in _figures(job, [next(answers) for _ in job.operations])]
+                if self.use_cache and not cache.write(job.key, raw):
+                    complaints = [f"nothing can be kept in {cache.folder()}"]
+            found += [_deviating(figure, job, self.engine, self.timestep) for figure in raw]
+        return found, complaints
+
+
+def laws(world: World) -> list[Law]:
+    """What is to be measured of ``world``: the laws of all pairs of materials that can meet."""
+    return [Law(pair, world.contact.friction_cone, world.physics.timestep) for pair in meeting_laws(world).values()]
+
+
+@contextmanager
+def measure(
+    world: World, engine_name: str, folder: Path, python: str | None, deadline: float, use_cache: bool
+) -> Iterator[Measuring]:
+    """Begin to measure what ``engine_name`` makes of the contact law in the artifacts of ``folder``.
+
+    Raises UnsupportedError when the law that the files hold cannot be compiled, EngineError when the engine is missing.
+    """
+    engine = find_engine(engine_name)
+    use_cache = use_cache and python is None  # the version in another interpreter is known only afterwards
+    whole = held(world, engine, folder)
+    jobs = [
+        _job(engine, whole, law, probe, use_cache)
+        for law in laws(world)
+        for probe in PROBES.values()
+        if probe.applies(law)
+    ]
+    if (sizes := size.size_trial(world)) is not None:
+        jobs.append(_size_job(engine, whole, sizes, use_cache))
+    with ExitStack() as stack:
+        operations: list[Operation] = []
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simspec-contact-")))
+        for job in jobs:
+            if job.known is None:
+                for compiled, operation in zip(job.compiled, job.operations, strict=True):
+                    artifacts = place / str(len(operations))
+                    write_folder(compiled.files, artifacts)
+                    parameters = {**operation.parameters, "artifacts": str(artifacts)}
+                    operations.append(dataclasses.replace(operation, parameters=parameters))
+        running = None
+        if operations:
+            running = stack.enter_context(start(engine_name, place, operations, python=python, deadline=deadline))
+        yield Measuring(engine, world.physics.timestep, tuple(jobs), running, use_cache)
+
+
+def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool) -> _Job:
+    one = of_pair(whole, law.pair.first, law.pair.second)
+    trials, compiled, operations = [], [], []
+    for trial in probe.trials(law):
+        world = _world(one, law, trial)
+        trials.append((world, trial))
+        compiled.append(compile_world(world, [engine.NAME], plans={engine.NAME: one.plan})[engine.NAME])
+        operations.append(_drive(world, trial))
+    name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
+    known = cache.read(name) if use_cache else None
+    return _Job(
+        name,
+        law,
+        probe,
+        tuple(compiled),
+        tuple(operations),
+        tuple(trials),
+        friction=law.pair.friction,
+        known=None if known is None else tuple(known),
+    )
+
+
+def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cache: bool) -> _Job:
+    contact = dataclasses.replace(
+        sizes.world.contact, friction_cone=whole.contact.friction_cone, pairs=whole.contact.pairs
+    )
+    world = dataclasses.replace(sizes.world, contact=contact, engines=(whole.options,))
+    compiled = compile_world(world, [engine.NAME], plans={engine.NAME: whole.plan})[engine.NAME]
+    operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout(world.bodies).nv))})
+    name = _key(engine, [compiled], [operation], None, size.NAME) if use_cache else ""
+    known = cache.read(name) if use_cache else None
+    return _Job(name, None, None, (compiled,), (operation,), sizes=sizes, known=None if known is None else tuple(known))
+
+
+def _key(
+    engine: type[Engine], compiled: Sequence[Compiled], operations: Sequence[Operation], law: Law | None, probe: str
+) -> str:
+    drives = [
+        [one.op, dict(one.parameters), {name: value.tolist() for name, value in one.arrays.items()}]
+        for one in operations
+    ]
+    wanted = None if law is None else to_plain(law)
+    return cache.key(engine.NAME, str(engine.version()), [one.sha256 for one in compiled], drives, wanted, probe)
+
+
+def _world(one: Held, law: Law, trial: Trial) -> World:
+    bodies = tuple(
+        dataclasses.replace(body, collision_group=MOVING) if body.joint.kind != "fixed" else body
+        for body in trial.bodies
+    )
+    contact = dataclasses.replace(one.contact, ignored_groups=((MOVING, MOVING),), excluded_bodies=_joined(bodies))
+    physics = Physics((0.0, 0.0, -GRAVITY), law.timestep, sum(phase.steps for phase in trial.phases))
+    return World("contact-probe", bodies, contact, physics, engines=(one.options,))
+
+
+def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
+    pairs = ((body.name, body.joint.parent) for body in bodies if body.joint.parent is not None)
+    return tuple(sorted((min(pair), max(pair)) for pair in pairs))
+
+
+def _drive(world: World, trial: Trial) -> Operation:
+    places = layout(world.bodies)
+    index = {body.name: number for number, body in enumerate(world.bodies)}
+    effort = np.zeros((len(trial.phases), places.nv))
+    for row, phase in zip(effort, trial.phases, strict=True):
+        for name, given in phase.effort.items():
+            row[places.velocity[index[name]]] = given
+    phases = [[phase.steps, phase.every] for phase in trial.phases]
+    return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort})
+
+
+def _figures(job: _Job, answers: Sequence[Answer]) -> Sequence[Figure]:
+    if job.sizes is not None:
+        return size.size_figures(job.sizes, answers[0].arrays["touching"])
+    if job.probe is None or job.law is None:
+        raise ValueError("a job is a probe of a law, or of sizes")
+    motions = []
+    for (world, _), answer in zip(job.trials, answers, strict=True):
+        arrays = answer.arrays
+        pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
+        velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
+        motions.append(Motion(arrays["time"], pose, velocity))
+    return job.probe.figures(job.law, motions)
+
+
+def _kept(figure: Figure) -> Figure:
+    """A figure as certificates keep it: no number where there is none, and points only where they are drawn."""
+    points: tuple[tuple[float, ...], ...] = ()
+    if figure.probe in PLOTTED and np.isfinite(figure.points).all():
+        points = tuple(tuple(round(value, DIGITS) for value in row) for row in figure.points)
+    measured = figure.measured
+    finite = measured is not None and math.isfinite(measured)
+    return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
+
+
+def _deviating(figure: Figure, job: _Job, engine: type[Engine], timestep: float) -> Figure:
+    """The figure with the tolerance that the engine's declared deviations give it."""
+    found = [
+        (_size(one, figure), one)
+        for one in engine.CONTACT_DEVIATIONS
+        if one.probe == figure.probe and job.friction >= one.friction and timestep >= one.timestep * (1.0 - 1e-9)
+    ]
+    wider = [entry for entry in found if entry[0] > figure.tolerance]
+    if not wider or figure.passed:
+        return figure
+    tolerance, one = max(wider, key=lambda entry: entry[0])
+    return dataclasses.replace(figure, tolerance=tolerance, deviation=one.why)
+
+
+def _size(one: Deviation, figure: Figure) -> float:
+    return one.size * abs(figure.expected) if one.relative else one.size
+
+
+def contact_checks(figures: Sequence[Figure]) -> list[Check]:
+    """One check for each probe: how far its worst figure is off, in units of that figure's tolerance."""
+    by_probe: dict[str, list[Figure]] = {}
+    for figure in figures:
+        by_probe.setdefault(figure.probe, []).append(figure)
+    found = []
+    for probe, some in by_probe.items():
+        worst = max(some, key=_off)
+        off = _off(worst)
+        number = f"{worst.measured:.4g}" if worst.measured is not None else "no number"
+        detail = (
+            f"{worst.quantity} {number}, should be {worst.expected:.4g} ± {worst.tolerance:.2g} {worst.unit}".rstrip()
+        )
+        detail += f"; {worst.case}" + (f"; declared: {worst.deviation}" if worst.deviation else "")
+        passed = all(figure.passed for figure in some)
+        name = f"{probe}, in tolerances"
+        found.append(
+            Check(LEVEL, name, len(some), 1.0, None if math.isinf(off) else off, worst.subject, passed, detail)
+        )
+    return found
+
+
+def _off(figure: Figure) -> float:
+    if figure.measured is None:
+        return math.inf
+    off = abs(figure.measured - figure.expected)
+    return off / figure.tolerance if figure.tolerance else (0.0 if off == 0.0 else math.inf)
+
+
+def not_measured(error: UnsupportedError) -> Check:
+    """The check of an engine whose files hold a law that cannot be probed."""
+    return failed(LEVEL, "contact law of the files", error.problems[0].message)
