@@ -58,7 +58,7 @@ def wrong(world: World, files: dict[str, str], tmp_path) -> set[str]:
 
 
 def test_pairs_are_explicit_only_where_needed():
-    world = worlds.table({pair: 0.0 for pair in TABLE})
+    world = worlds.table(dict.fromkeys(TABLE, 0.0))
     assert listed(world) == {}
     # the larger number does: explicit for the friction alone, and none under the pyramid, where that has no reference
     world = worlds.table({("a", "a"): 0.1, ("a", "b"): 0.4, ("b", "b"): 0.4})
@@ -79,7 +79,7 @@ def test_what_no_numbers_give_is_explicit_under_every_cone():
 
 
 def test_restitution_of_a_pair_alone_is_explicit():
-    world = worlds.table({pair: 0.0 for pair in TABLE})
+    world = worlds.table(dict.fromkeys(TABLE, 0.0))
     pairs = tuple(dataclasses.replace(p, restitution=0.5 if p.first != p.second else 0.0) for p in world.contact.pairs)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
     found = listed(world)
@@ -103,7 +103,7 @@ def test_beyond_the_limit_what_numbers_give_is_left_to_them():
     """Pairs whose numbers do are dropped before those whose numbers do not."""
     world = worlds.table(TABLE)
     needed = [pair for pair, given in listed(world).items() if given["friction"].startswith("0.8")]
-    most = int(3 * 3) + 1  # bound of a with b: three shapes of each
+    most = 3 * 3 + 1  # bound of a with b: three shapes of each
     files = emit(worlds.with_options(world, "mujoco", settings=(("explicit_pairs_limit", most),)))
     root = ElementTree.fromstring(files[MODEL])
     kept = {frozenset((p.attrib["geom1"], p.attrib["geom2"])) for p in root.iterfind("contact/pair")}
@@ -267,7 +267,7 @@ def test_bodies_that_touch_in_part_beyond_the_bits_are_refused():
     kinds = [("g", f"m{index:02}") for index in range(count)]
     passing = {(f"m{index:02}", f"m{index:02}") for index in range(count)}
     mixed = [("g", "m00"), ("g", "m01")]
-    with pytest.raises(UnsupportedError, match="some shapes of 'b.*' and 'b.*' may touch and others not"):
+    with pytest.raises(UnsupportedError, match=r"some shapes of 'b.*' and 'b.*' may touch and others not"):
         emit(shapes_of([*kinds, *mixed, *mixed], passing=passing, per_body=2))
 
 
