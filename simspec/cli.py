@@ -293,6 +293,12 @@ def verify_command(
     self_test: Annotated[
         bool, typer.Option("--self-test", help="Plant one defect at a time into compiled files: is each caught?")
     ] = False,
+    contact: Annotated[
+        bool, typer.Option("--contact", help="Print every contact figure, and draw friction by direction.")
+    ] = False,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Measure contact anew, whatever was measured before.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write (default generated/NAME).")] = None,
     sets: Sets = None,
     allow_outside: Outside = False,
@@ -305,6 +311,7 @@ def verify_command(
     \b
     simspec verify robot.yaml
     simspec verify robot.yaml --engine mujoco --engine dart
+    simspec verify box-on-ramp --contact        what friction and restitution each engine really has, with a plot
     simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
     """
     from simspec.report import verification
@@ -316,7 +323,7 @@ def verify_command(
     if spec is None:
         return verification.self_test(names, pythons, as_json)
     loaded, world = _load(spec, sets, allow_outside)
-    return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json)
+    return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache)
 
 
 def _demand(names: list[str], pythons: Mapping[str, str]) -> None:

@@ -88,7 +88,8 @@ def _compile_engine(
 ) -> Compiled:
     file_format: Format = formats()[engine.FORMAT]
     table = combine(file_format.SUPPORT, engine.SUPPORT)
-    decisions = negotiate(world, engine.NAME, table, locate, pair_needs(world, engine.RULES))
+    extra = () if plan is not None else pair_needs(world, engine.RULES)
+    decisions = negotiate(world, engine.NAME, table, locate, extra)
     files = file_format.emit(world, target_of(world, engine, plan))
     return Compiled(engine.NAME, engine.FORMAT, files, tuple(decisions))
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from simspec.proof.checks import Check
+from simspec.proof.contact.probe import Figure
 from simspec.world.canonical import from_plain, to_plain
 
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,8 @@ class EngineProof:
     approximations: dict[str, str] = field(default_factory=dict)
     not_checked: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    contact: tuple[Figure, ...] = ()
+    """Every figure of the contact probes (level L5), each beside its analytic value."""
 
     @property
     def valid(self) -> bool:
@@ -87,9 +90,12 @@ class Certificate:
             checks = ",\n".join(
                 f"        {json.dumps(to_plain(check), ensure_ascii=False, allow_nan=False)}" for check in proof.checks
             )
-            blocks.append(
-                f"    {json.dumps(name)}: {{\n" + "\n".join(lines) + f'\n      "checks": [\n{checks}\n      ]\n    }}'
+            figures = ",\n".join(
+                f"        {json.dumps(to_plain(figure), ensure_ascii=False, allow_nan=False)}"
+                for figure in proof.contact
             )
+            rows = f'\n      "checks": [\n{checks}\n      ],\n      "contact": [\n{figures}\n      ]'
+            blocks.append(f"    {json.dumps(name)}: {{\n" + "\n".join(lines) + rows + "\n    }")
         return text.replace('"engines": {}', '"engines": {\n' + ",\n".join(blocks) + "\n  }") + "\n"
 
     @classmethod
@@ -106,6 +112,7 @@ class Certificate:
                 block["approximations"],
                 block["not_checked"],
                 block["seconds"],
+                tuple(from_plain(Figure, figure) for figure in block["contact"]),
             )
             for name, block in data["engines"].items()
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,13 +14,16 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.engines.base import find_engine
 from simspec.engines.process import DEADLINE, Operation, Reply, start
-from simspec.errors import EngineError, Location
+from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
+from simspec.formats.contact_plan import meeting_laws
 from simspec.proof import motion, touch
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, not_checked
+from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.oracle import Oracle
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
@@ -27,8 +31,11 @@ from simspec.proof.touch import Meetings, touch_checks
 from simspec.world.canonical import from_plain, sha256
 from simspec.world.types import ReadBack, World
 
-LEVELS = ("L0", "L1", "L2", "L3", "L4", "L6")
-"""L1, L2's fields and L4's come from one read-back; L5, contact measured, is not there yet."""
+LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6")
+"""L1, L2's fields and L4's come from one read-back; L5 is contact, measured in worlds of its own (``proof/contact/run.py``)."""
+
+UNREAD = "text"
+"""Name of the check that fails when the independent reader refuses the files."""
 
 
 @dataclass(frozen=True)
@@ -80,15 +87,18 @@ def verify(
     deadline: float = DEADLINE,
     progress: Callable[[str], None] | None = None,
     probes: Probes | None = None,
+    cache: bool = True,
 ) -> Certificate:
     """Hold what every engine of ``engines`` makes of ``world`` against the world and the oracle.
 
     ``artifacts``: folders of compiled files by engine (default: compiled afresh); ``pythons``: interpreters by engine;
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
-    :func:`prepare`, to use again. An engine that fails is a failed check with its message, the others go on.
+    :func:`prepare`, to use again; ``cache``: take contact figures that were measured before.
+    An engine that fails is a failed check with its message, the others go on.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """
     say = progress or (lambda text: None)
+    levels = set(levels)
     compiled = compile_world(world, engines, locate)
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})
@@ -109,22 +119,71 @@ def verify(
             except EngineError as error:
                 refused[name] = error
         proofs = {}
+        texts: dict[str, list[Check]] = {}
+        replies: dict[str, Reply] = {}
         for name, one in compiled.items():
             say(f"verifying {name}")
-            checks = _text_checks(world, one, folders[name])
-            reply: Reply | None = None
-            unreadable: dict[str, str] = {}
+            texts[name] = _text_checks(world, one, folders[name])
             try:
                 if name in running:
-                    reply = running[name].wait()
-                    found, unreadable = _checks(world, find_engine(name), reply, probes)
-                    checks += found
+                    replies[name] = running[name].wait()
             except EngineError as error:
                 refused[name] = error
+        figures: dict[str, list[Figure]] = {}
+        contact: dict[str, list[Check]] = {}
+        if "L5" in levels and meeting_laws(world):
+            sound = {
+                name: folders[name] for name in replies if all(check.passed for check in texts[name] if _unread(check))
+            }
+            say("measuring contact")
+            figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
+        for name, one in compiled.items():
+            checks = texts[name]
+            reply = replies.get(name)
+            unreadable: dict[str, str] = {}
+            if reply is not None:
+                found, unreadable = _checks(world, find_engine(name), reply, probes)
+                checks = sorted([*checks, *found, *contact.get(name, [])], key=lambda check: check.level)
             if name in refused:
                 checks.append(failed("L1", "engine", str(refused[name])))
-            proofs[name] = _proof(one, folders[name], checks, unreadable, reply)
+            proof = _proof(one, folders[name], checks, unreadable, reply)
+            proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
     return Certificate(world.name, sha256(world), _oracle_version(), proofs)
+
+
+def _unread(check: Check) -> bool:
+    """Whether a check says that the files could not be read at all."""
+    return check.level == "L0" and check.name == UNREAD
+
+
+def _contact(
+    world: World,
+    folders: Mapping[str, Path],
+    pythons: Mapping[str, str],
+    deadline: float,
+    cache: bool,
+    say: Callable[[str], None],
+) -> tuple[dict[str, list[Figure]], dict[str, list[Check]]]:
+    """Level L5 in every engine, side by side: figures and checks by engine."""
+    figures: dict[str, list[Figure]] = {}
+    checks: dict[str, list[Check]] = {}
+    with contextlib.ExitStack() as stack:
+        measuring = {}
+        for name, folder in folders.items():
+            try:
+                asked = measure(world, name, folder, pythons.get(name), deadline, cache)
+                measuring[name] = stack.enter_context(asked)
+            except (UnsupportedError, EngineError) as error:
+                checks[name] = [not_measured(error)]
+        for name, one in measuring.items():
+            try:
+                figures[name], complaints = one.wait()
+                checks[name] = contact_checks(figures[name])
+                for complaint in complaints:
+                    say(complaint)
+            except EngineError as error:
+                checks[name] = [not_measured(error)]
+    return figures, checks
 
 
 def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
@@ -132,7 +191,7 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
     try:
         read = formats()[compiled.format].read(folder)
     except (ValueError, KeyError, TypeError, OSError, SyntaxError) as error:  # a reader's ways to refuse a damaged file
-        return [failed("L0", "text", f"the independent reader refuses the files: {type(error).__name__}: {error}")]
+        return [failed("L0", UNREAD, f"the independent reader refuses the files: {type(error).__name__}: {error}")]
     return compare(world, read, engine.RULES, engine.LAYERS, text=True)
 
 

@@ -280,6 +280,7 @@ LEVEL_WORDS = {
     "L2": "kinematics",
     "L3": "dynamics",
     "L4": "geometry, contact law",
+    "L5": "contact, measured",
     "L6": "contact-free motion",
 }
 
@@ -345,8 +346,12 @@ def certificate_notes(certificate: Certificate) -> list[str]:
         check.detail: None for proof in certificate.engines.values() for check in proof.level("L6") if check.detail
     }
     notes += [f"motion: {detail}" for detail in motion]
+    if any(proof.contact for proof in certificate.engines.values()):
+        notes.append("contact: the worst figure of each engine, in units of that figure's own tolerance (--contact: all)")
     for name, proof in certificate.engines.items():
         notes += [f"{name} has {feature} as accepted: {how}" for feature, how in proof.approximations.items()]
+        declared = {f"{figure.probe}: {figure.deviation}": None for figure in proof.contact if figure.deviation}
+        notes += [f"{name} deviates as declared, {why}" for why in declared]
         if proof.not_checked:
             notes.append(f"{name} cannot be asked for {', '.join(proof.not_checked)}")
     return notes

@@ -5,12 +5,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from simspec import generated
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location
 from simspec.report import terminal
 from simspec.report.plain import plain, text
 from simspec.world.types import World
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from simspec.proof.certificate import Certificate
 
 
 def verify(
@@ -21,6 +27,8 @@ def verify(
     deadline: float,
     out: Path | None,
     as_json: bool,
+    contact: bool = False,
+    cache: bool = True,
 ) -> int:
     """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it."""
     from simspec.proof.verify import verify as prove
@@ -37,6 +45,7 @@ def verify(
             locate=locate,
             deadline=deadline,
             progress=progress,
+            cache=cache,
         )
     written = generated.write_certificate(certificate, folder)
     path = folder / generated.CERTIFICATE_FILE
@@ -45,8 +54,25 @@ def verify(
     else:
         screen = terminal.console()
         terminal.show_certificate(certificate, screen)
+        if contact:
+            for path_of_plot in show_contact(certificate, world, folder, screen):
+                screen.print(f"{path_of_plot}: written", soft_wrap=True)
         screen.print(f"{path}: {'written' if written else 'unchanged'}", soft_wrap=True)
     return EXIT_OK if certificate.valid else EXIT_FAILED
+
+
+def show_contact(certificate: Certificate, world: World, folder: Path, screen: Console) -> list[Path]:
+    """Print every contact figure, and draw required against measured friction; returns the plots' files."""
+    from simspec.report.contact import contact_table
+    from simspec.report.polar import polar_plot
+
+    figures = {name: proof.contact for name, proof in certificate.engines.items() if proof.contact}
+    if not figures:
+        screen.print("nothing can touch in this world: there is no contact to measure")
+        return []
+    for table in contact_table(figures):
+        screen.print(table)
+    return polar_plot(figures, world.contact.friction_cone, folder / "contact")
 
 
 def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.engines.base import Deviation, Engine, find_engine
 from simspec.engines.process import Answer, Operation, Running, start
-from simspec.errors import UnsupportedError
+from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, size, spin
@@ -262,6 +262,7 @@ def _off(figure: Figure) -> float:
     return off / figure.tolerance if figure.tolerance else (0.0 if off == 0.0 else math.inf)
 
 
-def not_measured(error: UnsupportedError) -> Check:
-    """The check of an engine whose files hold a law that cannot be probed."""
-    return failed(LEVEL, "contact law of the files", error.problems[0].message)
+def not_measured(error: UnsupportedError | EngineError) -> Check:
+    """The check of an engine whose files hold a law that cannot be probed, or that failed on the way."""
+    text = error.problems[0].message if isinstance(error, UnsupportedError) else str(error)
+    return failed(LEVEL, "contact law of the files", text)

@@ -1,0 +1,119 @@
+"""Friction by direction: the section of the cone that the spec asks for, and what each engine does, at a glance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simspec.errors import Problem, SpecError
+from simspec.proof.contact.law import outline
+from simspec.proof.contact.probe import Figure
+
+PROBE = "push"
+MARKERS = ("o", "x", "+", "s", "^", "d")
+"""One per engine, in order: readable on top of each other, and without colours."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Told apart by colour-blind people too (Okabe and Ito)."""
+COLUMNS = 4
+PANEL = 3.2
+"""Inches of a panel's side."""
+SHAPES = {"elliptic": "circle", "pyramid-inscribed": "diamond", "pyramid-circumscribed": "square"}
+
+
+def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -> list[Path]:
+    """Draw the ``push`` figures (by engine), one panel for each pair of materials with friction, as SVG and PNG.
+
+    ``path`` is completed by the two suffixes; the SVG's bytes depend on the figures alone. Returns the files written:
+    none when no pair has friction. Raises SpecError where matplotlib is not installed.
+    """
+    panels: dict[str, dict[str, Figure]] = {}
+    for engine, some in figures.items():
+        for figure in some:
+            if figure.probe == PROBE and figure.expected and figure.points:
+                panels.setdefault(figure.subject, {})[engine] = figure
+    if not panels:
+        return []
+    plot = _matplotlib()
+    columns = min(COLUMNS, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    with plot.rc_context({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8}):
+        chart, axes = plot.subplots(rows, columns, figsize=(PANEL * columns, PANEL * rows + 0.7), squeeze=False)
+        flat = [axis for row in axes for axis in row]
+        engines = list(figures)
+        for axis, (subject, by_engine) in zip(flat, panels.items(), strict=False):
+            _panel(axis, subject, by_engine, engines, cone)
+        for axis in flat[len(panels) :]:
+            axis.set_visible(False)
+        handles, labels = flat[0].get_legend_handles_labels()
+        chart.legend(handles, labels, loc="upper center", ncols=len(labels), frameon=False, fontsize=9)
+        chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (PANEL * rows + 0.7)))
+        written = []
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for suffix, more in ((".svg", {"metadata": {"Date": None}}), (".png", {"dpi": 110})):
+            file = path.with_suffix(suffix)
+            chart.savefig(file, **more)
+            written.append(file)
+        plot.close(chart)
+    return written
+
+
+def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Sequence[str], cone: str) -> None:
+    friction = _friction(next(iter(by_engine.values())), cone)
+    required = outline(friction, cone)
+    axis.plot(
+        required[:, 0], required[:, 1], color="0.6", linewidth=2, label=f"required: {cone} ({SHAPES[cone]})", zorder=1
+    )
+    for index, engine in enumerate(engines):
+        if engine in by_engine:
+            points = by_engine[engine].points
+            axis.scatter(
+                [row[1] for row in points],
+                [row[2] for row in points],
+                s=34 if index == 0 else 26,
+                marker=MARKERS[index % len(MARKERS)],
+                linewidths=1.1,
+                label=engine,
+                zorder=2 + index,
+                **_colours(index),
+            )
+    reach = 1.25 * max(friction * math.sqrt(2.0 if cone == "pyramid-circumscribed" else 1.0), _largest(by_engine))
+    axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title=f"{subject}   μ = {friction:.4g}")
+    axis.set_xlabel("friction along x, over the normal force")
+    axis.set_ylabel("along y")
+    axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
+    axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
+
+
+def _colours(index: int) -> dict[str, Any]:
+    """The first marker is an open ring, so that the others show inside it."""
+    colour = COLOURS[index % len(COLOURS)]
+    filled = MARKERS[index % len(MARKERS)] in "xs^d+"
+    return {"color": colour} if filled else {"facecolors": "none", "edgecolors": colour}
+
+
+def _largest(by_engine: Mapping[str, Figure]) -> float:
+    return max(math.hypot(row[1], row[2]) for figure in by_engine.values() for row in figure.points)
+
+
+def _friction(figure: Figure, cone: str) -> float:
+    """μ of a push figure, from its worst direction's required force: the push is 1.6 times μ in that direction."""
+    from simspec.proof.contact.friction import PUSH
+    from simspec.proof.contact.law import project
+
+    angle = math.radians(float(figure.case.rsplit("at ", 1)[1].rstrip("°")))
+    unit = project([PUSH * math.cos(angle), PUSH * math.sin(angle)], 1.0, cone)
+    return figure.expected / math.hypot(*unit)
+
+
+def _matplotlib() -> Any:
+    try:
+        import matplotlib
+    except ImportError as error:
+        problem = Problem("plots need matplotlib", found=str(error), hint="pip install 'simspec[plots]'")
+        raise SpecError([problem]) from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
