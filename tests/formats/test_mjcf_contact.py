@@ -170,7 +170,9 @@ def test_a_margin_is_noticed(tmp_path):
         wrong(world, {**files, MODEL: changed}, tmp_path)
 
 
-@pytest.mark.parametrize("law", [{}, {"torsional_friction": 0.01}, {"hardness": HARDNESS["time-constant"]}])
+@pytest.mark.parametrize(
+    "law", [{}, {"torsional_friction": 0.01}, {"rolling_friction": 0.01}, {"hardness": HARDNESS["time-constant"]}]
+)
 def test_friction_is_harder_where_it_must_carry_more(law):
     world = laws(worlds.table(dict.fromkeys(TABLE, 0.5)), **law)
     option = ElementTree.fromstring(emit(world)[MODEL]).find("option")
