@@ -50,7 +50,6 @@ class _Job:
     operations: tuple[Operation, ...]
     trials: tuple[tuple[World, Trial], ...] = ()
     sizes: size.SizeTrial | None = None
-    friction: float = 0.0
     known: tuple[Figure, ...] | None = None
 
 
@@ -59,7 +58,6 @@ class Measuring:
     """Probes under way in an engine."""
 
     engine: type[Engine]
-    timestep: float
     jobs: tuple[_Job, ...]
     running: Running | None
     use_cache: bool
@@ -76,7 +74,7 @@ class Measuring:
                 raw = [_kept(figure) for figure in _figures(job, [next(answers) for _ in job.operations])]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"nothing can be kept in {cache.folder()}"]
-            found += [_deviating(figure, job, self.engine, self.timestep) for figure in raw]
+            found += [_deviating(figure, job, self.engine) for figure in raw]
         return found, complaints
 
 
@@ -117,7 +115,7 @@ def measure(
         running = None
         if operations:
             running = stack.enter_context(start(engine_name, place, operations, python=python, deadline=deadline))
-        yield Measuring(engine, world.physics.timestep, tuple(jobs), running, use_cache)
+        yield Measuring(engine, tuple(jobs), running, use_cache)
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool) -> _Job:
@@ -137,7 +135,6 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
         tuple(compiled),
         tuple(operations),
         tuple(trials),
-        friction=law.pair.friction,
         known=None if known is None else tuple(known),
     )
 
@@ -215,12 +212,15 @@ def _kept(figure: Figure) -> Figure:
     return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
 
 
-def _deviating(figure: Figure, job: _Job, engine: type[Engine], timestep: float) -> Figure:
-    """The figure with the tolerance that the engine's declared deviations give it."""
+def _deviating(figure: Figure, job: _Job, engine: type[Engine]) -> Figure:
+    """The figure with the tolerance that the engine's declared deviations give it; a size has none."""
+    law = job.law
+    if law is None:
+        return figure
     found = [
         (_size(one, figure), one)
         for one in engine.CONTACT_DEVIATIONS
-        if one.probe == figure.probe and job.friction >= one.friction and timestep >= one.timestep * (1.0 - 1e-9)
+        if one.probe == figure.probe and one.counts_for(law.pair, law.friction_cone, law.timestep)
     ]
     wider = [entry for entry in found if entry[0] > figure.tolerance]
     if not wider or figure.passed:
