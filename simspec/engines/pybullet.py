@@ -28,7 +28,7 @@ from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
 _NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
-_NO_PAIRS = "PyBullet multiplies two numbers, one per body, and no numbers give these pairs"
+_COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 
@@ -59,8 +59,8 @@ class PyBullet(Engine):
     FORMAT: ClassVar[str] = "urdf"
     DISTRIBUTION: ClassVar[str] = "pybullet"
     EXTRA: ClassVar[str] = "pybullet"
-    RULES: ClassVar[Rules] = Rules("product", "product")
-    LAYERS: ClassVar[bool] = False
+    RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
+    LAYERS: ClassVar[bool] = True
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,
@@ -95,27 +95,26 @@ class PyBullet(Engine):
         ),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,
-        Feature.MATERIALS_PER_BODY: unsupported("PyBullet holds friction and restitution once per body, not per shape"),
-        Feature.FRICTION: Support(Level.EXACT, "numbers; PyBullet clamps a pair at 10"),
-        Feature.FRICTION_PAIRS: unsupported(_NO_PAIRS),
+        Feature.MATERIALS_PER_BODY: via_api(_COPIES),
+        Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(
             Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
         ),
-        Feature.RESTITUTION_PAIRS: unsupported(_NO_PAIRS),
-        **dict.fromkeys(
-            (
-                Feature.RESTITUTION_THRESHOLD,
-                Feature.TORSIONAL_FRICTION,
-                Feature.ROLLING_FRICTION,
-                Feature.HARDNESS_TIME_CONSTANT,
-                Feature.HARDNESS_STIFFNESS,
-                Feature.HARDNESS_NATIVE,
-                Feature.HARDNESS_PAIRS,
-                Feature.PASSING_PAIRS,
-            ),
-            unsupported("not yet"),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION_THRESHOLD: via_api("restitutionVelocityThreshold: one for all pairs that bounce"),
+        Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.ROLLING_FRICTION: Support(Level.EXACT, "rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.HARDNESS_COMMON: via_api("contactERP, contactSlop, no speculative contact"),
+        Feature.HARDNESS_TIME_CONSTANT: unsupported(
+            "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
         ),
-        Feature.HARDNESS_COMMON: EXACT,
+        Feature.HARDNESS_STIFFNESS: Support(
+            Level.EXACT, "a spring and a damper at each point of contact, implicit in time"
+        ),
+        Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
+        Feature.HARDNESS_PAIRS: via_api(_COPIES),
+        Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
         Feature.CONE_ELLIPTIC: via_api("enableConeFriction=1"),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"
@@ -152,11 +151,6 @@ class PyBullet(Engine):
             maximum=1.0,
         ),
         "contact_slop": Setting(0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0),
-        "restitution_velocity_threshold": Setting(
-            0.0,
-            "Impacts slower than this do not bounce (m/s); PyBullet's own 0.2 is a rule that no spec asked for.",
-            minimum=0.0,
-        ),
         "contact_processing_threshold": Setting(
             0.0,
             "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "

@@ -12,7 +12,7 @@ from simspec.engines.pybullet_simulation import Link, Simulation, Tree, from_xyz
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
+from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
@@ -49,11 +49,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
                 instance["model"],
                 Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
                 joint,
-                _named(
-                    _shapes(sim, tree, link, visuals.get(link.link, [])),
-                    instance["shapes"][position],
-                    instance["visual_only"][position],
-                ),
+                _body_shapes(sim, tree, instance, position, visuals.get(link.link, [])),
             )
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
@@ -145,24 +141,76 @@ def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
     return (dimensions[1], dimensions[0])  # cylinder and capsule: PyBullet has the length first
 
 
-def _shapes(sim: Simulation, tree: Tree, link: Link, visuals: list[Shape]) -> tuple[Shape, ...]:
+def _body_shapes(
+    sim: Simulation, tree: Tree, instance: dict[str, Any], position: int, visuals: list[Shape]
+) -> tuple[Shape, ...]:
+    """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
+    every copy, in the order of layers."""
+    names, visual_only = instance["shapes"][position], instance["visual_only"][position]
+    carried = [
+        (copy["layer"], copy["shapes"], _solid(sim, tree, link))
+        for (link, _), copy in zip(tree.copies, instance["copies"], strict=True)
+        if copy["body"] == instance["bodies"][position]
+    ]
+    others = {name for _, some, _ in carried for name in some}
+    own = _solid(sim, tree, tree.links[position].link)
+    solid = [name for index, name in enumerate(names) if index not in visual_only]
+    # on the own link: what no other link carries, and what is there in several layers (its first one)
+    counts = {name: sum(name in some for _, some, _ in carried) for name in others}
+    if carried:
+        first = [name for name in solid if name not in others]
+        first += [name for name in solid if name in others and len(own) > len(first)][: len(own) - len(first)]
+        copies = [(instance["layers"][position], sorted(first, key=solid.index), own), *carried]
+    else:
+        copies = [(0, solid, own)]
+    if any(len(some) != len(held) for _, some, held in copies) or not set(counts) <= set(solid):
+        return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals))
+    found: dict[str, Shape] = {}
+    for _, some, held in sorted(copies, key=lambda copy: copy[0]):
+        for name, shape in zip(some, held, strict=True):
+            known = found.get(name)
+            if known is None:
+                found[name] = dataclasses.replace(shape, name=name)
+            elif not _same(known, shape):
+                raise EngineError("pybullet", f"holds a copy of shape {name!r} that is unlike the shape")
+            else:
+                found[name] = dataclasses.replace(known, surfaces=(*known.surfaces, *shape.surfaces))
+    shapes = _with_visuals([found[name] for name in solid], visuals)
+    return _named(tuple(shapes), names, visual_only)
+
+
+def _solid(sim: Simulation, tree: Tree, link: int) -> list[Shape]:
+    """The collision shapes of one link, without names, with the link's surface."""
     p, client = sim.bullet, sim.client
-    info = p.getDynamicsInfo(tree.uid, link.link, physicsClientId=client)
+    info = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
     inertial = Pose(tuple(info[3]), from_xyzw(info[4]))
-    rest = list(visuals)
+    surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
-    for entry in p.getCollisionShapeData(tree.uid, link.link, physicsClientId=client):
+    for entry in p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
         kind = _kind(entry[2])
         pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
-        shape = Shape(
-            "", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(Surface(info[1], restitution=info[5]),)
-        )
+        found.append(Shape("", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(surface,)))
+    return found
+
+
+def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
+    """What two links of this kind make together: springs in series, dampers in sum."""
+    if stiffness > 0.0:
+        return Hardness("stiffness", stiffness=stiffness / 2.0, damping=2.0 * damping)
+    return Hardness("native") if sim.sidecar["native_contact"] else Hardness()
+
+
+def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
+    """Collision shapes that are also seen, and after them shapes that only are seen."""
+    rest = list(visuals)
+    found = []
+    for shape in solid:
         same = next((visual for visual in rest if _same(shape, visual)), None)
         if same is not None:
             rest.remove(same)
             shape = dataclasses.replace(shape, visual=True, colour=same.colour)
         found.append(shape)
-    return (*found, *rest)
+    return [*found, *rest]
 
 
 def _named(shapes: tuple[Shape, ...], names: list[str], visual_only: list[int]) -> tuple[Shape, ...]:

@@ -44,6 +44,8 @@ class Tree:
     links: tuple[Link, ...]
     movers: tuple[Link, ...]
     """The links on hinges, slides and balls."""
+    copies: tuple[tuple[int, int], ...] = ()
+    """Links that only carry shapes: (link, index of the body in the world), in the sidecar's order."""
 
 
 @contextlib.contextmanager
@@ -136,6 +138,7 @@ class Simulation:
         self._file_links: dict[str, list[str]] = {}
         self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
         self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
+        self.body_index.update({(tree.uid, link): index for tree in self.trees for link, index in tree.copies})
         self._collect()
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
@@ -153,13 +156,15 @@ class Simulation:
 
     def _set_parameters(self, sidecar: Mapping[str, Any]) -> None:
         given = self.settings
+        if not sidecar["native_contact"]:
+            self.bullet.setPhysicsEngineParameter(
+                contactERP=given["contact_erp"], contactSlop=given["contact_slop"], physicsClientId=self.client
+            )
         self.bullet.setPhysicsEngineParameter(
             numSolverIterations=given["iterations"],
             solverResidualThreshold=given["residual_threshold"],
-            contactERP=given["contact_erp"],
             erp=given["joint_erp"],
-            contactSlop=given["contact_slop"],
-            restitutionVelocityThreshold=given["restitution_velocity_threshold"],
+            restitutionVelocityThreshold=sidecar["restitution_threshold"],
             contactBreakingThreshold=given["contact_breaking_threshold"],
             enableConeFriction=int(sidecar["friction_cone"] == "elliptic"),
             deterministicOverlappingPairs=int(given["deterministic_pairs"]),
@@ -200,7 +205,9 @@ class Simulation:
             turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
-        tree = Tree(uid, instance["root"], tuple(links), movers)
+        first = len(instance["bodies"]) - 1 + extra
+        copies = tuple((first + k, self.place[copy["body"]]) for k, copy in enumerate(instance["copies"]))
+        tree = Tree(uid, instance["root"], tuple(links), movers, copies)
         self._quieten(tree)
         return tree
 
@@ -212,8 +219,9 @@ class Simulation:
             p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
             for joint in range(p.getNumJoints(uid, physicsClientId=client))
         ]
-        wanted = self._file_links.setdefault(instance["file"], instance["bodies"])
-        if held[extra:] != wanted or len(wanted) != len(instance["bodies"]):
+        own = [*instance["bodies"], *(copy["link"] for copy in instance["copies"])]
+        wanted = self._file_links.setdefault(instance["file"], own)
+        if held[extra:] != wanted or len(wanted) != len(own):
             raise EngineError(
                 "pybullet", f"{instance['file']!r} holds the links {held[extra:]}, the sidecar names {wanted}"
             )
@@ -280,10 +288,13 @@ class Simulation:
     # --- collision filter --------------------------------------------------------------------------------------
 
     def _set_filter(self, content: Mapping[str, Any]) -> None:
-        place = {index: key for key, index in self.body_index.items()}
-        where = {name: place[index] for index, name in enumerate(self.names)}
+        where: dict[str, tuple[int, int]] = {}
+        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
+            where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)
+            for (link, _), copy in zip(tree.copies, instance["copies"], strict=True):
+                where[copy["link"]] = (tree.uid, link)
         self._masks = [
-            (*where[name], entry["group"], entry["mask"]) for entry in content["classes"] for name in entry["bodies"]
+            (*where[name], entry["group"], entry["mask"]) for entry in content["classes"] for name in entry["links"]
         ]
         for first, second in content["excluded"]:
             (uid, link), (other_uid, other_link) = where[first], where[second]

@@ -15,14 +15,19 @@ from typing import Any, ClassVar
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Support, Table, unsupported, via_api
 from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, sidecar_text
-from simspec.formats.passes import (
-    excluded_pairs_to_write,
-    principal_axes,
-    recentre_free_roots,
-    solid_shapes,
+from simspec.formats.contact_plan import Part
+from simspec.formats.passes import principal_axes, recentre_free_roots
+from simspec.formats.urdf_contact import (
+    collision_filter,
+    contact_values,
+    copy_name,
+    native_contact,
+    problems,
+    restitution_threshold,
+    split,
 )
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout, rigid_groups, trees
+from simspec.world.kinematics import initial_state, layout, trees
 from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World
 
 JOINT_TYPES = {"fixed": "fixed", "hinge": "continuous", "slide": "prismatic", "ball": "spherical"}
@@ -41,17 +46,20 @@ GEOMETRY: Mapping[str, tuple[str, tuple[tuple[str, slice], ...]]] = {
 
 PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)),))
 
-FILTER_BITS = 31
-"""Collision classes that PyBullet's 32-bit group masks can tell apart (the sign bit left alone)."""
-
 POSITION_NUMBERS = 128
 """Numbers that PyBullet exchanges of one tree's position, 7 of them for its base, fixed or not; beyond that it gives
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
+
+MOST_LINKS = 127
+"""Links beside the base of one tree; copies of shapes count."""
 
 WORLD_SUFFIX = "__world"
 """Added to a root's name for the massless base link that stands for the world."""
 
 _SIDECAR = "in the sidecar, set through the engine's API"
+_COPIES = (
+    "massless links on fixed joints carry further materials and copies of shapes; who meets whom is in the sidecar"
+)
 
 
 class Urdf(Format):
@@ -87,29 +95,20 @@ class Urdf(Format):
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,
-        Feature.MATERIALS_PER_BODY: unsupported("PyBullet holds friction and restitution once per body, not per shape"),
+        Feature.MATERIALS_PER_BODY: via_api(_COPIES),
         Feature.FRICTION: EXACT,
-        Feature.FRICTION_PAIRS: unsupported(
-            "PyBullet multiplies two numbers, one per body, and no numbers give these pairs"
-        ),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: EXACT,
-        Feature.RESTITUTION_PAIRS: unsupported(
-            "PyBullet multiplies two numbers, one per body, and no numbers give these pairs"
-        ),
-        **dict.fromkeys(
-            (
-                Feature.RESTITUTION_THRESHOLD,
-                Feature.TORSIONAL_FRICTION,
-                Feature.ROLLING_FRICTION,
-                Feature.HARDNESS_TIME_CONSTANT,
-                Feature.HARDNESS_STIFFNESS,
-                Feature.HARDNESS_NATIVE,
-                Feature.HARDNESS_PAIRS,
-                Feature.HARDNESS_COMMON,
-                Feature.PASSING_PAIRS,
-            ),
-            EXACT,
-        ),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION_THRESHOLD: via_api(_SIDECAR),
+        Feature.TORSIONAL_FRICTION: EXACT,
+        Feature.ROLLING_FRICTION: EXACT,
+        Feature.HARDNESS_COMMON: EXACT,
+        Feature.HARDNESS_TIME_CONSTANT: unsupported("PyBullet's springs are in N/m, for whatever mass"),
+        Feature.HARDNESS_STIFFNESS: EXACT,
+        Feature.HARDNESS_NATIVE: via_api(_SIDECAR),
+        Feature.HARDNESS_PAIRS: via_api(_COPIES),
+        Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"
@@ -123,9 +122,8 @@ class Urdf(Format):
 
     def emit(self, world: World, target: Target) -> dict[str, str]:
         """The URDF files and ``sidecar.json``. Raises UnsupportedError for a tree with too many joints for PyBullet."""
-        _check_size(world)
+        _check(world, target)
         moved, offsets = recentre_free_roots(world)
-        surfaces = _surfaces(moved, target)
         coordinates = _Coordinates(world)
         files: dict[str, str] = {}
         seen: dict[Any, str] = {}
@@ -133,11 +131,12 @@ class Urdf(Format):
         instances = []
         template = environment().get_template("urdf/model.urdf.j2")
         for bodies in trees(moved).values():
-            key = _content(bodies, surfaces)
+            some = {body.name: split(body, target.plan) for body in bodies}
+            key = _content(bodies, some)
             if key not in seen:
                 seen[key] = _file_name(bodies[0].model, names)
-                files[seen[key]] = template.render(_model(bodies, surfaces))
-            instances.append(_instance(seen[key], bodies, coordinates))
+                files[seen[key]] = template.render(_model(bodies, some))
+            instances.append(_instance(seen[key], bodies, some, coordinates))
         content = sidecar(
             self.NAME,
             world,
@@ -154,7 +153,9 @@ class Urdf(Format):
             armature=[
                 {"body": body.name, "armature": body.joint.armature} for body in world.bodies if body.joint.armature
             ],
-            collision_filter=_collision_filter(world),
+            collision_filter=collision_filter(world, target.plan),
+            restitution_threshold=restitution_threshold(world),
+            native_contact=native_contact(world),
         )
         files[SIDECAR] = sidecar_text(content)
         return files
@@ -166,12 +167,23 @@ class Urdf(Format):
         return read_folder(folder)
 
 
-def _check_size(world: World) -> None:
-    problems = []
+def _check(world: World, target: Target) -> None:
+    """Raise UnsupportedError with all that PyBullet cannot have of this world."""
+    found = problems(world)
     for root, bodies in trees(world).items():
+        links = sum(len(split(body, target.plan)) for body in bodies)
+        if links > MOST_LINKS:
+            found.append(
+                Problem(
+                    f"PyBullet holds at most {MOST_LINKS} links in one tree",
+                    f"bodies.{root}",
+                    found=f"{links}, of which {links - len(bodies)} carry further materials or copies of shapes",
+                    hint="split the tree, use fewer materials in it, or run without this engine",
+                )
+            )
         numbers = 7 + sum(POSITION_SIZE[body.joint.kind] for body in bodies if body.joint.kind != "free")
         if numbers > POSITION_NUMBERS:
-            problems.append(
+            found.append(
                 Problem(
                     "PyBullet cannot have tree.size: it exchanges at most "
                     f"{POSITION_NUMBERS} position numbers of one tree, 7 of them for the base",
@@ -180,8 +192,8 @@ def _check_size(world: World) -> None:
                     hint="split the tree, or run without this engine",
                 )
             )
-    if problems:
-        raise UnsupportedError(problems)
+    if found:
+        raise UnsupportedError(found)
 
 
 class _Coordinates:
@@ -200,17 +212,6 @@ class _Coordinates:
             q.extend(self._q[self._places.position[index]].tolist())
             v.extend(self._v[self._places.velocity[index]].tolist())
         return q, v
-
-
-def _surfaces(world: World, target: Target) -> dict[str, tuple[float, float]]:
-    """Friction and restitution numbers of each body under the engine's combination rules."""
-    found = {}
-    for body in world.bodies:
-        solid = solid_shapes(body)
-        material = solid[0].material if solid else None
-        held = target.plan.numbers[material, 0] if material is not None else Surface()
-        found[body.name] = (held.friction, held.restitution)
-    return found
 
 
 def _file_name(name: str, taken: set[str]) -> str:
@@ -233,7 +234,7 @@ def has_world_link(root: Body) -> bool:
     return root.joint.kind in ("hinge", "slide", "ball") or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
 
 
-def _content(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float]]) -> Any:
+def _content(bodies: tuple[Body, ...], some: Mapping[str, tuple[Part, ...]]) -> Any:
     """Everything that goes into the file of a tree, apart from names: equal keys can share one file."""
     place = {body.name: index for index, body in enumerate(bodies)}
     found = []
@@ -252,14 +253,27 @@ def _content(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float
                 joint.damping,
                 joint.dry_friction,
                 body.inertial,
-                surfaces[body.name],
-                tuple((s.kind, s.size, s.pose, s.collision, s.visual, s.colour) for s in body.shapes),
+                tuple((part.surface, len(part.shapes)) for part in some[body.name]),
+                tuple(
+                    (
+                        s.material if len(some[body.name]) > 1 else "",
+                        s.kind,
+                        s.size,
+                        s.pose,
+                        s.collision,
+                        s.visual,
+                        s.colour,
+                    )
+                    for s in body.shapes
+                ),
             )
         )
     return tuple(found)
 
 
-def _instance(file: str, bodies: tuple[Body, ...], coordinates: _Coordinates) -> dict[str, Any]:
+def _instance(
+    file: str, bodies: tuple[Body, ...], some: Mapping[str, tuple[Part, ...]], coordinates: _Coordinates
+) -> dict[str, Any]:
     """Where one tree stands and how it starts. ``bodies`` are in the order of the file's links (after the world link)."""
     root = bodies[0]
     q, v = coordinates.of(bodies)
@@ -274,12 +288,24 @@ def _instance(file: str, bodies: tuple[Body, ...], coordinates: _Coordinates) ->
         "shapes": [[shape.name for shape in body.shapes] for body in bodies],
         # PyBullet lists collision shapes and visual shapes apart: these are the places of those that are only visual
         "visual_only": [[i for i, shape in enumerate(body.shapes) if not shape.collision] for body in bodies],
+        # after the bodies' links: which shapes of which body a link carries, and the layer
+        "copies": [
+            {
+                "link": copy_name(part),
+                "body": body.name,
+                "layer": part.layer,
+                "shapes": [shape.name for shape in part.shapes],
+            }
+            for body in bodies
+            for part in some[body.name][1:]
+        ],
+        "layers": [some[body.name][0].layer for body in bodies],
         "position": q,
         "velocity": v,
     }
 
 
-def _model(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+def _model(bodies: tuple[Body, ...], some: Mapping[str, tuple[Part, ...]]) -> dict[str, Any]:
     """What the template prints for a tree."""
     root = bodies[0]
     links, joints = [], []
@@ -288,9 +314,9 @@ def _model(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float]]
     while world_link in taken:
         world_link += "_"
     if has_world_link(root):
-        links.append(_massless(world_link))
+        links.append(_massless(world_link, Surface(), ()))
     for body in bodies:
-        friction, restitution = surfaces[body.name]
+        own = some[body.name][0]
         moments, turn = principal_axes(body.inertial.inertia)
         links.append(
             {
@@ -298,27 +324,45 @@ def _model(bodies: tuple[Body, ...], surfaces: Mapping[str, tuple[float, float]]
                 "inertial": _frame(Pose(body.inertial.centre_of_mass, turn)),
                 "mass": body.inertial.mass,
                 "moments": moments,
-                "friction": friction,
-                "restitution": restitution,
-                "shapes": [_shape(shape) for shape in body.shapes],
+                "contact": contact_values(own.surface),
+                "shapes": [_shape(shape, shape in own.shapes) for shape in body.shapes],
             }
         )
         if body.joint.parent is not None:
             joints.append(_joint(body, body.joint.parent, body.joint.origin))
         elif has_world_link(root):
             joints.append(_joint(body, world_link, Pose()))
+    for body in bodies:
+        for part in some[body.name][1:]:
+            links.append(_massless(copy_name(part), part.surface, part.shapes))
+            joints.append(_weld(copy_name(part), body.name))
     return {"name": root.model, "links": links, "joints": joints}
 
 
-def _massless(name: str) -> dict[str, Any]:
+def _massless(name: str, surface: Surface, shapes: tuple[Shape, ...]) -> dict[str, Any]:
     return {
         "name": name,
         "inertial": _frame(Pose()),
         "mass": 0.0,
         "moments": (0.0, 0.0, 0.0),
+        "contact": contact_values(surface),
+        "shapes": [{**_shape(shape, True), "visual": False} for shape in shapes],
+    }
+
+
+def _weld(name: str, parent: str) -> dict[str, Any]:
+    """The fixed joint of a copy's link."""
+    return {
+        "name": f"{name}.joint",
+        "type": JOINT_TYPES["fixed"],
+        "parent": parent,
+        "child": name,
+        "pose": _frame(Pose()),
+        "axis": (1.0, 0.0, 0.0),
+        "dynamics": False,
+        "damping": 0.0,
         "friction": 0.0,
-        "restitution": 0.0,
-        "shapes": [],
+        "limits": [],
     }
 
 
@@ -326,7 +370,7 @@ def _frame(pose: Pose) -> dict[str, Any]:
     return {"xyz": pose.position, "rpy": frames.to_rpy(pose.quaternion)}
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
+def _shape(shape: Shape, collision: bool) -> dict[str, Any]:
     if shape.kind == "plane":
         tag, sizes = PLANE
     else:
@@ -339,7 +383,7 @@ def _shape(shape: Shape) -> dict[str, Any]:
         "pose": _frame(shape.pose),
         "colour": shape.colour,
         "visual": shape.visual,
-        "collision": shape.collision,
+        "collision": collision,
     }
 
 
@@ -369,50 +413,4 @@ def _joint(body: Body, parent: str, origin: Pose) -> dict[str, Any]:
         "damping": joint.damping,
         "friction": joint.dry_friction,
         "limits": limits,
-    }
-
-
-def _collision_filter(world: World) -> dict[str, Any]:
-    """Classes of bodies (a group bit and a mask each) and pairs that do not touch besides.
-
-    A class is a collision group, apart for bodies that can move and for bodies that cannot (these never touch each other).
-    Groups that ignore nothing share one class. More classes than bits: ignored groups become pairs.
-    """
-    groups = rigid_groups(world)
-    ignored = set(world.contact.ignored_groups)
-    named = {name for pair in ignored for name in pair}
-    excluded = set(excluded_pairs_to_write(world))
-    solid = [body for body in world.bodies if solid_shapes(body)]
-
-    def members(by_group: bool) -> dict[tuple[bool, str], list[str]]:
-        found: dict[tuple[bool, str], list[str]] = {}
-        for body in solid:
-            group = body.collision_group if by_group and body.collision_group in named else ""
-            found.setdefault((groups[body.name] == "world", group), []).append(body.name)
-        return dict(sorted(found.items()))
-
-    classes = members(True)
-    if len(classes) > FILTER_BITS:
-        of = {body.name: body.collision_group for body in solid}
-        by_group: dict[str, list[str]] = {}
-        for name, group in of.items():
-            by_group.setdefault(group, []).append(name)
-        for first, second in ignored:
-            for one in by_group.get(first, ()):
-                excluded.update(
-                    (min(one, other), max(one, other)) for other in by_group.get(second, ()) if one != other
-                )
-        classes, ignored = members(False), set()
-    bits = {key: 1 << index for index, key in enumerate(classes)}
-
-    def mask(key: tuple[bool, str]) -> int:
-        return sum(
-            bit
-            for other, bit in bits.items()
-            if not (key[0] and other[0]) and (min(key[1], other[1]), max(key[1], other[1])) not in ignored
-        )
-
-    return {
-        "classes": [{"group": bits[key], "mask": mask(key), "bodies": names} for key, names in classes.items()],
-        "excluded": sorted(excluded),
     }

@@ -18,7 +18,18 @@ from xml.etree import ElementTree
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
 from simspec.world import frames
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    Hardness,
+    Inertial,
+    Joint,
+    Pose,
+    ReadBack,
+    Shape,
+    Surface,
+)
 
 KINDS = {"fixed": "fixed", "revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
 
@@ -32,8 +43,8 @@ class _Dialect:
     spherical: set[str] = field(default_factory=set)
     geometry: dict[tuple[str, str, str], tuple[str, tuple[float, ...]]] = field(default_factory=dict)
     """(link, visual or collision, shape name): kind and size"""
-    surface: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """link: friction and restitution"""
+    surface: dict[str, Surface] = field(default_factory=dict)
+    """link: the numbers of its contact"""
 
 
 def _plain_urdf(path: Path) -> tuple[bytes, _Dialect]:
@@ -48,7 +59,7 @@ def _plain_urdf(path: Path) -> tuple[bytes, _Dialect]:
         name = link.attrib["name"]
         contact = link.find("contact")
         if contact is not None:
-            found.surface[name] = (_value(contact, "lateral_friction"), _value(contact, "restitution"))
+            found.surface[name] = _surface(contact)
             link.remove(contact)
         for role in ("visual", "collision"):
             for shape in link.findall(role):
@@ -61,6 +72,17 @@ def _plain_urdf(path: Path) -> tuple[bytes, _Dialect]:
                     geometry.remove(kind)
                     ElementTree.SubElement(geometry, "sphere", radius="1")
     return ElementTree.tostring(root), found
+
+
+def _surface(contact: ElementTree.Element) -> Surface:
+    """A link's contact. Two links' springs stand in series and their dampers add up: a pair has half and twice as much."""
+    sliding, spinning = _value(contact, "lateral_friction"), _value(contact, "spinning_friction")
+    rolling, restitution = _value(contact, "rolling_friction"), _value(contact, "restitution")
+    if contact.find("stiffness") is None:
+        return Surface(sliding, spinning, rolling, restitution, Hardness())
+    stiffness, damping = _value(contact, "stiffness"), _value(contact, "damping")
+    spring = Hardness("stiffness", stiffness=stiffness / 2.0, damping=damping * 2.0)
+    return Surface(sliding, spinning, rolling, restitution, spring)
 
 
 def _value(contact: ElementTree.Element, name: str) -> float:
@@ -98,9 +120,9 @@ def _inertial(link: Any) -> Inertial:
     return Inertial(float(given.mass), pose.position, frames.turn_inertia(pose.quaternion, tensor))
 
 
-def _shapes(link: Any, dialect: _Dialect, names: list[str]) -> tuple[Shape, ...]:
+def _shapes(link: Any, dialect: _Dialect, names: list[str], copied: bool = False) -> tuple[Shape, ...]:
     """The shapes of a link, in the order of ``names``; those of one name in ``visual`` and ``collision`` are one."""
-    friction, restitution = dialect.surface[link.name]
+    surface = dialect.surface[link.name]
     found: dict[str, Shape] = {}
     for role, elements in (("collision", link.collisions), ("visual", link.visuals)):
         for element in elements:
@@ -114,12 +136,31 @@ def _shapes(link: Any, dialect: _Dialect, names: list[str]) -> tuple[Shape, ...]
                 colour = tuple(float(part) for part in element.material.color.rgba)
                 found[element.name] = dataclasses.replace(shape, visual=True, colour=colour)
             else:
-                found[element.name] = dataclasses.replace(
-                    shape, collision=True, surfaces=(Surface(friction, restitution=restitution),)
-                )
-    if set(found) != set(names):
+                found[element.name] = dataclasses.replace(shape, collision=True, surfaces=(surface,))
+    if set(found) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(found)}, the sidecar names {sorted(names)}")
-    return tuple(found[name] for name in names)
+    return tuple(found[name] for name in names if name in found)
+
+
+def _with_copies(own: tuple[Shape, ...], layer: int, copies: list[tuple[int, tuple[Shape, ...]]]) -> tuple[Shape, ...]:
+    """The shapes of a body: those of its own link in ``layer``, and those of other links, each once with all surfaces."""
+    known = {shape.name: shape for shape in own}
+    layers: dict[str, list[tuple[int, Surface]]] = {
+        shape.name: [(layer, shape.surfaces[0])] for shape in own if shape.collision
+    }
+    for number, some in copies:
+        for shape in some:
+            before = known.get(shape.name)
+            if before is None:
+                known[shape.name] = shape
+            elif (before.kind, before.size, before.pose) != (shape.kind, shape.size, shape.pose):
+                raise ValueError(f"a copy of shape {shape.name!r} is unlike the shape")
+            layers.setdefault(shape.name, []).append((number, shape.surfaces[0]))
+    found = []
+    for name, shape in known.items():
+        held = tuple(surface for _, surface in sorted(layers.get(name, []), key=lambda entry: entry[0]))
+        found.append(dataclasses.replace(shape, collision=bool(held), surfaces=held))
+    return tuple(found)
 
 
 def _geometry(geometry: Any) -> tuple[str, tuple[float, ...]]:
@@ -170,6 +211,13 @@ def _instance_bodies(file: _File, first: Mapping[str, Any], instance: Mapping[st
     links = list(file.links)
     base = Pose(tuple(instance["base"]["position"]), tuple(instance["base"]["quaternion"]))
     world_link = links.pop(0).name if instance["root"] == "world link" else None
+    carriers = links[len(first["bodies"]) :]
+    del links[len(first["bodies"]) :]
+    if [link.name for link in carriers] != [copy["link"] for copy in first["copies"]]:
+        raise ValueError(f"{instance['file']}: the links of copies are not those of the sidecar")
+    if len(first["copies"]) != len(instance["copies"]):
+        raise ValueError(f"{instance['file']}: two instances have other copies of shapes")
+    copies = _copies(file, carriers, first, instance)
     if [link.name for link in links] != first["bodies"]:
         raise ValueError(f"{instance['file']}: the links are not those of the sidecar, {first['bodies']}")
     own_name = {link.name: name for link, name in zip(links, instance["bodies"], strict=True)}
@@ -194,7 +242,13 @@ def _instance_bodies(file: _File, first: Mapping[str, Any], instance: Mapping[st
         if joint.kind == "free":
             # the sidecar has ω in body axes; the file's frame is at the centre of mass
             velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))  # type: ignore[arg-type]
-        shapes = zip(_shapes(link, file.dialect, names_in_file), shape_names, strict=True)
+        carried = copies.get(name, [])
+        own_shapes = _shapes(link, file.dialect, names_in_file, copied=bool(carried))
+        layer = instance["layers"][instance["bodies"].index(name)]
+        whole = {one.name: one for one in _with_copies(own_shapes, layer, carried)}
+        if set(whole) != set(names_in_file):
+            raise ValueError(f"body {name!r} has the shapes {sorted(whole)}, the sidecar names {sorted(names_in_file)}")
+        shapes = zip((whole[one] for one in names_in_file), shape_names, strict=True)
         bodies.append(
             Body(
                 name,
@@ -205,6 +259,23 @@ def _instance_bodies(file: _File, first: Mapping[str, Any], instance: Mapping[st
             )
         )
     return bodies
+
+
+def _copies(
+    file: _File, carriers: list[Any], first: Mapping[str, Any], instance: Mapping[str, Any]
+) -> dict[str, list[tuple[int, tuple[Shape, ...]]]]:
+    """Of each body of this instance the layers and shapes that other links carry, under the file's names."""
+    found: dict[str, list[tuple[int, tuple[Shape, ...]]]] = {}
+    parent = {link: joint.parent for link, joint in file.joints.items()}
+    for link, in_file, own in zip(carriers, first["copies"], instance["copies"], strict=True):
+        joint = file.joints[link.name]
+        if joint.type != "fixed" or parent[link.name] != in_file["body"] or _pose(joint.origin) != Pose():
+            raise ValueError(f"link {link.name!r} is not welded onto the body of its shapes, {in_file['body']!r}")
+        if _inertial(link).mass:
+            raise ValueError(f"link {link.name!r} only carries shapes, and has a mass")
+        shapes = _shapes(link, file.dialect, in_file["shapes"])
+        found.setdefault(own["body"], []).append((own["layer"], shapes))
+    return found
 
 
 def read_folder(folder: Path) -> ReadBack:
@@ -227,6 +298,8 @@ def read_folder(folder: Path) -> ReadBack:
         found[entry["body"]] = _with_joint(found[entry["body"]], armature=entry["armature"])
     ordered = tuple(found[body["name"]] for body in content["bodies"])
     offsets = {body["name"]: tuple(body["frame_offset"]) for body in content["bodies"] if any(body["frame_offset"])}
+    if content["native_contact"]:
+        ordered = tuple(_as_native(body) for body in ordered)
     return ReadBack(
         restore_frames(ordered, offsets),
         tuple(content["gravity"]),
@@ -234,6 +307,17 @@ def read_folder(folder: Path) -> ReadBack:
         content["friction_cone"],
         dict(UNREADABLE),
     )
+
+
+def _as_native(body: Body) -> Body:
+    """Contact without stiffness is as hard as PyBullet makes it."""
+
+    def native(surface: Surface) -> Surface:
+        common = surface.hardness == Hardness()
+        return dataclasses.replace(surface, hardness=Hardness("native")) if common else surface
+
+    shapes = tuple(dataclasses.replace(shape, surfaces=tuple(map(native, shape.surfaces))) for shape in body.shapes)
+    return dataclasses.replace(body, shapes=shapes)
 
 
 def _with_joint(body: Body, **changes: float) -> Body:
