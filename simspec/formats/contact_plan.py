@@ -53,11 +53,14 @@ class ContactPlan:
     layer_of   for each pair of materials that meet and collide, sorted, the layer in which they meet
     missed     pairs of which some number is not what the rules give in their layer, sorted: left to explicit pairs, or
                not to be had
+    explicit   the pairs to be written as explicit ones, in the plan of a contact probe, which has what its scenario's files
+               have; None: the format decides
     """
 
     numbers: Mapping[tuple[str, int], Surface]
     layer_of: Mapping[Pair, int]
     missed: tuple[Pair, ...] = ()
+    explicit: tuple[Pair, ...] | None = None
 
     def layers(self, material: str) -> tuple[int, ...]:
         """The layers that the shapes of a material are in, at least one."""

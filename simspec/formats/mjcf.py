@@ -6,6 +6,7 @@ shapes or explicit pairs share stands once in the file's ``<default>``; a shape'
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -184,10 +185,12 @@ class Mjcf(Format):
             "qpos": numbers(value for body, *_ in order for value in body.joint.position),
             "qvel": numbers(value for body, *_ in order for value in _joint_velocity(body.joint)),
         }
+        # the settings in force: impratio is one number for the world, and which one follows from its laws
+        in_force = {**target.settings, "impratio": friction_hardness(world, target)}
         beside = sidecar(
             self.NAME,
             world,
-            target,
+            dataclasses.replace(target, settings=in_force),
             offsets,
             explicit_pairs=all_pairs,
             models=[body.model for body in world.bodies],

@@ -193,6 +193,7 @@ def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool
     Listed are every two shapes that may touch and whose law needs it (``pairs_needed``), and every two with friction: they
     alone have a reference of their own for friction (not under the pyramid, where MuJoCo ignores it, nor where hardness
     is native). The latter only up to ``explicit_pairs_limit``. Raises UnsupportedError when even the former are more.
+    A plan that names its explicit pairs has these alone.
     """
     laws = meeting_laws(world)
     needed = pairs_needed(world, target)
@@ -206,6 +207,9 @@ def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool
     for body in world.bodies:
         for shape in solid_shapes(body):
             counts[shape.material] = counts.get(shape.material, 0) + 1
+    chosen = target.plan.explicit
+    if chosen is not None:
+        return _rows(world, target, laws, [pair for pair in laws if pair in chosen]), set(wished) <= set(chosen)
     limit = int(target.settings["explicit_pairs_limit"])
 
     def too_many(pairs: list[Pair]) -> bool:

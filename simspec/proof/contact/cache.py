@@ -48,9 +48,15 @@ def read(name: str) -> list[Figure] | None:
     """The figures of an entry; None when there is none, or when it cannot be read (it is then measured anew)."""
     path = folder() / f"{name}.json"
     try:
-        return [from_plain(Figure, entry) for entry in json.loads(path.read_text(encoding="utf-8"))]
-    except (OSError, ValueError, KeyError, TypeError):
+        entries = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
+        return [from_plain(Figure, entry) for entry in entries] or None  # every probe gives some figure
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
+
+
+def _refuse(constant: str) -> float:
+    """NaN and infinity: no entry is written with them."""
+    raise ValueError(constant)
 
 
 def write(name: str, figures: Sequence[Figure]) -> bool:
@@ -58,9 +64,11 @@ def write(name: str, figures: Sequence[Figure]) -> bool:
     text = json.dumps([to_plain(figure) for figure in figures], allow_nan=False)
     try:
         folder().mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=folder(), delete=False) as file:
-            file.write(text)
-        os.replace(file.name, folder() / f"{name}.json")
+        # a name of its own: several processes may measure the same at the same time
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder()) as place:
+            part = Path(place) / "entry.json"
+            part.write_text(text, encoding="utf-8")
+            os.replace(part, folder() / f"{name}.json")
     except OSError:
         return False
     return True

@@ -7,40 +7,80 @@ counts: a slip in one shape must not hide behind the others.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.engines.base import Engine
+from simspec.errors import Problem, UnsupportedError
 from simspec.features import Feature
 from simspec.formats.base import formats, read_sidecar
-from simspec.formats.contact_plan import QUANTITIES, ContactPlan, contact_plan
+from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Pair, contact_plan, meeting_laws, shape_pairs
 from simspec.formats.passes import solid_shapes
-from simspec.world.types import Contact, EngineOptions, PairContact, ReadBack, Surface, World
+from simspec.world.types import (
+    FRICTION_CONES,
+    Contact,
+    EngineOptions,
+    Hardness,
+    PairContact,
+    ReadBack,
+    Surface,
+    World,
+)
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
 """What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
+HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
 
 
 @dataclass(frozen=True)
 class Held:
-    """What the files of one engine say: contact laws, the numbers of materials, solver settings."""
+    """What the files of one engine say: contact laws, the numbers of materials, solver settings, the timestep (s)."""
 
     contact: Contact
     plan: ContactPlan
     options: EngineOptions
+    timestep: float
 
 
 def held(world: World, engine: type[Engine], folder: Path) -> Held:
-    """Read the contact law from the artifacts in ``folder``. Raises what readers raise at damaged files."""
+    """Read the contact law from the artifacts in ``folder``.
+
+    Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
+    """
     read = formats()[engine.FORMAT].read(folder)
     settings = read_sidecar(folder)["settings"]
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     cone = world.contact.friction_cone if "friction_cone" in read.unreadable else read.friction_cone
+    timestep = world.physics.timestep if "timestep" in read.unreadable else read.timestep
     contact = dataclasses.replace(world.contact, friction_cone=cone, pairs=_pairs(world, read))
     numbers = _numbers(world, read, plan)
+    problems = list(_impossible(contact, numbers, timestep))
+    if problems:
+        raise UnsupportedError(problems)
     options = EngineOptions(engine.NAME, tuple(sorted(settings.items())), EVERYTHING)
-    return Held(contact, dataclasses.replace(plan, numbers=numbers), options)
+    plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
+    return Held(contact, plan, options, timestep)
+
+
+def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
+    """What the files say and no probe world could be written with."""
+    if contact.friction_cone not in FRICTION_CONES:
+        yield Problem("the files hold an unknown friction cone", found=contact.friction_cone)
+    if not 0.0 < timestep < math.inf:
+        yield Problem("the files hold an impossible timestep", found=f"{timestep}")
+    surfaces: list[tuple[str, Surface | PairContact]] = [
+        *((f"{name} in layer {layer}", surface) for (name, layer), surface in numbers.items()),
+        *((f"{pair.first} with {pair.second}", pair) for pair in contact.pairs),
+    ]
+    for where, one in surfaces:
+        hardness = one.hardness or Hardness()
+        values = {name: getattr(one, name) for name in QUANTITIES}
+        values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
+        for name, value in values.items():
+            if value is not None and not math.isfinite(value):
+                yield Problem(f"the files hold an impossible {name.replace('_', ' ')} of {where}", found=f"{value}")
 
 
 def of_pair(whole: Held, first: str, second: str) -> Held:
@@ -55,8 +95,9 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
         {key: surface for key, surface in whole.plan.numbers.items() if key[0] in names},
         {pair: layer for pair, layer in whole.plan.layer_of.items() if set(pair) <= names},
         tuple(pair for pair in whole.plan.missed if set(pair) <= names),
+        tuple(pair for pair in whole.plan.explicit or () if set(pair) <= names),
     )
-    return Held(contact, plan, whole.options)
+    return Held(contact, plan, whole.options, whole.timestep)
 
 
 def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:
@@ -69,7 +110,8 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
             for layer, surface in zip(plan.layers(shape.material), other.surfaces, strict=False):
                 key = (shape.material, layer)
                 whole = _filled(surface, plan.numbers[key])
-                if _distance(whole, plan.numbers[key]) > _distance(found[key], plan.numbers[key]):
+                # "not nearer" instead of "further", so that no NaN is passed over
+                if not _distance(whole, plan.numbers[key]) <= _distance(found[key], plan.numbers[key]):
                     found[key] = whole
     return found
 
@@ -100,9 +142,24 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             name: value for name in (*QUANTITIES, "hardness") if (value := getattr(pair.surface, name)) is not None
         }
         told = dataclasses.replace(law, **known)
-        if _apart(told, law) > _apart(found[names], law):
+        if not _apart(told, law) <= _apart(found[names], law):
             found[names] = told
     return tuple(found.values())
+
+
+def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
+    """The pairs of materials of which every two shapes that may touch are held as an explicit pair.
+
+    Where one is missing, it is the shapes' numbers that count there, and they are measured.
+    """
+    there = {(pair.first, pair.second) for pair in read.pairs}
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    named = {tuple(sorted(material.get(name, "") for name in pair)) for pair in there}
+    return tuple(
+        pair
+        for pair in meeting_laws(world)
+        if pair in named and all(two in there for two in shape_pairs(world, [pair]))
+    )
 
 
 def _apart(one: PairContact, other: PairContact) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.engines.base import Deviation, Engine, find_engine
-from simspec.engines.process import Answer, Operation, Running, start
+from simspec.engines.process import Answer, Operation, Running, call, start
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import Check, failed
@@ -59,23 +60,58 @@ class Measuring:
 
     engine: type[Engine]
     jobs: tuple[_Job, ...]
+    operations: tuple[Operation, ...]
+    """Of all jobs that are not known, in order, with their artifacts in place."""
     running: Running | None
+    place: Path
+    python: str | None
+    ends: float
+    """When the deadline is over (``time.monotonic``)."""
     use_cache: bool
 
     def wait(self) -> tuple[list[Figure], list[str]]:
-        """The figures, and the cache's complaints. Raises EngineError."""
-        answers = iter(self.running.wait().answers if self.running is not None else ())
+        """The figures, and the cache's complaints. What makes the engine fail is a figure without a number."""
+        answers = self._answers()
         found: list[Figure] = []
         complaints: list[str] = []
         for job in self.jobs:
             if job.known is not None:
                 raw: Sequence[Figure] = job.known
             else:
-                raw = [_kept(figure) for figure in _figures(job, [next(answers) for _ in job.operations])]
+                given = next(answers)
+                if isinstance(given, EngineError):
+                    found.append(_failed(job, given))
+                    continue
+                raw = [_kept(figure) for figure in _figures(job, given)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"nothing can be kept in {cache.folder()}"]
             found += [_deviating(figure, job, self.engine) for figure in raw]
         return found, complaints
+
+    def _answers(self) -> Iterator[list[Answer] | EngineError]:
+        """Of each job that is not known, its answers. One process for all; when it fails, one for each, to find out which
+        of them it was."""
+        if self.running is None:
+            return
+        counts = [len(job.operations) for job in self.jobs if job.known is None]
+        starts = np.cumsum([0, *counts])
+        try:
+            answers = self.running.wait().answers
+        except EngineError as error:
+            for start_at, count in zip(starts, counts, strict=False):
+                yield self._alone(self.operations[start_at : start_at + count], error)
+            return
+        for start_at, count in zip(starts, counts, strict=False):
+            yield answers[start_at : start_at + count]
+
+    def _alone(self, operations: Sequence[Operation], error: EngineError) -> list[Answer] | EngineError:
+        left = self.ends - time.monotonic()
+        if left <= 0.0:
+            return error
+        try:
+            return call(self.engine.NAME, self.place, operations, python=self.python, deadline=left).answers
+        except EngineError as again:
+            return again
 
 
 def laws(world: World) -> list[Law]:
@@ -113,9 +149,10 @@ def measure(
                     parameters = {**operation.parameters, "artifacts": str(artifacts)}
                     operations.append(dataclasses.replace(operation, parameters=parameters))
         running = None
+        ends = time.monotonic() + deadline
         if operations:
             running = stack.enter_context(start(engine_name, place, operations, python=python, deadline=deadline))
-        yield Measuring(engine, tuple(jobs), running, use_cache)
+        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache)
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool) -> _Job:
@@ -168,7 +205,7 @@ def _world(one: Held, law: Law, trial: Trial) -> World:
         for body in trial.bodies
     )
     contact = dataclasses.replace(one.contact, ignored_groups=((MOVING, MOVING),), excluded_bodies=_joined(bodies))
-    physics = Physics((0.0, 0.0, -GRAVITY), law.timestep, sum(phase.steps for phase in trial.phases))
+    physics = Physics((0.0, 0.0, -GRAVITY), one.timestep, sum(phase.steps for phase in trial.phases))
     return World("contact-probe", bodies, contact, physics, engines=(one.options,))
 
 
@@ -200,6 +237,13 @@ def _figures(job: _Job, answers: Sequence[Answer]) -> Sequence[Figure]:
         velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
         motions.append(Motion(arrays["time"], pose, velocity))
     return job.probe.figures(job.law, motions)
+
+
+def _failed(job: _Job, error: EngineError) -> Figure:
+    """The one figure of a job that the engine failed at."""
+    subject = "shapes" if job.law is None else impact.subject(job.law)
+    name = size.NAME if job.probe is None else job.probe.NAME
+    return Figure(name, subject, str(error), "", "", 0.0, None, 0.0)
 
 
 def _kept(figure: Figure) -> Figure:
