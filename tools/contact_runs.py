@@ -1,0 +1,206 @@
+"""What docs/contact.md is made from: contact probes and towers, run in every engine at every timestep."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import engines
+from simspec.engines.process import Operation, Reply, call
+from simspec.errors import EngineError, UnsupportedError
+from simspec.features import Feature
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world.kinematics import layout
+from simspec.world.types import (
+    Body,
+    Contact,
+    EngineOptions,
+    Inertial,
+    Joint,
+    Material,
+    PairContact,
+    Physics,
+    Pose,
+    Shape,
+    World,
+)
+
+ENGINES = tuple(engines())
+ACCEPT = tuple(sorted(feature.value for feature in Feature))
+"""Everything approximate is accepted: how approximate it is, is what the page says."""
+DEADLINE = 1800.0
+"""s for one engine's process."""
+
+TOWER_TIME, TOWER_LOOKS = 10.0, 20
+"""s, and looks per second."""
+FALLEN = 0.25
+"""A tower has fallen when a body has come down by this share of the height of one of its bodies."""
+TOWERS = {
+    "ten boxes": ("box", (0.1, 0.1, 0.1), 10, 1.0),
+    "seven cylinders": ("cylinder", (0.02, 0.1), 7, 1.0),
+}
+"""Shape and size of a body (m; a cylinder's radius and length), how many, and the mass of each (kg)."""
+TOWER_FRICTION = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """Figures of one probe in one engine at one timestep, or why there are none."""
+
+    figures: tuple[Figure, ...] = ()
+    refused: str = ""
+    failed: str = ""
+
+
+def probe_world(law: Law, bodies: tuple[Body, ...], steps: int) -> World:
+    """Bodies of two materials, every two of which have the law's pair."""
+    pair = law.pair
+    materials = tuple(
+        Material(name, pair.friction, pair.restitution, pair.torsional_friction, pair.rolling_friction)
+        for name in sorted({pair.first, pair.second})
+    )
+    pairs = tuple(
+        dataclasses.replace(pair, first=one.name, second=other.name)
+        for one, other in itertools.combinations_with_replacement(materials, 2)
+    )
+    physics = Physics((0.0, 0.0, -GRAVITY), law.timestep, steps)
+    options = tuple(EngineOptions(name, (), ACCEPT) for name in ENGINES)
+    return World("probe", bodies, Contact(law.friction_cone, materials, pairs), physics, engines=options)
+
+
+def measure(engine: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
+    """Run each probe under its law, all in one process of the engine."""
+    with tempfile.TemporaryDirectory(prefix="simspec-contact-") as name:
+        results: list[Result | None] = [None] * len(jobs)
+        asked: list[tuple[int, list[World], list[Operation]]] = []
+        for index, (probe, law) in enumerate(jobs):
+            if not probe.applies(law):
+                results[index] = Result(refused="the probe has nothing to measure here")
+                continue
+            try:
+                worlds, operations = [], []
+                for number, trial in enumerate(probe.trials(law)):
+                    world, operation = _prepared(engine, law, trial, Path(name) / f"{index}-{number}")
+                    worlds.append(world)
+                    operations.append(operation)
+                asked.append((index, worlds, operations))
+            except UnsupportedError as error:
+                results[index] = Result(refused=error.problems[0].message)
+        for index, found in _called(engine, Path(name), asked):
+            probe, law = jobs[index]
+            if isinstance(found, str):
+                results[index] = Result(failed=found)
+            else:
+                results[index] = Result(tuple(probe.figures(law, found)))
+        return [result or Result(failed="not run") for result in results]
+
+
+def _prepared(engine: str, law: Law, trial: Trial, place: Path) -> tuple[World, Operation]:
+    world = probe_world(law, trial.bodies, sum(phase.steps for phase in trial.phases))
+    write_folder(compile_world(world, [engine])[engine].files, place)
+    return world, _drive(world, trial.phases, place)
+
+
+def _drive(world: World, phases: Sequence[Phase], place: Path) -> Operation:
+    at = layout(world.bodies)
+    names = [body.name for body in world.bodies]
+    effort = np.zeros((len(phases), at.nv))
+    for row, phase in zip(effort, phases, strict=True):
+        for name, given in phase.effort.items():
+            row[at.velocity[names.index(name)]] = given
+    steps = [(phase.steps, phase.every) for phase in phases]
+    parameters = {"artifacts": str(place), "timestep": world.physics.timestep, "phases": steps}
+    return Operation("drive", parameters, {"effort": effort})
+
+
+def _called(engine: str, place: Path, asked: list[tuple[int, list[World], list[Operation]]]):
+    """(index, motions) of each job; one by one when the process with all of them fails, to see which one it is."""
+    if not asked:
+        return
+    try:
+        reply = _call(engine, place, [operation for _, _, operations in asked for operation in operations])
+    except EngineError as error:
+        if len(asked) == 1:
+            yield asked[0][0], str(error)
+            return
+        for one in asked:
+            yield from _called(engine, place, [one])
+        return
+    answers = iter(reply.answers)
+    for index, worlds, _ in asked:
+        yield index, [_motion(world, next(answers).arrays) for world in worlds]
+
+
+def _call(engine: str, place: Path, operations: list[Operation]) -> Reply:
+    return call(engine, place, operations, deadline=DEADLINE)
+
+
+def _motion(world: World, arrays: dict[str, np.ndarray]) -> Motion:
+    names = [body.name for body in world.bodies]
+    return Motion(
+        arrays["time"],
+        {name: arrays["pose"][:, index] for index, name in enumerate(names)},
+        {name: arrays["velocity"][:, index] for index, name in enumerate(names)},
+    )
+
+
+# --- towers -------------------------------------------------------------------------------------------------------
+
+
+def tower(kind: str, timestep: float, friction_cone: str) -> World:
+    """Bodies on one another, touching, on a big box."""
+    shape, size, count, mass = TOWERS[kind]
+    height = size[-1]
+    if shape == "box":
+        x, y, z = (edge * edge / 12.0 for edge in size)
+        moments = (mass * (y + z), mass * (x + z), mass * (x + y))
+    else:
+        across = mass * (3.0 * size[0] ** 2 + size[1] ** 2) / 12.0
+        moments = (across, across, mass * size[0] ** 2 / 2.0)
+    ground = Shape("ground/solid", "box", (10.0, 10.0, 2.0), Pose((0.0, 0.0, -1.0)), "base")
+    bodies = [Body("ground", "ground", Inertial(0.0), Joint("ground", "fixed"), (ground,))]
+    for number in range(count):
+        name = f"body_{number}"
+        at = (0.0, 0.0, (number + 0.5) * height, 1.0, 0.0, 0.0, 0.0)
+        joint = Joint(name, "free", position=at, velocity=(0.0,) * 6)
+        solid = Shape(f"{name}/solid", shape, size, Pose(), "body")
+        bodies.append(Body(name, name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), joint, (solid,)))
+    law = Law(PairContact("base", "body", TOWER_FRICTION, 0.0), friction_cone, timestep)
+    return probe_world(law, tuple(bodies), round(TOWER_TIME / timestep))
+
+
+@dataclasses.dataclass(frozen=True)
+class Stand:
+    """When (s) a tower fell, None = it stood; how far (m) a body moved sideways at most; or why it was not run."""
+
+    fell: float | None = None
+    drift: float = 0.0
+    refused: str = ""
+
+
+def stand(engine: str, world: World, height: float) -> Stand:
+    """A tower for ``TOWER_TIME``; ``height`` (m) of one of its bodies."""
+    with tempfile.TemporaryDirectory(prefix="simspec-contact-") as name:
+        place = Path(name) / "tower"
+        try:
+            write_folder(compile_world(world, [engine])[engine].files, place)
+            steps = world.physics.steps
+            phases = [Phase(steps, max(1, round(steps / (TOWER_TIME * TOWER_LOOKS))))]
+            motion = _motion(world, _call(engine, place, [_drive(world, phases, place)]).answers[0].arrays)
+        except UnsupportedError as error:
+            return Stand(refused=error.problems[0].message)
+        except EngineError as error:
+            return Stand(refused=str(error))
+        pose = np.array([motion.pose[body.name] for body in world.bodies if body.joint.kind == "free"])
+        sunk = (pose[:, :1, 2] - pose[:, :, 2]).max(axis=0) > FALLEN * height
+        sunk |= ~np.isfinite(pose).all(axis=(0, 2))
+        if sunk.any():
+            return Stand(fell=float(motion.time[int(np.argmax(sunk))]))
+        moved = pose[:, :, :2] - pose[:, :1, :2]
+        return Stand(drift=float(np.linalg.norm(moved, axis=2).max()))
