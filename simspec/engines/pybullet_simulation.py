@@ -139,6 +139,13 @@ class Simulation:
         self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
         self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
         self.body_index.update({(tree.uid, link): index for tree in self.trees for link, index in tree.copies})
+        self._layered = any(tree.copies for tree in self.trees)
+        self._layer: dict[tuple[int, int], int] = {}
+        for tree, instance in zip(self.trees, sidecar["instances"], strict=True):
+            own = zip(tree.links, instance["layers"], strict=True)
+            self._layer.update(((tree.uid, link.link), layer) for link, layer in own)
+            carried = zip(tree.copies, instance["copies"], strict=True)
+            self._layer.update(((tree.uid, link), copy["layer"]) for (link, _), copy in carried)
         self._collect()
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
@@ -315,7 +322,22 @@ class Simulation:
         self.forget_contacts()
         self.bullet.performCollisionDetection(physicsClientId=self.client)
         self._forgotten = False
-        return list(self.bullet.getContactPoints(physicsClientId=self.client))
+        points = list(self.bullet.getContactPoints(physicsClientId=self.client))
+        if self._layered:
+            self._check_layers(points)
+        return points
+
+    def _check_layers(self, points: list[tuple[Any, ...]]) -> None:
+        """Copies of shapes meet in their own layer only: elsewhere they would add forces of another law."""
+        for point in points:
+            one, other = (point[1], point[3]), (point[2], point[4])
+            if point[8] <= 0.0 and self._layer[one] != self._layer[other]:
+                names = [self.names[self.body_index[link]] for link in (one, other)]
+                raise EngineError(
+                    "pybullet",
+                    f"lets copies of shapes of {names[0]!r} (layer {self._layer[one]}) and {names[1]!r} (layer "
+                    f"{self._layer[other]}) touch, which are in different layers",
+                )
 
     def disable_contact(self) -> None:
         """No group, no mask: nothing touches anything from now on."""

@@ -93,9 +93,35 @@ def _group(content: dict) -> None:
     """The quiet body goes into the class of the cube."""
     classes = content["collision_filter"]["classes"]
     for one_class in classes:
-        if "quiet" in one_class["bodies"]:
-            one_class["bodies"].remove("quiet")
-    next(one_class for one_class in classes if "cube" in one_class["bodies"])["bodies"].append("quiet")
+        if "quiet" in one_class["links"]:
+            one_class["links"].remove("quiet")
+    next(one_class for one_class in classes if "cube" in one_class["links"])["links"].append("quiet")
+
+
+def _class_of(content: dict, link: str) -> dict:
+    return next(one for one in content["collision_filter"]["classes"] if link in one["links"])
+
+
+def _copy_filter(content: dict) -> None:
+    """The rubber cube and its copy change places in the filter."""
+    instance = next(one for one in content["instances"] if one["bodies"] == ["rubber_cube"])
+    own, copy = "rubber_cube", instance["copies"][0]["link"]
+    for one_class in content["collision_filter"]["classes"]:
+        one_class["links"] = [{own: copy, copy: own}.get(link, link) for link in one_class["links"]]
+
+
+def _passing(content: dict) -> None:
+    ghost, ice = (_class_of(content, link) for link in ("ghost_cube", "ice_cube"))
+    ghost["mask"] |= ice["group"]
+    ice["mask"] |= ghost["group"]
+
+
+def _cone(content: dict) -> None:
+    content["friction_cone"] = "pyramid-circumscribed"
+
+
+def _softer(content: dict) -> None:
+    content["settings"]["contact_erp"] /= 10.0
 
 
 def _gravity(content: dict) -> None:
@@ -104,6 +130,10 @@ def _gravity(content: dict) -> None:
 
 def _timestep(content: dict) -> None:
     content["timestep"] *= 1.001
+
+
+def halved(text: str | None) -> str:
+    return scaled(text, by=0.5)
 
 
 DEFECTS: Mapping[str, Plant | str] = {
@@ -140,13 +170,13 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
-    "pair value": "not planted yet",
-    "cone": "not planted yet",
-    "hardness": "not planted yet",
-    "copy filter": "not planted yet",
-    "passing pair": "not planted yet",
-    "torsional friction": "not planted yet",
-    "rolling friction": "not planted yet",
+    "pair value": _attribute("link/contact/lateral_friction", "value", halved, "rubber_cube.urdf"),
+    "cone": sidecar(_cone),
+    "hardness": sidecar(_softer),
+    "copy filter": sidecar(_copy_filter),
+    "passing pair": sidecar(_passing),
+    "torsional friction": _attribute("link/contact/spinning_friction", "value", halved, BALL),
+    "rolling friction": _attribute("link/contact/rolling_friction", "value", halved, BALL),
     "gravity": sidecar(_gravity),
     "timestep": sidecar(_timestep),
 }

@@ -130,7 +130,7 @@ def test_reads_back_the_world(name, load):
         for shape, read in zip(body.shapes, again.shapes, strict=True):
             if shape.collision:
                 friction = next(m.friction for m in world.contact.materials if m.name == shape.material)
-                assert read.friction**2 == pytest.approx(friction, abs=1e-12)
+                assert read.surfaces[0].friction ** 2 == pytest.approx(friction, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,10 @@ from simspec.engines.pybullet import PyBullet
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats.base import SIDECAR, read_sidecar
-from simspec.formats.contact_plan import pair_needs
+from simspec.formats.contact_plan import contact_plan, pair_needs, surfaces
 from simspec.formats.urdf import Urdf
 from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
+from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 
 TEXT = 1e-12
@@ -121,7 +121,7 @@ def test_the_independent_reader_finds_the_world_again(name, tmp_path):
             if shape.collision:
                 # the product of two equal numbers is the material's own friction
                 friction = next(m.friction for m in world.contact.materials if m.name == shape.material)
-                assert read.friction**2 == pytest.approx(friction, abs=TEXT)
+                assert read.surfaces[0].friction ** 2 == pytest.approx(friction, abs=TEXT)
             if shape.visual:
                 assert read.colour == shape.colour
     assert emit(world) == files, "same input, same bytes"
@@ -157,8 +157,8 @@ def test_unequal_trees_do_not_share_a_file(change):
     contact = Contact(
         materials=(Material("rough", 0.5), Material("slick", 0.0)),
         pairs=tuple(
-            PairContact(a, b, 0.5 if a == b == "rough" else 0.0, 0.0)
-            for a, b in (("rough", "rough"), ("rough", "slick"), ("slick", "slick"))
+            PairContact(a, b, friction, 0.0)
+            for a, b, friction in (("rough", "rough", 0.5), ("rough", "slick", 0.3), ("slick", "slick", 0.2))
         ),
     )
     bodies = (*world.bodies[:3], dataclasses.replace(world.bodies[3], **change))
@@ -271,7 +271,7 @@ def test_the_sidecars_filter_is_the_worlds(groups, tmp_path):
     """With 40 groups there are more classes than bits, and pairs take their place."""
     world = many_groups(groups)
     content = read_sidecar(write(emit(world), tmp_path))["collision_filter"]
-    bits = {name: (one["group"], one["mask"]) for one in content["classes"] for name in one["bodies"]}
+    bits = {name: (one["group"], one["mask"]) for one in content["classes"] for name in one["links"]}
     assert max(group for group, _ in bits.values()) < 2**31
     excluded = {tuple(pair) for pair in content["excluded"]}
     allowed = CollisionFilter(world)
@@ -301,17 +301,63 @@ def test_what_cannot_be_said_is_refused_by_name():
     assert "contact.cone.pyramid-inscribed" in refusals(inscribed)
 
 
-def test_three_materials_that_no_product_gives_are_refused():
+def three_materials(**law):
+    """A floor and two spheres of materials that no product gives, and a third sphere of the first's."""
     world = worlds.spheres(3)
     names = ("a", "b", "c")
-    pairs = tuple(PairContact(x, y, 0.5 if x == y else 0.1, 0.0) for x in names for y in names if x <= y)
+    pairs = tuple(PairContact(x, y, 0.5 if x == y else 0.1, 0.0, **law) for x in names for y in names if x <= y)
     contact = Contact(materials=tuple(Material(name, 0.5) for name in names), pairs=pairs)
 
     def of(body, material):
         return dataclasses.replace(body, shapes=(dataclasses.replace(body.shapes[0], material=material),))
 
     bodies = (of(world.bodies[0], "a"), *(of(body, name) for body, name in zip(world.bodies[1:], names, strict=True)))
-    assert "material.friction.pairs" in refusals(dataclasses.replace(world, bodies=bodies, contact=contact))
+    return dataclasses.replace(world, bodies=bodies, contact=contact)
+
+
+def test_three_materials_that_no_product_gives_get_copies(tmp_path):
+    world = three_materials()
+    plan = contact_plan(world, PyBullet.RULES, True)
+    assert plan.layered
+    files = emit(world)
+    content = json.loads(files[SIDECAR])
+    copies = {copy["link"]: copy for one in content["instances"] for copy in one["copies"]}
+    assert len(copies) == sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in body.shapes)
+    found = Urdf().read(write(files, tmp_path))
+    for body, again in zip(world.bodies, found.bodies, strict=True):
+        assert again.shapes[0].surfaces == surfaces(body.shapes[0], plan)
+    # a copy that is unlike its shape, off its place, or has a mass, is noticed
+    name = next(one["file"] for one in content["instances"] if one["copies"])
+    for old, new, message in (
+        ('radius="0.1"', 'radius="0.2"', "unlike the shape"),
+        ('<mass value="0"/>', '<mass value="1"/>', "has a mass"),
+        ('type="fixed"', 'type="continuous"', "not welded"),
+    ):
+        head, _, tail = files[name].rpartition(old)
+        assert head or new == 'radius="0.2"', (old, name)
+        if head:
+            with pytest.raises(ValueError, match=message):
+                Urdf().read(write({**files, name: head + new + tail}, tmp_path))
+
+
+def test_what_is_one_for_all_pairs_is_refused_where_pairs_differ():
+    world = three_materials()
+    contact = world.contact
+
+    def with_pairs(change):
+        pairs = tuple(change(index, pair) for index, pair in enumerate(contact.pairs))
+        return dataclasses.replace(world, contact=dataclasses.replace(contact, pairs=pairs))
+
+    bouncing = with_pairs(
+        lambda i, pair: dataclasses.replace(pair, restitution=0.5, restitution_threshold=0.1 * (i % 2))
+    )
+    with pytest.raises(UnsupportedError, match="one restitution_threshold"):
+        emit(bouncing)
+    native = with_pairs(lambda i, pair: dataclasses.replace(pair, hardness=Hardness("native" if i % 2 else "common")))
+    with pytest.raises(UnsupportedError, match="native hardness for all pairs or none"):
+        emit(native)
+    with pytest.raises(UnsupportedError, match="no friction above 10"):
+        emit(with_pairs(lambda i, pair: dataclasses.replace(pair, friction=11.0)))
 
 
 def test_a_tree_with_too_many_coordinates_is_refused():
