@@ -19,7 +19,7 @@ from simspec.spec.load import Spec, load
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses
-from simspec.world.types import Contact, Inertial, Joint, Physics, Pose, Record, World
+from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, Record, World
 
 TABLE = Path(__file__).parent / "spec" / "data" / "table.yaml"
 ARM = TABLE.parent / "models" / "arm.yaml"
@@ -586,3 +586,77 @@ def test_a_world_is_frozen():
     found = world({"a": SOLID})
     with pytest.raises(dataclasses.FrozenInstanceError):
         found.name = "y"
+
+
+STIFF = """simspec: 1
+name: stiff
+physics: {timestep: 1 ms, duration: 1 s}
+contact:
+  hardness: HARDNESS
+  materials:
+    rubber: {friction: 0.5, restitution: 0.2, restitution_threshold: 0.1}
+    steel: {friction: 0.2, restitution_threshold: 0.3, torsional_friction: 3 mm, rolling_friction: 2 mm}
+  pairs:
+    - {between: [steel, rubber], friction: 0.7, hardness: OWN}
+    - {between: [steel, steel], collide: false}
+bodies:
+  floor: {fixed: true, shapes: [{box: {size: [4, 4, 0.2]}, material: steel}]}
+  heavy: {pose: {xyz: [1, 0, 1]}, mass: 9 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
+  light: {pose: {xyz: [0, 0, 1]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
+"""
+
+
+def stiff(tmp_path, everywhere="common", own="common"):
+    path = tmp_path / "stiff.yaml"
+    path.write_text(STIFF.replace("HARDNESS", everywhere).replace("OWN", own), encoding="utf-8")
+    return load(path)
+
+
+def test_the_whole_law_of_a_pair_is_resolved(tmp_path):
+    spring = "{stiffness: 1e4 N/m, damping: 20}"
+    found = {
+        (pair.first, pair.second): pair
+        for pair in stiff(tmp_path, "{time_constant: 5 ms, damping_ratio: 0.5}", spring).resolve().contact.pairs
+    }
+    both = found["rubber", "steel"]
+    assert (both.friction, both.restitution, both.restitution_threshold) == (0.7, 0.0, 0.3)
+    assert (both.torsional_friction, both.rolling_friction) == (0.0, 0.0)  # the rule is min
+    assert both.hardness == Hardness("stiffness", stiffness=1e4, damping=20.0)
+    assert found["rubber", "rubber"].hardness == Hardness("time-constant", time_constant=0.005, damping_ratio=0.5)
+    assert found["steel", "steel"] == PairContact("steel", "steel", 0.0, 0.0, collide=False)
+
+
+@pytest.mark.parametrize(
+    ("everywhere", "own", "line", "text"),
+    [
+        ("{time_constant: 1.9 ms, damping_ratio: 1}", "common", 5, "its time constant is below 2 steps"),
+        ("common", "{time_constant: 1.9 ms, damping_ratio: 1}", 10, "its time constant is below 2 steps"),
+        ("common", "{stiffness: 2.6e5, damping: 1}", 10, "√(m/k) of 'light' (1 kg)"),
+    ],
+)
+def test_contact_too_stiff_for_the_timestep_is_refused_where_it_is_stated(tmp_path, everywhere, own, line, text):
+    with pytest.raises(SpecError) as caught:
+        stiff(tmp_path, everywhere, own).resolve()
+    (problem,) = caught.value.problems
+    assert text in problem.message
+    assert problem.location.line == line
+    assert "0.002 s" in problem.allowed
+
+
+def test_contact_that_two_steps_resolve_is_taken(tmp_path):
+    stiff(tmp_path, "{time_constant: 2 ms, damping_ratio: 1}", "{stiffness: 2.4e5, damping: 1}").resolve()
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("contact.pairs.rubber.steel.friction", 10),
+        ("contact.pairs.rubber.steel.hardness", 10),
+        ("contact.pairs.steel.steel.collide", 11),
+        ("contact.pairs.rubber.rubber.restitution", 7),
+        ("contact.pairs.rubber.rubber.hardness", 5),
+        ("contact.pairs.rubber.steel.torsional_friction", 8),
+    ],
+)
+def test_a_pairs_law_is_located_where_it_comes_from(tmp_path, path, line):
+    assert stiff(tmp_path).locate(path).line == line

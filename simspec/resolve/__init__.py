@@ -21,7 +21,7 @@ def resolve(spec: Spec) -> World:
     time = physics(spec.data.physics)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
-        laws, problems = contact(spec.source, expansion)
+        laws, problems = contact(spec.source, expansion, time.timestep)
         expected, more = expectations(spec.source, expansion.bodies, time, recorded)
     problems = [*expansion.problems, *problems, *more]
     if problems:

@@ -13,6 +13,9 @@ from simspec.spec.sources import Source
 from simspec.spec.strict import near
 from simspec.world.types import Contact, Hardness, Material, PairContact
 
+LEAST_STEPS = 2
+"""Timesteps in the time constant of compliant contact: faster ones are not a motion any more, in any engine."""
+
 RULES: Mapping[str, Callable[[float, float], float]] = {
     "min": min,
     "max": max,
@@ -22,8 +25,8 @@ RULES: Mapping[str, Callable[[float, float], float]] = {
 }
 
 
-def contact(source: Source, expansion: Expansion) -> tuple[Contact, list[Problem]]:
-    """The contact laws, and the problems of excluded pairs that name no body."""
+def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Contact, list[Problem]]:
+    """The contact laws, and their problems: excluded pairs that name no body, contact too stiff for the ``timestep`` (s)."""
     files = [one.file for one in source.all() if one.file is not None]
     given = source.file.contact
     materials = {
@@ -45,11 +48,13 @@ def contact(source: Source, expansion: Expansion) -> tuple[Contact, list[Problem
         for other in group.ignores
     }
     excluded, problems = _excluded(source, expansion)
+    pairs = _pairs(materials, thresholds, given)
+    problems += _too_stiff(source, expansion, pairs, timestep)
     return (
         Contact(
             friction_cone=given.friction_cone,
             materials=tuple(materials[name] for name in sorted(materials)),
-            pairs=_pairs(materials, thresholds, given),
+            pairs=pairs,
             ignored_groups=tuple(sorted(ignored)),
             excluded_bodies=excluded,
         ),
@@ -89,6 +94,53 @@ def _pairs(
 def hardness(kind: str, numbers: tuple[float, ...]) -> Hardness:
     """The world's hardness of what the spec states (see ``spec/contact.py``)."""
     return Hardness(kind, **dict(zip(HARDNESS_FORMS.get(kind, ()), numbers, strict=True)))
+
+
+def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, ...], timestep: float) -> list[Problem]:
+    """Compliance that the timestep cannot resolve, at the pair or the default that states it."""
+    stated = {
+        tuple(sorted(pair.between)): index for index, pair in enumerate(source.file.contact.pairs) if pair.hardness
+    }
+    lightest = _lightest(expansion)
+    found: dict[tuple[str | int, ...], Problem] = {}
+    for pair in pairs:
+        if pair.hardness.kind == "time-constant":
+            time, of = pair.hardness.time_constant, "time constant"
+        elif pair.hardness.kind == "stiffness":
+            masses = [lightest[name] for name in (pair.first, pair.second) if name in lightest]
+            if not masses:
+                continue  # nothing that moves has one of these materials
+            mass, body = min(masses)
+            time, of = math.sqrt(mass / pair.hardness.stiffness), f"√(m/k) of {body!r} ({mass:g} kg)"
+        else:
+            continue
+        if time >= LEAST_STEPS * timestep:
+            continue
+        index = stated.get((pair.first, pair.second))
+        path = ("contact", "hardness") if index is None else ("contact", "pairs", index, "hardness")
+        if path not in found:
+            found[path] = source.document.problem(
+                path,
+                f"the timestep cannot resolve so stiff a contact of {pair.first} and {pair.second}: its {of} is below "
+                f"{LEAST_STEPS} steps",
+                found=f"{time:.4g} s, with a timestep of {timestep:g} s",
+                allowed=f"at least {LEAST_STEPS * timestep:g} s",
+                hint="make it softer, take a smaller physics.timestep, or hardness: common, which is rigid",
+            )
+    return list(found.values())
+
+
+def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
+    """Of each material the least mass (kg) of a body with such a shape that can move by itself, and that body."""
+    found: dict[str, tuple[float, str]] = {}
+    for body in expansion.bodies:
+        if body.joint.kind == "fixed" or not body.inertial.mass:
+            continue
+        for shape in body.shapes:
+            if shape.collision:
+                one = (body.inertial.mass, body.name)
+                found[shape.material] = min(found.get(shape.material, one), one)
+    return found
 
 
 def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:

@@ -56,10 +56,27 @@ def _depth(data: Any, steps: Sequence[Key]) -> int:
 def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
     if steps[0] == "bodies" and len(steps) > 1:
         yield from _of_body(source, steps[1], steps[2:])
+    if steps[:2] == ("contact", "pairs") and len(steps) > 4:
+        yield from _of_pair(source, steps[2], steps[3], steps[4:])
     yield source.document, steps
     if steps[0] == "contact":
         for one in source.all():
             yield one.document, steps
+
+
+def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
+    """Where the law of two materials comes from: their own entry of ``pairs``, else the materials, else what holds for all."""
+    document = source.document
+    contact = document.data.get("contact") if isinstance(document.data, Mapping) else None
+    pairs = contact.get("pairs") if isinstance(contact, Mapping) else None
+    for index, pair in enumerate(pairs if isinstance(pairs, list) else ()):
+        between = pair.get("between") if isinstance(pair, Mapping) else None
+        if isinstance(between, list) and sorted(map(str, between)) == sorted((first, second)):
+            yield from _whole(document, ("contact", "pairs", str(index), *rest))
+    for one in source.all():
+        for name in (first, second):
+            yield from _whole(one.document, ("contact", "materials", name, *rest))
+    yield from _whole(document, ("contact", *rest))
 
 
 def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
