@@ -16,8 +16,8 @@ DIRECTIONS = tuple(15.0 * number for number in range(24))
 """Degrees from the x axis of the floor."""
 SIZE, MASS = (0.2, 0.2, 0.02), 1.0
 """Of the sliders (m, kg): flat, so that a push at the centre hardly tilts the pressure on the faces' corners."""
-SPACING = 2.0
-"""m between sliders; none slides that far."""
+SPACING = 4.0
+"""m between sliders; none slides half as far."""
 WEIGHT = MASS * GRAVITY
 
 PUSH = 1.6

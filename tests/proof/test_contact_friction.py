@@ -1,0 +1,167 @@
+"""Probes of sliding friction: right in a simulation that keeps the law, wrong in every one that does not; and in the engines."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from simspec.engines.base import engines
+from simspec.proof.contact import compliance, friction, impact, spin
+from simspec.proof.contact.law import project
+from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
+from simspec.world.types import FRICTION_CONES, Hardness, PairContact
+from tests.proof import contact_probing as probing
+
+PROBES = friction.PROBES
+ALL = {**friction.PROBES, **impact.PROBES, **compliance.PROBES, **spin.PROBES}
+TIMESTEPS = (0.0005, 0.001, 0.016)
+
+
+def law(mu=0.5, cone="elliptic", dt=0.001, **pair):
+    return Law(PairContact("base", "body", mu, 0.0, **pair), cone, dt)
+
+
+def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
+    """What a flat world with the friction ``mu`` under ``cone`` gives for the trials of ``asked``."""
+    mu = asked.pair.friction if mu is None else mu
+    cone = cone or asked.friction_cone
+    found = []
+    for trial in probe.trials(asked):
+        bodies = [body for body in trial.bodies if body.name != FLOOR]
+        poses = {body.name: [np.array(body.joint.position)] for body in trial.bodies if body.name != FLOOR}
+        speeds = {body.name: [np.array(body.joint.velocity)] for body in bodies}
+        times = [0.0]
+        state = {body.name: [np.array(body.joint.position[:2]), np.array(body.joint.velocity[:2])] for body in bodies}
+        done = 0
+        for phase in trial.phases:
+            for step in range(phase.steps):
+                for body in bodies:
+                    place, speed = state[body.name]
+                    push = np.array(phase.effort.get(body.name, (0.0,) * 6))[:2]
+                    free = speed + asked.timestep * push / body.inertial.mass
+                    brake = project(free, mu * weight * GRAVITY * asked.timestep, cone)
+                    speed = free - brake + asked.timestep * floor_push * push
+                    state[body.name] = [place + asked.timestep * (speed + creep), speed]
+                done += 1
+                if (step + 1) % phase.every == 0 or step + 1 == phase.steps:
+                    times.append(done * asked.timestep)
+                    for body in bodies:
+                        place, speed = state[body.name]
+                        poses[body.name].append(np.array([*place, *body.joint.position[2:]]))
+                        speeds[body.name].append(np.array([*speed, 0.0, 0.0, 0.0, 0.0]))
+        found.append(
+            Motion(
+                np.array(times),
+                {name: np.array(rows) for name, rows in poses.items()},
+                {name: np.array(rows) for name, rows in speeds.items()},
+            )
+        )
+    return found
+
+
+def figures(name, asked, **other):
+    probe = PROBES[name]
+    return probe.figures(asked, motions(probe, asked, **other))
+
+
+@pytest.mark.parametrize("dt", TIMESTEPS)
+@pytest.mark.parametrize("cone", FRICTION_CONES)
+@pytest.mark.parametrize("mu", [0.01, 0.05, 0.5, 1.5])
+@pytest.mark.parametrize("name", PROBES)
+def test_the_law_itself_passes_with_next_to_no_error(name, mu, cone, dt):
+    (figure,) = figures(name, law(mu, cone, dt))
+    assert figure.passed
+    assert abs(figure.measured - figure.expected) <= 1e-9 * max(1.0, abs(figure.expected))
+
+
+@pytest.mark.parametrize("cone", FRICTION_CONES)
+@pytest.mark.parametrize(("name", "factor"), list(itertools.product(("push", "stop"), (0.5, 0.98, 1.02, 2.0))))
+def test_another_friction_fails(name, factor, cone):
+    (figure,) = figures(name, law(0.4, cone), mu=0.4 * factor)
+    assert not figure.passed
+    # less friction: less force, longer slides
+    assert (figure.measured > figure.expected) == ((factor > 1.0) == (name == "push"))
+
+
+@pytest.mark.parametrize(("asked", "real"), list(itertools.permutations(FRICTION_CONES, 2)))
+@pytest.mark.parametrize("name", ["push", "stop"])
+def test_another_cone_fails(name, asked, real):
+    (figure,) = figures(name, law(0.3, asked), cone=real)
+    assert not figure.passed
+    assert "worst at" in figure.case
+
+
+def test_a_push_gives_the_force_in_every_direction():
+    (figure,) = figures("push", law(0.5, "pyramid-inscribed"))
+    assert len(figure.points) == len(friction.DIRECTIONS) == 24
+    for angle, x, y in figure.points:
+        push = friction.PUSH * 0.5 * np.array([math.cos(angle), math.sin(angle)])
+        assert np.allclose([x, y], project(push, 0.5, "pyramid-inscribed"), atol=1e-9)
+
+
+@pytest.mark.parametrize("friction_found", [1e-4, 0.05])
+def test_without_friction_any_force_fails(friction_found):
+    asked = law(0.0)
+    assert [name for name, probe in PROBES.items() if probe.applies(asked)] == ["push"]
+    assert figures("push", asked)[0].passed
+    assert not figures("push", asked, mu=friction_found)[0].passed
+
+
+def test_creep_below_the_limit_fails():
+    assert figures("stick", law(0.5))[0].measured == 0.0
+    (figure,) = figures("stick", law(0.5), creep=2e-4)
+    assert not figure.passed
+    assert figure.measured == pytest.approx(2e-4 * math.sqrt(2.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", TIMESTEPS)
+@pytest.mark.parametrize("mu", [0.002, 0.05, 1.0])
+@pytest.mark.parametrize("name", PROBES)
+def test_a_probe_is_bounded_and_its_sliders_stay_apart(name, mu, dt):
+    for cone in FRICTION_CONES:
+        asked = law(mu, cone, dt)
+        for trial in PROBES[name].trials(asked):
+            assert sum(phase.steps for phase in trial.phases) <= 600
+        for motion in motions(PROBES[name], asked):
+            places = np.stack([pose[:, :2] for pose in motion.pose.values()])  # (bodies, times, 2)
+            apart = np.linalg.norm(places[:, None] - places[None, :], axis=-1)
+            apart[np.arange(len(places)), np.arange(len(places))] = math.inf
+            assert apart.min() > math.hypot(*friction.SIZE[:2])
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_what_has_no_numbers_fails_without_a_traceback(name):
+    """Of an engine that gives NaN from some step on."""
+    hardness = Hardness("time-constant", time_constant=0.05, damping_ratio=1.0)
+    more = {"hardness": hardness} if name == "compliance" else {}
+    asked = law(0.5, torsional_friction=0.01, rolling_friction=0.002, **more)
+    probe = ALL[name]
+    assert probe.applies(asked)
+    for keep in (0, 1):
+        broken = []
+        for trial in probe.trials(asked):
+            rows = 1 + sum(math.ceil(phase.steps / phase.every) for phase in trial.phases)
+            names = [body.name for body in trial.bodies]
+            pose, velocity = np.full((rows, 7), np.nan), np.full((rows, 6), np.nan)
+            pose[:keep], velocity[:keep] = (0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0), 0.0
+            times = np.arange(rows) * asked.timestep
+            broken.append(Motion(times, dict.fromkeys(names, pose), dict.fromkeys(names, velocity)))
+        found = probe.figures(asked, broken)
+        assert found
+        assert not any(figure.passed for figure in found)
+
+
+@pytest.mark.parametrize("engine", sorted(engines()))
+@pytest.mark.parametrize("name", PROBES)
+def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
+    if not probing.installed(engine):
+        pytest.skip(f"{engine} is not installed")
+    asked = law(0.3)
+    assert all(figure.passed for figure in probing.figures(engine, PROBES[name], asked, tmp_path))
+    slippery = dataclasses.replace(asked, pair=dataclasses.replace(asked.pair, friction=0.2))
+    found = probing.figures(engine, PROBES[name], asked, tmp_path / "other", compiled=slippery)
+    assert not any(figure.passed for figure in found)
