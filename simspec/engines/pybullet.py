@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.engines.base import Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.pybullet_contact import CONTACT_DEVIATIONS
 from simspec.engines.pybullet_efforts import Efforts
 from simspec.engines.pybullet_probe import Probe
 from simspec.engines.pybullet_readback import read_back
@@ -170,6 +171,7 @@ class PyBullet(Engine):
             True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
         ),
     }
+    CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "friction_cone": "PyBullet does not give back its contact settings",
         "shape.name": "PyBullet does not keep the names of shapes",

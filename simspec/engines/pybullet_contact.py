@@ -1,0 +1,77 @@
+"""How far PyBullet is from the contact law: data, measured with PyBullet 3.2.7 at the default settings.
+
+Without restitution every contact probe is within its own tolerance at 0.5 to 16 ms, for μ of 0 to 1.5. With restitution a
+body at rest bounces off each step's fall, since no speed is too slow to bounce.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from simspec.engines.base import Deviation
+
+_HOPS = (
+    "what rests bounces off each step's fall: PyBullet has restitution at any speed unless the world has a "
+    "restitution_threshold"
+)
+_LATE = "gravity acts on during the step out of the overlap: e g dt / v is added to the ratio"
+
+_RATIOS = (0.01, 0.31, 0.51, 0.81)
+"""From which restitution on each of four sizes counts (measured at 0.3, 0.5, 0.8 and 1)."""
+_BY_STEP: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
+    "stick": {
+        0.0005: (0.0026, 0.0065, 0.026, 0.13),
+        0.001: (0.0054, 0.013, 0.052, 0.23),
+        0.002: (0.011, 0.026, 0.104, 0.43),
+        0.004: (0.021, 0.052, 0.21, 0.85),
+        0.008: (0.043, 0.104, 0.42, 3.5),
+        0.016: (0.085, 0.21, 0.84, 1.5e5),
+    },
+    "rest": {
+        0.0005: (1e-4, 1e-4, 1e-4, 1.5e-3),
+        0.001: (1e-4, 1e-4, 1e-4, 4.7e-3),
+        0.002: (1e-4, 1e-4, 4.3e-4, 1.9e-2),
+        0.004: (1.5e-4, 1.8e-4, 1.8e-3, 7.7e-2),
+        0.008: (6e-4, 7e-4, 6.9e-3, 0.31),
+        0.016: (2.4e-3, 2.8e-3, 2.8e-2, 1.2),
+    },
+    "steady": {
+        0.0005: (1e-4, 1e-4, 0.022, 0.18),
+        0.001: (1e-4, 1e-4, 0.043, 0.32),
+        0.002: (1e-4, 1e-4, 0.086, 0.65),
+        0.004: (1e-4, 1e-4, 0.173, 1.3),
+        0.008: (1e-4, 1e-4, 0.35, 2.6),
+        0.016: (1e-4, 1e-4, 0.69, 5.2),
+    },
+}
+"""By probe and timestep (s), in the figure's unit, for each of ``_RATIOS``; a tenth above the largest measured."""
+_SHARES: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
+    "push": {
+        0.0005: (0.01, 0.01, 0.11, 0.11),
+        0.001: (0.01, 0.01, 0.11, 0.44),
+        0.002: (0.022, 0.12, 0.3, 0.55),
+        0.004: (0.08, 0.22, 0.3, 0.55),
+        0.008: (0.15, 0.22, 0.65, 0.8),
+    },
+    "stop": {0.008: (0.06, 0.06, 0.06, 0.46), 0.016: (0.06, 0.06, 0.06, 1.1)},
+}
+"""As above, as shares of the expected value."""
+
+
+def _rows(
+    table: Mapping[str, Mapping[float, tuple[float, float, float, float]]], relative: bool
+) -> tuple[Deviation, ...]:
+    return tuple(
+        Deviation(probe, size, _HOPS, relative, timestep=0.9 * timestep, restitution=ratio)
+        for probe, by_step in table.items()
+        for timestep, sizes in by_step.items()
+        for ratio, size in zip(_RATIOS, sizes, strict=True)
+    )
+
+
+CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
+    *_rows(_BY_STEP, relative=False),
+    *_rows(_SHARES, relative=True),
+    Deviation("restitution", 0.1, _LATE, relative=False, timestep=0.0072, restitution=0.3),
+    Deviation("restitution", 0.18, _LATE, relative=False, timestep=0.0144, restitution=0.3),
+)
