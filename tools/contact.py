@@ -97,20 +97,24 @@ SECTIONS: Mapping[str, Section] = {
         "Friction in 24 directions",
         "push",
         "A slider is pushed at 1.6 times the limit in 24 directions; the friction force (vector) is held against what the cone "
-        "requires. Shown: the largest deviation, as a share of μ N.",
+        "requires. Shown: the largest deviation, as a share of μ N. MuJoCo's cones are associated: what slides is pushed up, "
+        "and hops under the inscribed pyramid, and under the elliptic cone at long timesteps; while it flies nothing "
+        "holds it.",
         _frictions("%"),
     ),
     "stop": Section(
         "Stop distance",
         "stop",
         "A slider with an initial speed in 24 directions; its way is held against the one-step law, under the elliptic cone "
-        "v²/2μg − v dt/2. Shown: the largest deviation, as a share of the distance.",
+        "v²/2μg − v dt/2. Shown: the largest deviation, as a share of the distance. MuJoCo's come "
+        "from its hops, and, where a slide lasts a few steps only (8 and 16 ms), from friction that takes back slip at a rate.",
         _frictions("%"),
     ),
     "stick": Section(
         "Creep below the limit",
         "stick",
-        "A slider is pushed at 0.8 times the limit in 24 directions. Shown: its fastest creep, in µm/s.",
+        "A slider is pushed at 0.8 times the limit in 24 directions. Shown: its fastest creep, in µm/s. MuJoCo's friction is a "
+        "regularised constraint, and always creeps; DART's creep is what its solver leaves.",
         _frictions("µm/s", 1e6),
     ),
     "restitution": Section(
@@ -192,7 +196,8 @@ SECTIONS: Mapping[str, Section] = {
         "Rolling friction",
         "rolling",
         "A ball that rolls without slipping in four directions comes to rest in 300 steps. Shown: the deviation of its "
-        "deceleration from (5/7) g c / r.",
+        "deceleration from (5/7) g c / r. In PyBullet, where a ball comes to lie 0.6 mm deep (8 ms and up), the moment is up "
+        "to half larger in some steps.",
         tuple(
             Row(
                 f"c {1e3 * value:g} mm, μ {mu:g}",
