@@ -1,4 +1,4 @@
-"""Probes of sliding friction: right in a simulation that keeps the law, wrong in every one that does not; and in the engines."""
+"""Probes of sliding friction: right in a simulation that keeps the law, wrong in any that does not; and in the engines."""
 
 from __future__ import annotations
 

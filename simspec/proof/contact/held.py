@@ -110,8 +110,7 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
             for layer, surface in zip(plan.layers(shape.material), other.surfaces, strict=False):
                 key = (shape.material, layer)
                 whole = _filled(surface, plan.numbers[key])
-                # "not nearer" instead of "further", so that no NaN is passed over
-                if not _distance(whole, plan.numbers[key]) <= _distance(found[key], plan.numbers[key]):
+                if _distance(whole, plan.numbers[key]) > _distance(found[key], plan.numbers[key]):
                     found[key] = whole
     return found
 
@@ -124,8 +123,7 @@ def _filled(surface: Surface, wanted: Surface) -> Surface:
 
 
 def _distance(one: Surface, other: Surface) -> float:
-    numbers = sum(abs((getattr(one, name) or 0.0) - (getattr(other, name) or 0.0)) for name in QUANTITIES)
-    return numbers + (0.0 if one.hardness == other.hardness else 1.0)
+    return _far(one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in QUANTITIES))
 
 
 def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
@@ -142,7 +140,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             name: value for name in (*QUANTITIES, "hardness") if (value := getattr(pair.surface, name)) is not None
         }
         told = dataclasses.replace(law, **known)
-        if not _apart(told, law) <= _apart(found[names], law):
+        if _apart(told, law) > _apart(found[names], law):
             found[names] = told
     return tuple(found.values())
 
@@ -163,5 +161,10 @@ def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
 
 
 def _apart(one: PairContact, other: PairContact) -> float:
-    numbers: Iterable[float] = (abs(getattr(one, name) - getattr(other, name)) for name in QUANTITIES)
-    return sum(numbers) + (0.0 if one.hardness == other.hardness else 1.0)
+    return _far(one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in QUANTITIES))
+
+
+def _far(as_hard: bool, values: Iterable[tuple[float | None, float | None]]) -> float:
+    """How far apart two laws are, to find the worst one; NaN is beyond any number."""
+    numbers = sum(abs((one or 0.0) - (other or 0.0)) for one, other in values)
+    return math.inf if math.isnan(numbers) else numbers + (0.0 if as_hard else 1.0)

@@ -1,0 +1,249 @@
+"""The law as files hold it: what is read is what probe worlds get, the worst shape counts, and nonsense is refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from xml.etree import ElementTree
+
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import engines, find_engine
+from simspec.errors import UnsupportedError
+from simspec.formats.base import formats, read_sidecar
+from simspec.formats.contact_plan import contact_plan, meeting_laws
+from simspec.proof.contact import held as module
+from simspec.proof.contact.held import held, of_pair
+from simspec.world.types import Hardness, PairContact
+from tests import worlds
+
+ENGINES = sorted(engines())
+PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
+"""A table that no combination rule gives."""
+
+
+def written(world, engine, folder):
+    """The artifacts of ``world``."""
+    write_folder(compile_world(world, [engine])[engine].files, folder)
+    return folder
+
+
+def law(found, first, second):
+    """The law of two materials as probe worlds get it: the numbers combined, or the explicit pair."""
+    return next(pair for pair in found.contact.pairs if (pair.first, pair.second) == (first, second))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_sound_files_hold_the_world(engine, tmp_path):
+    world = worlds.table(PAIRS)
+    kind = find_engine(engine)
+    found = held(world, kind, written(world, engine, tmp_path / engine))
+    plan = contact_plan(world, kind.RULES, kind.LAYERS)
+    assert found.contact == world.contact
+    assert found.timestep == world.physics.timestep
+    assert dict(found.options.settings) == read_sidecar(tmp_path / engine)["settings"]
+    assert found.plan.layer_of == plan.layer_of
+    assert found.plan.missed == plan.missed
+    for key, surface in plan.numbers.items():
+        assert found.plan.numbers[key].friction == pytest.approx(surface.friction, rel=1e-12)
+    assert set(found.plan.explicit) <= set(meeting_laws(world))
+    assert set(plan.missed) <= set(found.plan.explicit)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_files_of_another_law_are_what_counts(engine, tmp_path):
+    world = worlds.table(PAIRS)
+    other = worlds.table({**PAIRS, ("rubber", "rubber"): 0.15})
+    kind = find_engine(engine)
+    found = held(world, kind, written(other, engine, tmp_path / engine))
+    asked, real = ((contact_plan(one, kind.RULES, kind.LAYERS)) for one in (world, other))
+    changed = {key for key in asked.numbers if asked.numbers[key].friction != real.numbers[key].friction}
+    assert changed
+    for key in changed:
+        assert found.plan.numbers[key].friction == pytest.approx(real.numbers[key].friction, rel=1e-12)
+    if ("rubber", "rubber") in found.plan.explicit:
+        assert law(found, "rubber", "rubber").friction == pytest.approx(0.15)
+
+
+class Stub:
+    """A format whose reader says what it is told."""
+
+    def __init__(self, read):
+        self._read = read
+
+    def read(self, folder):
+        return self._read
+
+
+def told(monkeypatch, world, engine, folder, change):
+    """What is held when the files say what ``change`` makes of their read-back."""
+    kind = find_engine(engine)
+    files = written(world, engine, folder)
+    said = change(formats()[kind.FORMAT].read(files))
+    monkeypatch.setattr(module, "formats", lambda: {kind.FORMAT: Stub(said)})
+    return held(world, kind, files)
+
+
+def with_surface(read, name, **values):
+    """The read-back with other numbers in all copies of one shape."""
+    return dataclasses.replace(
+        read,
+        bodies=tuple(
+            dataclasses.replace(
+                body,
+                shapes=tuple(
+                    dataclasses.replace(
+                        shape, surfaces=tuple(dataclasses.replace(one, **values) for one in shape.surfaces)
+                    )
+                    if body.name == name
+                    else shape
+                    for shape in body.shapes
+                ),
+            )
+            for body in read.bodies
+        ),
+    )
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("body", ["sphere_0", "sphere_3"])
+def test_one_wrong_shape_does_not_hide_behind_the_others(engine, body, tmp_path, monkeypatch):
+    world = worlds.spheres(4)
+    names = [one.name for one in world.bodies if one.joint.kind == "free"]
+    wrong = names[0] if body == "sphere_0" else names[-1]
+    found = told(monkeypatch, world, engine, tmp_path / engine, lambda read: with_surface(read, wrong, friction=3.0))
+    material = next(one for one in world.bodies if one.name == wrong).shapes[0].material
+    assert {surface.friction for (name, _), surface in found.plan.numbers.items() if name == material} == {3.0}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+@pytest.mark.parametrize("quantity", ["friction", "restitution"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_numbers_that_are_none_are_refused_by_name(engine, quantity, value, tmp_path, monkeypatch):
+    world = worlds.spheres(2)
+    moving = next(one for one in world.bodies if one.joint.kind == "free")
+    with pytest.raises(UnsupportedError) as caught:
+        told(
+            monkeypatch,
+            world,
+            engine,
+            tmp_path / engine,
+            lambda read: with_surface(read, moving.name, **{quantity: value}),
+        )
+    assert f"impossible {quantity} of {moving.shapes[0].material}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"timestep": math.nan}, "impossible timestep"),
+        ({"timestep": 0.0}, "impossible timestep"),
+        ({"friction_cone": "round"}, "unknown friction cone"),
+    ],
+)
+def test_a_world_that_cannot_be_is_refused_by_name(change, words, tmp_path, monkeypatch):
+    engine = ENGINES[0]
+    with pytest.raises(UnsupportedError, match=words):
+        told(
+            monkeypatch,
+            worlds.spheres(2),
+            engine,
+            tmp_path / engine,
+            lambda read: dataclasses.replace(read, **change, unreadable={}),
+        )
+
+
+def test_the_timestep_of_the_files_counts(tmp_path, monkeypatch):
+    engine = ENGINES[0]
+    found = told(
+        monkeypatch,
+        worlds.spheres(2),
+        engine,
+        tmp_path / engine,
+        lambda read: dataclasses.replace(read, timestep=0.004, unreadable={}),
+    )
+    assert found.timestep == 0.004
+
+
+def test_an_explicit_pair_that_is_missing_is_not_put_back(tmp_path, monkeypatch):
+    """Then it is the shapes' numbers that act, and these are measured."""
+    world = worlds.table(PAIRS)
+    whole = held(world, find_engine("mujoco"), written(world, "mujoco", tmp_path / "whole"))
+    assert ("ice", "rubber") in whole.plan.explicit
+
+    def drop(read):
+        material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+        mixed = [pair for pair in read.pairs if {material[pair.first], material[pair.second]} == {"ice", "rubber"}]
+        return dataclasses.replace(read, pairs=tuple(pair for pair in read.pairs if pair != mixed[-1]))
+
+    found = told(monkeypatch, world, "mujoco", tmp_path / "one less", drop)
+    assert set(whole.plan.explicit) - set(found.plan.explicit) == {("ice", "rubber")}
+
+
+def pairs_in_probe(world, folder):
+    """Explicit pairs in a MuJoCo world that is compiled as probes are, and its options."""
+    files = written(world, "mujoco", folder)
+    whole = held(world, find_engine("mujoco"), files)
+    names = [material.name for material in world.contact.materials]
+    one = of_pair(whole, names[0], names[0])
+    probe = dataclasses.replace(world, contact=dataclasses.replace(one.contact), engines=(one.options,))
+    only = tuple(
+        body for body in world.bodies if all(shape.material == names[0] for shape in body.shapes if shape.collision)
+    )
+    probe = dataclasses.replace(probe, bodies=only)
+    text = compile_world(probe, ["mujoco"], plans={"mujoco": one.plan})["mujoco"].files["model.xml"]
+    root = ElementTree.fromstring(text)
+    return len(root.findall("contact/pair")), root.find("option").attrib
+
+
+def test_probes_have_explicit_pairs_where_the_scenario_has_them(tmp_path):
+    """MuJoCo lists pairs with friction only up to a limit; beyond it, what slides hops, and L5 must see that."""
+    world = worlds.table(dict.fromkeys(PAIRS, 0.3))
+    count, _ = pairs_in_probe(world, tmp_path / "listed")
+    assert count > 0
+    few = worlds.with_options(world, "mujoco", settings=(("explicit_pairs_limit", 0),))
+    count, _ = pairs_in_probe(few, tmp_path / "not listed")
+    assert count == 0
+
+
+def test_probes_have_the_world_wide_numbers_of_the_scenario(tmp_path):
+    """MuJoCo's impratio is one number for the world, and follows from all laws; a probe has only one of them."""
+    world = worlds.table(PAIRS)
+    _, plain = pairs_in_probe(world, tmp_path / "plain")
+    rolling = tuple(
+        dataclasses.replace(pair, rolling_friction=0.001) if pair.first != pair.second else pair
+        for pair in world.contact.pairs
+    )
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=rolling))
+    world = worlds.with_options(world, "mujoco", accept=("material.friction.rolling",))
+    files = written(world, "mujoco", tmp_path / "scenario")
+    option = ElementTree.fromstring((files / "model.xml").read_text()).find("option")
+    _, found = pairs_in_probe(world, tmp_path / "rolling")
+    assert found["impratio"] == option.attrib["impratio"] != plain["impratio"]
+
+
+def test_a_pair_is_only_its_own():
+    """What else a scenario has does not change what probes of two materials get."""
+    pairs = (
+        PairContact("a", "a", 0.1, 0.0),
+        PairContact("a", "b", 0.2, 0.0),
+        PairContact("a", "c", 0.3, 0.0, hardness=Hardness("native")),
+        PairContact("b", "b", 0.4, 0.0),
+        PairContact("b", "c", 0.5, 0.0),
+        PairContact("c", "c", 0.6, 0.0),
+    )
+    frictions = {(pair.first, pair.second): pair.friction for pair in pairs}
+    world = worlds.table(frictions)
+    kind = find_engine(ENGINES[0])
+    whole = module.Held(
+        dataclasses.replace(world.contact, pairs=pairs),
+        contact_plan(world, kind.RULES, kind.LAYERS),
+        world.options(kind.NAME),
+        0.001,
+    )
+    one = of_pair(whole, "a", "b")
+    assert {(pair.first, pair.second) for pair in one.contact.pairs} == {("a", "a"), ("a", "b"), ("b", "b")}
+    assert {material.name for material in one.contact.materials} == {"a", "b"}
+    assert {name for name, _ in one.plan.numbers} == {"a", "b"}
+    assert set(one.plan.layer_of) <= {("a", "a"), ("a", "b"), ("b", "b")}
