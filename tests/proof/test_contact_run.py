@@ -1,0 +1,414 @@
+"""Level L5: what is measured of a scenario's files, what is taken from the cache, and what becomes of an engine that fails."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.base import Deviation, engines, find_engine
+from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.defects import NAMES
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.contact import cache, run, size
+from simspec.proof.contact.probe import Figure, Law
+from simspec.proof.selftest import defects_of
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.proof.verify import verify
+from simspec.world.types import Hardness, PairContact
+from tests import worlds
+
+ENGINES = sorted(engines())
+PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
+DEADLINE = 120.0
+
+
+@pytest.fixture(autouse=True)
+def own_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def few_probes(monkeypatch):
+    """The push alone: one short trial for each pair."""
+    monkeypatch.setattr(run, "PROBES", {"push": run.PROBES["push"]})
+    monkeypatch.setattr(size, "size_trial", lambda world: None)
+
+
+def installed(engine):
+    if find_engine(engine).version() is None:
+        pytest.skip(f"{engine} is not installed")
+    return engine
+
+
+def files(world, engine, folder):
+    write_folder(compile_world(world, [engine])[engine].files, folder)
+    return folder
+
+
+def measured(world, engine, folder, use_cache=True, python=None, deadline=DEADLINE):
+    with run.measure(world, engine, folder, python, deadline, use_cache) as measuring:
+        return measuring.wait()[0]
+
+
+def wrong(figures):
+    """Probe and subject of every figure that fails."""
+    return {(figure.probe, figure.subject) for figure in figures if not figure.passed}
+
+
+# --- what is measured ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
+    world = worlds.table(PAIRS)
+    found = measured(world, installed(engine), files(world, engine, tmp_path / engine))
+    assert wrong(found) == set()
+    subjects = {", ".join(pair) for pair in PAIRS}
+    for probe in ("push", "stop", "stick", "restitution", "rest", "steady", "overlap"):
+        assert {figure.subject for figure in found if figure.probe == probe} == subjects
+    assert {figure.probe for figure in found} == {
+        "push",
+        "stop",
+        "stick",
+        "restitution",
+        "rest",
+        "steady",
+        "overlap",
+        "size",
+    }
+    push = {figure.subject: figure for figure in found if figure.probe == "push"}
+    for (first, second), friction in PAIRS.items():
+        one = push[f"{first}, {second}"]
+        assert one.expected == pytest.approx(friction)
+        assert len(one.points) == 24
+    checks = run.contact_checks(found)
+    assert all(check.level == "L5" and check.passed and check.worst <= 1.0 for check in checks)
+    assert sum(check.count for check in checks) == len(found)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_the_files_hold_is_measured_and_not_what_was_meant(engine, tmp_path, few_probes):
+    """Half the friction of one pair, in files that stand for the whole world."""
+    world = worlds.table(PAIRS)
+    halved = worlds.table({**PAIRS, ("rubber", "rubber"): 0.1})
+    found = measured(world, installed(engine), files(halved, engine, tmp_path / engine))
+    assert wrong(found) == {("push", "rubber, rubber")}
+    (figure,) = (figure for figure in found if not figure.passed)
+    assert figure.measured == pytest.approx(0.1, rel=0.02)
+    (check,) = run.contact_checks(found)
+    assert not check.passed
+    assert check.worst == pytest.approx(0.1 / figure.tolerance, rel=0.05)
+    assert check.where == "rubber, rubber"
+
+
+@pytest.mark.parametrize(
+    ("defect", "probe"),
+    [
+        ("pair value", "push"),
+        ("cone", "push"),
+        ("hardness", "overlap, push"),
+        ("torsional friction", "torsional"),
+        ("rolling friction", "rolling"),
+    ],
+)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_planted_defects_are_measured(engine, defect, probe, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "PROBES", {name: run.PROBES[name] for name in probe.split(", ")})
+    monkeypatch.setattr(size, "size_trial", lambda world: None)
+    world = WORLDS[NAMES[defect]](installed(engine))
+    plant = defects_of(find_engine(engine).FORMAT)[defect]
+    try:
+        sound = compile_world(world, [engine])[engine].files
+    except UnsupportedError:
+        pytest.skip(f"{engine} cannot have it")
+    if isinstance(plant, str):
+        pytest.skip(plant)
+    write_folder(sound, tmp_path / "sound")
+    write_folder(plant(sound), tmp_path / "planted")
+    assert wrong(measured(world, engine, tmp_path / "sound")) == set()
+    assert wrong(measured(world, engine, tmp_path / "planted"))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_restitution_that_is_not_there_is_measured(engine, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "PROBES", {"restitution": run.PROBES["restitution"]})
+    monkeypatch.setattr(size, "size_trial", lambda world: None)
+    world = WORLDS["bouncing"](installed(engine))
+    pairs = tuple(dataclasses.replace(pair, restitution=0.3) for pair in world.contact.pairs)
+    dull = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+    assert wrong(measured(world, engine, files(world, engine, tmp_path / "sound"))) == set()
+    found = measured(world, engine, files(dull, engine, tmp_path / "dull"))
+    assert all(figure.measured == pytest.approx(0.3, abs=0.05) for figure in found)
+    assert wrong(found) == {("restitution", "rubber, rubber")}
+
+
+def test_l5_is_part_of_a_certificate_and_survives_its_json(tmp_path, few_probes):
+    engine = installed(ENGINES[0])
+    world = worlds.table(PAIRS)
+    place = files(worlds.table({**PAIRS, ("ice", "ice"): 0.3}), engine, tmp_path / engine)
+    found = verify(world, [engine], artifacts={engine: place})
+    proof = found.engines[engine]
+    assert [(check.name, check.passed) for check in proof.level("L5")] == [("push, in tolerances", False)]
+    assert {figure.subject for figure in proof.contact} == {", ".join(pair) for pair in PAIRS}
+    assert Certificate.from_json(found.to_json()) == found
+    assert "L5" not in {check.level for check in verify(world, [engine], levels=["L1"]).engines[engine].checks}
+
+
+def test_a_figure_without_a_number_survives_json():
+    one = Figure("push", "a, b", "crashed", "", "", 0.0, None, 0.0)
+    (check,) = run.contact_checks([one])
+    assert not check.passed
+    assert "crashed" in check.detail
+    proof = EngineProof("1", "abc", (check,), contact=(one,))
+    found = Certificate("x", "", "", {"engine": proof})
+    assert Certificate.from_json(found.to_json()) == found
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_world_without_contact_has_no_contact_checks(engine):
+    found = verify(worlds.damped_springs(), [installed(engine)])
+    assert found.valid
+    assert found.engines[engine].level("L5") == []
+
+
+# --- declared deviations ------------------------------------------------------------------------------------------
+
+
+def deviating(figure, *declared, **pair):
+    law = Law(PairContact("a", "b", **({"friction": 0.5, "restitution": 0.2} | pair)), "elliptic", 0.002)
+    job = SimpleNamespace(law=law)
+    return run._deviating(figure, job, SimpleNamespace(CONTACT_DEVIATIONS=declared))
+
+
+FIGURE = Figure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)
+
+
+@pytest.mark.parametrize(
+    ("declared", "counts"),
+    [
+        (Deviation("push", 0.12, "hops"), True),
+        (Deviation("push", 0.06, "hops", relative=False), True),
+        (Deviation("push", 0.08, "too small"), False),
+        (Deviation("stop", 0.12, "of another probe"), False),
+        (Deviation("push", 0.12, "larger friction", friction=0.6), False),
+        (Deviation("push", 0.12, "larger steps", timestep=0.003), False),
+        (Deviation("push", 0.12, "these", friction=0.5, timestep=0.002, restitution=0.2), True),
+        (Deviation("push", 0.12, "livelier", restitution=0.3), False),
+        (Deviation("push", 0.12, "pyramid", friction_cone="pyramid-inscribed"), False),
+        (Deviation("push", 0.12, "cone", friction_cone="elliptic"), True),
+        (Deviation("push", 0.12, "soft", hardness="native"), False),
+        (Deviation("push", 0.12, "hard", hardness="common"), True),
+    ],
+)
+def test_a_declared_deviation_counts_where_it_says(declared, counts):
+    found = deviating(FIGURE, declared)
+    assert found.passed is counts
+    assert found.measured == FIGURE.measured
+    if declared.why != "too small":
+        assert found.deviation == (declared.why if counts else "")
+
+
+def test_the_largest_declared_deviation_counts():
+    small, large = Deviation("push", 0.11, "small"), Deviation("push", 0.3, "large")
+    found = deviating(FIGURE, small, large, Deviation("push", 0.2, "middle"))
+    assert (found.deviation, found.tolerance) == ("large", pytest.approx(0.15))
+
+
+def test_what_passes_by_itself_needs_no_deviation():
+    fine = dataclasses.replace(FIGURE, measured=0.501)
+    assert deviating(fine, Deviation("push", 0.3, "hops")) == fine
+
+
+# --- the cache ----------------------------------------------------------------------------------------------------
+
+
+def processes(monkeypatch):
+    """The operations of each engine process that is started from here on."""
+    started = []
+
+    def counting(engine, artifacts, operations, **more):
+        started.append(len(operations))
+        return original(engine, artifacts, operations, **more)
+
+    original = run.start
+    monkeypatch.setattr(run, "start", counting)
+    return started
+
+
+def test_what_was_measured_is_not_measured_again(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.table(PAIRS)
+    place = files(world, engine, tmp_path / engine)
+    started = processes(monkeypatch)
+    first = measured(world, engine, place)
+    assert started == [3]
+    assert measured(world, engine, place) == first
+    assert started == [3]
+    measured(world, engine, place, use_cache=False)
+    assert started == [3, 3]
+
+
+def test_a_new_material_is_measured_with_its_own_pairs_alone(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    small = worlds.table(dict.fromkeys(PAIRS, 0.3))
+    large = worlds.table(dict.fromkeys([*PAIRS, ("ice", "steel"), ("rubber", "steel"), ("steel", "steel")], 0.3))
+    started = processes(monkeypatch)
+    measured(small, engine, files(small, engine, tmp_path / "small"))
+    found = measured(large, engine, files(large, engine, tmp_path / "large"))
+    assert started == [3, 3]
+    assert len(found) == 6
+
+
+@pytest.mark.parametrize("change", ["friction", "cone", "timestep", "setting", "version", "code"])
+def test_whatever_changes_a_figure_is_measured_anew(change, tmp_path, few_probes, monkeypatch):
+    engine = installed("dart")
+    world = worlds.one_law()
+    other = {
+        "friction": lambda: worlds.one_law(friction=0.4),
+        "cone": lambda: dataclasses.replace(
+            world, contact=dataclasses.replace(world.contact, friction_cone="pyramid-circumscribed")
+        ),
+        "timestep": lambda: dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=0.002)),
+        "setting": lambda: worlds.with_options(world, engine, settings=(("iterations", 123),)),
+    }.get(change, lambda: world)()
+    started = processes(monkeypatch)
+    measured(world, engine, files(world, engine, tmp_path / "one"))
+    if change == "version":
+        monkeypatch.setattr(find_engine(engine), "version", classmethod(lambda kind: "0.0"))
+    if change == "code":
+        monkeypatch.setattr(cache, "code_digest", lambda: "other code")
+    measured(other, engine, files(other, engine, tmp_path / "other"))
+    assert started == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[", "{}", "[]", "[1]", '[{"probe": "push"}]', "null", "7", "\x00", "DEEP", "NAN"]
+)
+def test_a_damaged_entry_is_measured_anew(text, tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.one_law()
+    place = files(world, engine, tmp_path / engine)
+    first = measured(world, engine, place)
+    (entry,) = (tmp_path / "cache" / "simspec" / "contact").iterdir()
+    if text == "NAN":
+        text = json.dumps([json.loads(entry.read_text())[0] | {"measured": float("nan")}])
+    entry.write_text("[" * 100_000 if text == "DEEP" else text)
+    started = processes(monkeypatch)
+    assert measured(world, engine, place) == first
+    assert started == [1]
+    assert measured(world, engine, place) == first
+    assert started == [1]
+
+
+def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    world = worlds.one_law()
+    with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, True) as measuring:
+        found, complaints = measuring.wait()
+    assert wrong(found) == set()
+    assert "nothing can be kept" in complaints[0]
+
+
+def test_entries_are_in_the_users_cache_folder(monkeypatch, tmp_path):
+    assert cache.folder() == tmp_path / "cache" / "simspec" / "contact"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache.folder() == tmp_path / "home" / ".cache" / "simspec" / "contact"
+
+
+# --- engines that fail --------------------------------------------------------------------------------------------
+
+
+class Crashed:
+    """A process that ended without a result."""
+
+    def wait(self):
+        raise EngineError("some", "the process was ended by signal 11 (SIGSEGV) without a result")
+
+
+def test_a_crash_is_the_figure_of_the_probe_that_crashes(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.table(PAIRS)
+    place = files(world, engine, tmp_path / engine)
+    original, calls = run.call, []
+
+    def call(name, artifacts, operations, **more):
+        calls.append(more["deadline"])
+        if len(calls) == 2:
+            raise EngineError(name, "the process was ended by signal 11 (SIGSEGV) without a result")
+        return original(name, artifacts, operations, **more)
+
+    monkeypatch.setattr(run, "call", call)
+    with run.measure(world, engine, place, None, DEADLINE, True) as measuring:
+        found, _ = dataclasses.replace(measuring, running=Crashed()).wait()
+    assert len(calls) == len(found) == 3
+    assert all(0.0 < left <= DEADLINE for left in calls)
+    assert wrong(found) == {("push", "ice, rubber")}
+    (bad,) = (figure for figure in found if not figure.passed)
+    assert bad.measured is None
+    assert "SIGSEGV" in bad.case
+    assert "SIGSEGV" in run.contact_checks(found)[0].detail
+    # what crashed is not kept
+    assert len(list(cache.folder().iterdir())) == 2
+
+
+def test_after_the_deadline_nothing_is_tried_again(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.table(PAIRS)
+    monkeypatch.setattr(run, "call", lambda *given, **more: pytest.fail("tried again"))
+    with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, True) as measuring:
+        found, _ = dataclasses.replace(measuring, running=Crashed(), ends=0.0).wait()
+    assert [figure.measured for figure in found] == [None] * 3
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_files_that_cannot_be_probed_are_a_failed_check(engine, tmp_path, few_probes, monkeypatch):
+    """Here, settings that the engine does not know."""
+    world = worlds.one_law()
+    place = files(world, installed(engine), tmp_path / engine)
+    original = run.held
+
+    def held(*given):
+        found = original(*given)
+        return dataclasses.replace(
+            found, timestep=found.timestep, options=dataclasses.replace(found.options, settings=(("nonsense", 1),))
+        )
+
+    monkeypatch.setattr(run, "held", held)
+    proof = verify(world, [engine], artifacts={engine: place}).engines[engine]
+    (check,) = proof.level("L5")
+    assert not check.passed
+    assert "nonsense" in check.detail
+
+
+def test_motion_without_numbers_is_a_figure_without_one(tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.one_law()
+    with run.measure(world, engine, files(world, engine, tmp_path / engine), None, DEADLINE, False) as measuring:
+        answers = measuring.running.wait().answers
+        broken = [
+            dataclasses.replace(one, arrays={name: np.full_like(value, np.nan) for name, value in one.arrays.items()})
+            for one in answers
+        ]
+        running = SimpleNamespace(wait=lambda: SimpleNamespace(answers=broken))
+        found, _ = dataclasses.replace(measuring, running=running).wait()
+    assert [figure.measured for figure in found] == [None]
+    assert not run.contact_checks(found)[0].passed
+
+
+def test_hardness_in_the_files_counts(tmp_path, monkeypatch):
+    """Where an engine holds hardness with its pairs, softer files are measured as such."""
+    monkeypatch.setattr(run, "PROBES", {"rest": run.PROBES["rest"]})
+    monkeypatch.setattr(size, "size_trial", lambda world: None)
+    engine = installed("mujoco")
+    world = worlds.one_law(friction=0.0)
+    soft = worlds.one_law(friction=0.0, hardness=Hardness("time-constant", time_constant=0.05, damping_ratio=1.0))
+    soft = worlds.with_options(soft, engine, accept=("contact.hardness.time-constant",))
+    assert wrong(measured(world, engine, files(soft, engine, tmp_path / "soft")))
