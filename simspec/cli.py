@@ -255,7 +255,8 @@ def compile_command(
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the folder is stale.")] = False,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Say how each feature is realised in each engine.")
+        bool,
+        typer.Option("--explain", help="Say how each engine has contact and features, and why its solver is set so."),
     ] = False,
     sets: Sets = None,
     allow_outside: Outside = False,

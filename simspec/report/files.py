@@ -86,7 +86,7 @@ def compile_specs(
         return _check(built, folders, as_json)
     written = [generated.write(one, folder) for one, folder in zip(built, folders, strict=True)]
     if as_json:
-        data = [_compiled_data(one, place) for one, place in zip(built, written, strict=True)]
+        data = [_compiled_data(one, place, explain) for one, place in zip(built, written, strict=True)]
         sys.stdout.write(text({"compiled": data}))
         return EXIT_OK
     for one, place in zip(built, written, strict=True):
@@ -94,10 +94,12 @@ def compile_specs(
         if place.dropped:
             print(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:
-            from simspec.report.terminal import console, decisions
+            from simspec.report.explain import tables
+            from simspec.report.terminal import console
 
             for compiled in one.compiled.values():
-                console().print(decisions(compiled))
+                for found in tables(one.world, compiled):
+                    console().print(found)
     return EXIT_OK
 
 
@@ -112,7 +114,10 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> in
     return EXIT_FAILED if stale else EXIT_OK
 
 
-def _compiled_data(built: Built, written: Written) -> dict[str, Any]:
+def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
+    from simspec.report.explain import explained
+
+    reasons = {name: explained(built.world, name) for name in built.compiled} if explain else {}
     return {
         "folder": written.folder,
         "changed": written.changed,
@@ -120,6 +125,7 @@ def _compiled_data(built: Built, written: Written) -> dict[str, Any]:
         "world_sha256": sha256(built.world),
         "engines": {
             name: {"format": one.format, "sha256": one.sha256, "files": sorted(one.files), "decisions": one.decisions}
+            | ({"explained": reasons[name]} if explain else {})
             for name, one in built.compiled.items()
         },
     }

@@ -347,7 +347,9 @@ def certificate_notes(certificate: Certificate) -> list[str]:
     }
     notes += [f"motion: {detail}" for detail in motion]
     if any(proof.contact for proof in certificate.engines.values()):
-        notes.append("contact: the worst figure of each engine, in units of that figure's own tolerance (--contact: all)")
+        notes.append(
+            "contact: the worst figure of each engine, in units of that figure's own tolerance (--contact: all)"
+        )
     for name, proof in certificate.engines.items():
         notes += [f"{name} has {feature} as accepted: {how}" for feature, how in proof.approximations.items()]
         declared = {f"{figure.probe}: {figure.deviation}": None for figure in proof.contact if figure.deviation}

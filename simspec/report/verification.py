@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     from simspec.proof.certificate import Certificate
 
+PLOTS = Path("runs")
+"""Where plots go, in a folder of the world's name: the generated folder holds what compiling and proving write, and no more."""
+
 
 def verify(
     world: World,
@@ -55,13 +58,13 @@ def verify(
         screen = terminal.console()
         terminal.show_certificate(certificate, screen)
         if contact:
-            for path_of_plot in show_contact(certificate, world, folder, screen):
+            for path_of_plot in show_contact(certificate, world, screen):
                 screen.print(f"{path_of_plot}: written", soft_wrap=True)
         screen.print(f"{path}: {'written' if written else 'unchanged'}", soft_wrap=True)
     return EXIT_OK if certificate.valid else EXIT_FAILED
 
 
-def show_contact(certificate: Certificate, world: World, folder: Path, screen: Console) -> list[Path]:
+def show_contact(certificate: Certificate, world: World, screen: Console) -> list[Path]:
     """Print every contact figure, and draw required against measured friction; returns the plots' files."""
     from simspec.report.contact import contact_table
     from simspec.report.polar import polar_plot
@@ -72,7 +75,7 @@ def show_contact(certificate: Certificate, world: World, folder: Path, screen: C
         return []
     for table in contact_table(figures):
         screen.print(table)
-    return polar_plot(figures, world.contact.friction_cone, folder / "contact")
+    return polar_plot(figures, world.contact.friction_cone, PLOTS / world.name / "contact")
 
 
 def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:

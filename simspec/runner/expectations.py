@@ -217,6 +217,15 @@ def _apex_height(run: Run, given: Parameters) -> Measured:
     return Measured(abs(height - given["height"]), given["tolerance"], "m", f"apex {height:.4g} m {_at(run, row)}")
 
 
+def _angular_speed(run: Run, given: Parameters) -> Measured:
+    """How far a body's angular speed is from the expected one."""
+    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
+    if given["body"] not in run.index:
+        raise Unmeasurable(f"the world has no body {given['body']!r}")
+    speed = float(np.linalg.norm(run.arrays["velocity"][row, run.index[given["body"]], 3:]))
+    return Measured(abs(speed - given["speed"]), given["tolerance"], "rad/s", f"{speed:.4g} rad/s {_at(run, row)}")
+
+
 def _stays_within(run: Run, given: Parameters) -> Measured:
     """How far a body leaves a box; 0 when it never does."""
     path = _path(run, given["body"])
@@ -246,6 +255,7 @@ MEASURES: Mapping[str, Measure] = {
     "position": _position,
     "displacement": _displacement,
     "apex_height": _apex_height,
+    "angular_speed": _angular_speed,
     "stays_within": _stays_within,
     "bodies_apart": _bodies_apart,
 }

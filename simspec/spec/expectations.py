@@ -98,6 +98,15 @@ KINDS: Mapping[str, Kind] = {
             "after": Parameter(_TIME, "The time from which on the apex is sought"),
         },
     ),
+    "angular_speed": Kind(
+        "A body turns at a speed, about any axis",
+        {
+            "body": _BODY,
+            "speed": Parameter(Number("angular velocity", 0), "The magnitude of the angular velocity"),
+            "tolerance": Parameter(Number("angular velocity", 0), "Largest deviation"),
+            "at": _AT,
+        },
+    ),
     "stays_within": Kind(
         "A body's frame never leaves a box",
         {
