@@ -23,6 +23,7 @@ import os, time
 import numpy as np
 from simspec.engines.base import Engine
 from simspec.features import EXACT, Feature
+from simspec.formats.contact_plan import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
