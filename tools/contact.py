@@ -213,7 +213,7 @@ TOWER_SECTION = "towers"
 TOWER_TEXT = (
     "Ten boxes of 10 cm and 1 kg, and seven cylinders of radius 2 cm, length 10 cm and 0.125 kg, on one another at μ = 0.5; "
     "10 s. Shown: how far a body moved sideways at most / the top one down at most, in mm, or in bold when the tower fell. "
-    "Depths add up from layer to layer, and grow about as dt²."
+    "Depths add up from layer to layer; at short timesteps MuJoCo's soft first layer (see rest depth) is most of its own."
 )
 
 
