@@ -14,6 +14,10 @@ _HOPS = (
     "what rests bounces off each step's fall: PyBullet has restitution at any speed unless the world has a "
     "restitution_threshold"
 )
+_ROLLING = (
+    "in some steps of 8 and 16 ms the rolling moment is up to half larger than c N (measured; the cause is not known)"
+)
+_SQUARE = "held at 0.8 of the limit at 45°, a slider creeps at 1.5 mm/s (measured)"
 _LATE = "gravity acts on during the step out of the overlap: e g dt / v is added to the ratio"
 
 _RATIOS = (0.01, 0.31, 0.51, 0.81)
@@ -25,7 +29,7 @@ _BY_STEP: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
         0.002: (0.011, 0.026, 0.104, 0.43),
         0.004: (0.021, 0.052, 0.21, 0.85),
         0.008: (0.043, 0.104, 0.42, 3.5),
-        0.016: (0.085, 0.21, 0.84, 1.5e5),
+        0.016: (0.085, 0.21, 0.84, 0.84),
     },
     "rest": {
         0.0005: (1e-4, 1e-4, 1e-4, 1.5e-3),
@@ -44,7 +48,8 @@ _BY_STEP: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
         0.016: (1e-4, 1e-4, 0.69, 5.2),
     },
 }
-"""By probe and timestep (s), in the figure's unit, for each of ``_RATIOS``; a tenth above the largest measured."""
+"""By probe and timestep (s), in the figure's unit, for each of ``_RATIOS``; a tenth above the largest measured. With e = 1 and
+μ = 1.5 a slider that is held at 16 ms gains speed without end (1e10 m/s in 300 steps): no deviation covers that."""
 _SHARES: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
     "push": {
         0.0005: (0.01, 0.01, 0.11, 0.11),
@@ -53,7 +58,7 @@ _SHARES: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
         0.004: (0.08, 0.22, 0.3, 0.55),
         0.008: (0.15, 0.22, 0.65, 0.8),
     },
-    "stop": {0.008: (0.06, 0.06, 0.06, 0.46), 0.016: (0.06, 0.06, 0.06, 1.1)},
+    "stop": {0.004: (0.015, 0.015, 0.015, 0.02), 0.008: (0.06, 0.06, 0.06, 0.46), 0.016: (0.06, 0.06, 0.06, 1.1)},
 }
 """As above, as shares of the expected value."""
 
@@ -73,5 +78,7 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     *_rows(_BY_STEP, relative=False),
     *_rows(_SHARES, relative=True),
     Deviation("restitution", 0.1, _LATE, relative=False, timestep=0.0072, restitution=0.3),
+    Deviation("rolling", 0.08, _ROLLING, timestep=0.0072),
+    Deviation("stick", 2e-3, _SQUARE, False, friction=0.9, timestep=0.0144, friction_cone="pyramid-circumscribed"),
     Deviation("restitution", 0.18, _LATE, relative=False, timestep=0.0144, restitution=0.3),
 )
