@@ -20,6 +20,10 @@ def resource_folder(name: str) -> Path:
     raise FileNotFoundError(f"simspec's folder {name!r} is missing: this installation is incomplete")
 
 
+LIBRARY = ("*.yaml", "contact/*.yaml")
+"""Where the library's scenarios are below ``specs``; the others there are models."""
+
+
 def find_spec(name: str) -> Path:
     """The file of a spec: a path, or the name of a scenario of the library that is shipped with simspec.
 
@@ -28,7 +32,8 @@ def find_spec(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    library = {found.stem: found for found in sorted(resource_folder("specs").glob("*.yaml"))}
+    folder = resource_folder("specs")
+    library = {found.stem: found for part in LIBRARY for found in sorted(folder.glob(part))}
     if name in library:
         return library[name]
     import difflib

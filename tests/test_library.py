@@ -16,6 +16,11 @@ HASHES = json.loads((Path(__file__).parent / "library_hashes.json").read_text())
 """World hashes of the library, equal on every machine. A change here is a change of a world: say why in the commit."""
 
 
+def test_scenarios_are_found_by_name_wherever_they_are_in_the_library():
+    for path in (*SPECS, *sorted((ROOT / "specs" / "contact").glob("*.yaml"))):
+        assert simspec.find_spec(path.stem).samefile(path)
+
+
 def test_the_library_holds_what_it_promises():
     assert [spec.stem for spec in SPECS] == sorted(HASHES)
 

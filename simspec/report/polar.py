@@ -16,9 +16,10 @@ MARKERS = ("o", "x", "+", "s", "^", "d")
 """One per engine, in order: readable on top of each other, and without colours."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Told apart by colour-blind people too (Okabe and Ito)."""
-COLUMNS = 4
-PANEL = 3.2
-"""Inches of a panel's side."""
+FEW, MANY = (4, 3.2), (7, 2.2)
+"""Columns, and inches of a panel's side, of up to eight panels, and of more."""
+LEAST_WIDTH = 6.4
+"""Inches: the legend stands in one row above the panels."""
 SHAPES = {"elliptic": "circle", "pyramid-inscribed": "diamond", "pyramid-circumscribed": "square"}
 
 
@@ -36,19 +37,29 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -
     if not panels:
         return []
     plot = _matplotlib()
-    columns = min(COLUMNS, len(panels))
+    most, side = FEW if len(panels) <= 2 * FEW[0] else MANY
+    columns = min(most, len(panels))
     rows = math.ceil(len(panels) / columns)
     with plot.rc_context({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8}):
-        chart, axes = plot.subplots(rows, columns, figsize=(PANEL * columns, PANEL * rows + 0.7), squeeze=False)
+        chart, axes = plot.subplots(
+            rows, columns, figsize=(max(side * columns, LEAST_WIDTH), side * rows + 0.7), squeeze=False
+        )
         flat = [axis for row in axes for axis in row]
         engines = list(figures)
+        reach = 1.15 * max(_largest(by_engine, cone) for by_engine in panels.values())
         for axis, (subject, by_engine) in zip(flat, panels.items(), strict=False):
             _panel(axis, subject, by_engine, engines, cone)
+            # one scale for all: a small μ is a small circle
+            axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        for axis in flat[::columns]:
+            axis.set_ylabel("friction along y, over N")
+        for axis in flat[max(0, len(panels) - columns) : len(panels)]:
+            axis.set_xlabel("friction along x, over N")
         for axis in flat[len(panels) :]:
             axis.set_visible(False)
         handles, labels = flat[0].get_legend_handles_labels()
         chart.legend(handles, labels, loc="upper center", ncols=len(labels), frameon=False, fontsize=9)
-        chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (PANEL * rows + 0.7)))
+        chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (side * rows + 0.7)))
         written = []
         path.parent.mkdir(parents=True, exist_ok=True)
         for suffix, more in ((".svg", {"metadata": {"Date": None}}), (".png", {"dpi": 110})):
@@ -78,10 +89,7 @@ def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Se
                 zorder=2 + index,
                 **_colours(index),
             )
-    reach = 1.25 * max(friction * math.sqrt(2.0 if cone == "pyramid-circumscribed" else 1.0), _largest(by_engine))
-    axis.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title=f"{subject}   μ = {friction:.4g}")
-    axis.set_xlabel("friction along x, over the normal force")
-    axis.set_ylabel("along y")
+    axis.set_title(f"{subject}   μ = {friction:.4g}")
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
 
@@ -93,8 +101,10 @@ def _colours(index: int) -> dict[str, Any]:
     return {"color": colour} if filled else {"facecolors": "none", "edgecolors": colour}
 
 
-def _largest(by_engine: Mapping[str, Figure]) -> float:
-    return max(math.hypot(row[1], row[2]) for figure in by_engine.values() for row in figure.points)
+def _largest(by_engine: Mapping[str, Figure], cone: str) -> float:
+    """The farthest coordinate of a panel: of the required section, or of what was measured."""
+    measured = max(abs(value) for figure in by_engine.values() for row in figure.points for value in row[1:])
+    return max(measured, _friction(next(iter(by_engine.values())), cone))
 
 
 def _friction(figure: Figure, cone: str) -> float:

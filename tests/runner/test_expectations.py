@@ -169,6 +169,26 @@ def test_apex_after_the_first_fall(height, passed):
     assert found.passed is passed
 
 
+def spinning(name, t):
+    return column(0 * t, 0, 0, 3.0 * t, 0, 4.0 * t)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "passed"),
+    [
+        ({"speed": 5.0, "tolerance": 1e-9}, True),
+        ({"speed": 5.2, "tolerance": 0.1}, False),
+        ({"speed": 2.5, "tolerance": 1e-9, "at": 0.5}, True),
+        ({"speed": 5.0, "tolerance": 1.0, "at": 0.5}, False),
+    ],
+)
+def test_angular_speed_about_any_axis(parameters, passed):
+    found = outcome(expect("angular_speed", body="ball", **parameters), speed=spinning)
+    assert found.passed is passed
+    assert found.unit == "rad/s"
+    assert found.bound == parameters["tolerance"]
+
+
 @pytest.mark.parametrize(("upper", "passed"), [((3.0, 4.0, 1.0), True), ((3.0, 3.9, 1.0), False)])
 def test_stays_within(upper, passed):
     found = outcome(expect("stays_within", body="ball", lower=(0.0, 0.0, 1.0), upper=upper), going)

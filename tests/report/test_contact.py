@@ -1,0 +1,126 @@
+"""What people see of the contact law: tables of figures, the plot by direction, and how each engine has it."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from simspec.compiler import compile_world
+from simspec.errors import SpecError
+from simspec.proof.contact.law import project
+from simspec.proof.contact.probe import Figure
+from simspec.report import polar
+from simspec.report.contact import contact_table, deviations
+from simspec.report.explain import costs, explained, tables
+from tests import worlds
+from tests.engines.conftest import ENGINES
+
+FRICTION = 0.4
+
+
+def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, steel") -> Figure:
+    """A push figure of an engine whose friction is ``scale`` times what the cone requires."""
+    points = []
+    for number in range(24):
+        angle = math.radians(15 * number)
+        force = scale * project([1.6 * FRICTION * math.cos(angle), 1.6 * FRICTION * math.sin(angle)], FRICTION, cone)
+        points.append((angle, float(force[0]), float(force[1])))
+    size = math.hypot(*points[3][1:]) / scale
+    case = "24 directions, worst at 45°"
+    return Figure("push", subject, case, "friction", "", size, scale * size, 0.01 * size, points=tuple(points))
+
+
+def printed(*shown: object) -> str:
+    screen = Console(width=120, record=True, file=io.StringIO())
+    for one in shown:
+        screen.print(one)
+    return screen.export_text()
+
+
+def test_a_table_puts_engines_side_by_side():
+    rest = Figure("rest", "rubber, steel", "cube put down", "depth", "m", 0.0, 2e-5, 1e-4)
+    nothing = dataclasses.replace(rest, measured=None)
+    declared = dataclasses.replace(push(scale=1.05), tolerance=0.1, deviation="it hops")
+    figures = {"one": [push(), rest], "other": [push(scale=0.9), nothing], "third": [declared]}
+    text = printed(*contact_table(figures))
+    assert "0.4" in text
+    assert "0.36 (-10 %) FAILED" in text
+    assert "0.42 (+5 %)" in text
+    assert "declared" in text
+    assert "no number" in text
+    assert "2e-05 m" in text
+    assert deviations(figures) == ["third, push: it hops"]
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed", "pyramid-circumscribed"])
+def test_the_plot_is_the_same_bytes_every_time(cone, tmp_path):
+    figures = {"one": [push(cone), push(cone, subject="steel, steel")], "other": [push(cone, 0.95)]}
+    files = polar.polar_plot(figures, cone, tmp_path / "a" / "contact")
+    assert [file.suffix for file in files] == [".svg", ".png"]
+    assert files[1].read_bytes().startswith(b"\x89PNG")
+    again = polar.polar_plot(figures, cone, tmp_path / "b" / "contact")
+    assert files[0].read_bytes() == again[0].read_bytes()
+    other = polar.polar_plot({**figures, "other": [push(cone, 0.9)]}, cone, tmp_path / "c" / "contact")
+    assert files[0].read_bytes() != other[0].read_bytes()
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed", "pyramid-circumscribed"])
+def test_the_plot_finds_the_friction_that_was_required(cone):
+    assert polar._friction(push(cone, 0.7), cone) == pytest.approx(FRICTION, rel=1e-12)
+
+
+def test_nothing_is_drawn_where_nothing_has_friction(tmp_path):
+    smooth = dataclasses.replace(push(), expected=0.0, measured=0.0)
+    assert polar.polar_plot({"one": [smooth]}, "elliptic", tmp_path / "contact") == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_matplotlib_the_way_out_is_named(tmp_path, monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def absent(name, *more, **named):
+        if name == "matplotlib":
+            raise ImportError("No module named 'matplotlib'")
+        return real(name, *more, **named)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(SpecError, match=r"simspec\[plots\]"):
+        polar.polar_plot({"one": [push()]}, "elliptic", tmp_path / "contact")
+
+
+TABLE = {("a", "a"): 0.1, ("a", "b"): 0.8, ("b", "b"): 0.4}
+"""No rule of combination gives it."""
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_it_is_explained_how_each_pair_is_had(engine):
+    world = worlds.table(TABLE)
+    one = explained(world, engine)
+    assert {(pair.first, pair.second): pair.law["friction"] for pair in one.pairs} == TABLE
+    found = costs(world, engine)
+    assert found["explicit"] or found["layered"]
+    assert bool(one.copies) == bool(found["layered"])
+    assert {name for name, *_ in one.settings}
+    text = printed(*tables(world, compile_world(world, [engine])[engine]))
+    assert "a, b" in text
+    assert "explicit pairs" in text or "layer 1 of 2" in text
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_one_number_gives_is_explained_as_that(engine):
+    world = worlds.shapes_world(("sphere", "box"))
+    assert costs(world, engine) == {"numbers": 1}
+    assert explained(world, engine).copies == 0
+
+
+def test_a_setting_that_the_spec_gave_is_marked():
+    world = worlds.with_options(worlds.shapes_world(("sphere",)), "pybullet", settings=(("iterations", 77),))
+    settings = {name: (value, given) for name, value, given, _ in explained(world, "pybullet").settings}
+    assert settings["iterations"] == (77, True)
+    assert settings["contact_slop"] == (0.0, False)
