@@ -154,6 +154,7 @@ class Dart(Engine):
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
         Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
+        Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),
         Deviation("rest", 0.16, _HOPS, relative=False, timestep=0.016),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {

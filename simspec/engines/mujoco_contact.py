@@ -122,6 +122,7 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     Deviation(
         "rest", 3e-4, "taken back is 1 % of an overlap in a step, after 0.1 % of gravity", False, timestep=0.0144
     ),
+    Deviation("threshold", 1.02, "MuJoCo has no threshold: all impacts bounce", relative=False),
     Deviation("torsional", 0.06, "measured at c = 20 mm; the cause is not known", timestep=0.0036),
     Deviation("rolling", 2e-3, "a ball that stops within a step rocks in its contact", False, timestep=0.0144),
     # a step's gravity, and the recovery that is missing; some friction is any friction

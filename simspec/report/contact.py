@@ -15,6 +15,7 @@ TITLES: Mapping[str, str] = {
     "stop": "Friction: distance of a slide, in 24 directions",
     "stick": "Friction: creep at 0.8 times the limit, in 24 directions",
     "restitution": "Restitution: separation over approach speed",
+    "threshold": "Restitution below and above the threshold speed",
     "rest": "Rest: how deep a cube (1 kg, 10 cm) and a ball (10 kg) lie",
     "steady": "Rest: how fast they still move",
     "overlap": "Hardness: speed at which an overlap is left",

@@ -9,12 +9,14 @@ import random
 import numpy as np
 import pytest
 
+from simspec.compiler import compile_world, write_folder
 from simspec.engines.base import find_engine
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
 from simspec.formats.base import formats
 from simspec.formats.contact_plan import contact_plan
 from simspec.proof.comparator import compare
+from simspec.proof.contact.run import measure
 from simspec.proof.selftest_worlds import surfaces
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Hardness, Shape, World
@@ -188,3 +190,20 @@ def test_pairs_with_different_hardness_are_held_or_refused_by_name(name, loaded)
             loaded(world)
         return
     assert_held(world, loaded(world, accept=tuple(sorted(feature.value for feature in needed))))
+
+
+def test_a_threshold_that_is_accepted_as_approximate_is_a_declared_deviation(name, tmp_path):
+    """Below the threshold nothing may bounce: an engine has that, or says by how much it has not."""
+    law = {"restitution": 0.8, "restitution_threshold": 0.4, "friction": 0.0}
+    accept = ("material.restitution", "material.restitution.threshold")
+    world = worlds.with_options(worlds.one_law(**law), name, accept=accept)
+    folder = tmp_path / "artifacts"
+    write_folder(compile_world(world, [name])[name].files, folder)
+    with measure(world, name, folder, None, 60.0, False) as measuring:
+        figures, _ = measuring.wait()
+    below = [figure for figure in figures if figure.probe == "threshold"]
+    assert below
+    assert all(figure.passed for figure in figures)
+    kind = find_engine(name)
+    level = combine(formats()[kind.FORMAT].SUPPORT, kind.SUPPORT)[Feature.RESTITUTION_THRESHOLD].level
+    assert any(figure.deviation for figure in below) == (level is Level.APPROXIMATE)
