@@ -131,14 +131,24 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
 
 
 def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
-    """Of each material the least mass (kg) of a body with such a shape that can move by itself, and that body."""
+    """Of each material the least mass (kg) of a body with such a shape that can move, and that body.
+
+    A body counts with all that is joined to it rigidly.
+    """
+    top: dict[str, str | None] = {}
+    masses: dict[str | None, float] = {}
+    for body in expansion.bodies:  # parents come before their children
+        fixed, parent = body.joint.kind == "fixed", body.joint.parent
+        top[body.name] = body.name if not fixed else None if parent is None else top[parent]
+        masses[top[body.name]] = masses.get(top[body.name], 0.0) + body.inertial.mass
     found: dict[str, tuple[float, str]] = {}
     for body in expansion.bodies:
-        if body.joint.kind == "fixed" or not body.inertial.mass:
+        group = top[body.name]
+        if group is None or not masses[group]:
             continue
         for shape in body.shapes:
             if shape.collision:
-                one = (body.inertial.mass, body.name)
+                one = (masses[group], body.name)
                 found[shape.material] = min(found.get(shape.material, one), one)
     return found
 

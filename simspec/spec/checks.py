@@ -277,5 +277,8 @@ def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
         both = tuple(sorted(between))
         if both in seen:
             message = f"the pair {' and '.join(both)} is there twice"
-            yield source.document.problem(("contact", "pairs", index), message, found=f"first as pair {seen[both]}")
+            place = source.document.locate(("contact", "pairs", seen[both]))
+            found = f"first as pair {seen[both]}" + (f" at {place}" if place is not None else "")
+            hint = "leave out one, or put what both say into one entry"
+            yield source.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
         seen.setdefault(both, index)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import Field
+from pydantic_core import core_schema
 
+from simspec.spec.document import INVALID
 from simspec.spec.quantities import Flag, Name, Number, Reader, Word
 from simspec.spec.shapes import NameOf
 from simspec.spec.strict import Fault, Faults, Strict, fault, near, replace_loc, show
@@ -43,8 +45,6 @@ class HardnessReader(Reader):
     def read(self, value: Any) -> tuple[str, tuple[float, ...]]:
         if isinstance(value, str):
             return Word(HARDNESS_WORDS).read(value), ()
-        if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], tuple):  # read before
-            return value  # type: ignore[return-value]
         if not isinstance(value, Mapping):
             raise fault("wants a word or a compliance", show(value), self._allowed())
         known = {name for form in HARDNESS_FORMS.values() for name in form}
@@ -54,14 +54,32 @@ class HardnessReader(Reader):
                 raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint)])
         kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
         if kind is None:
-            raise fault("not a whole compliance", show(dict(value)), self._allowed())
-        numbers = []
+            raise fault("not a whole compliance", show(dict(value)), self._allowed(), _completion(value))
+        return kind, self._numbers(kind, value)
+
+    def _numbers(self, kind: str, value: Mapping[str, Any]) -> tuple[float, ...]:
+        numbers, faults = [], []
         for name, number in HARDNESS_FORMS[kind].items():
             try:
-                numbers.append(number.read(value[name]))
+                if value[name] is INVALID:
+                    faults.append(Fault((name,), "", reported=True))
+                else:
+                    numbers.append(number.read(value[name]))
             except Faults as error:
-                raise Faults(replace_loc(error.faults, (name,))) from None
-        return kind, tuple(numbers)
+                faults.extend(replace_loc(error.faults, (name,)))
+        if faults:
+            raise Faults(faults)
+        return tuple(numbers)
+
+    def written(self, value: tuple[str, tuple[float, ...]] | None) -> Any:
+        if value is None or value[0] in HARDNESS_WORDS:
+            return value and value[0]
+        return dict(zip(HARDNESS_FORMS[value[0]], value[1], strict=True))
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        # a model that was made in Python is written as a spec would say it
+        written = core_schema.plain_serializer_function_ser_schema(self.written)
+        return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
 
     def _allowed(self) -> str:
         forms = (f"{{{', '.join(form)}}}" for form in HARDNESS_FORMS.values())
@@ -82,6 +100,14 @@ class HardnessReader(Reader):
             for form in HARDNESS_FORMS.values()
         ]
         return {"anyOf": [{"enum": list(HARDNESS_WORDS)}, *forms]}
+
+
+def _completion(value: Mapping[str, Any]) -> str:
+    """The way from a part of a compliance, or from parts of two, to a whole one."""
+    begun = [form for form in HARDNESS_FORMS.values() if set(form) & set(value)]
+    if len(begun) == 1:
+        return f"add {' and '.join(name for name in begun[0] if name not in value)}"
+    return "; ".join(f"{' and '.join(form)} go together" for form in HARDNESS_FORMS.values())
 
 
 HardnessValue = Annotated[tuple[str, tuple[float, ...]], HardnessReader()]

@@ -26,6 +26,10 @@ class Reader:
         """The value as the world wants it. Raises Faults."""
         raise NotImplementedError
 
+    def written(self, value: Any) -> Any:
+        """A value that was read, as a spec writes it, for the defaults in the schema and the reference."""
+        return value
+
     def schema(self) -> dict[str, Any]:
         """Its JSON Schema."""
         raise NotImplementedError
