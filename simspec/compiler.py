@@ -15,7 +15,14 @@ from simspec.engines.base import Engine, check_settings, engines, find_engine, r
 from simspec.errors import Location, Problem, SpecError, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Format, Target, formats
-from simspec.formats.contact_plan import ContactPlan, contact_plan, pair_needs
+from simspec.formats.contact_plan import (
+    MOST_SPLIT_MATERIALS,
+    ContactPlan,
+    contact_plan,
+    meeting_laws,
+    pair_needs,
+    unreachable,
+)
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
@@ -90,8 +97,38 @@ def _compile_engine(
     table = combine(file_format.SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else pair_needs(world, engine.RULES)
     decisions = negotiate(world, engine.NAME, table, locate, extra)
+    if plan is None and engine.LAYERS:
+        _refuse_unreachable(world, engine)
     files = file_format.emit(world, target_of(world, engine, plan))
     return Compiled(engine.NAME, engine.FORMAT, files, tuple(decisions))
+
+
+def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
+    """Raise UnsupportedError for laws that neither numbers nor copies of shapes give, one problem for each quantity."""
+    laws = meeting_laws(world)
+    problems = []
+    for quantity, pairs in unreachable(world, engine.RULES, contact_plan(world, engine.RULES, engine.LAYERS)).items():
+        (first, second), given = next(iter(pairs.items()))
+        law, word, rule = laws[first, second], quantity.replace("_", " "), getattr(engine.RULES, quantity)
+        if rule == "cross" and not law.friction:
+            why = "it counts only together with sliding friction, of which they have none"
+            hint = f"give them sliding friction, leave their {word} out, or run without --engine {engine.NAME}"
+        else:
+            why = f"no number for each material does (rule: {rule}), nor do copies of shapes, sought for up to "
+            why += f"{MOST_SPLIT_MATERIALS} materials"
+            hint = f"fewer materials, or values that the rule gives, or run without --engine {engine.NAME}"
+        more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
+        asked = law.hardness.kind if quantity == "hardness" else f"{getattr(law, quantity):.6g}, would be {given:.6g}"
+        problems.append(
+            Problem(
+                f"{engine.NAME} cannot give {first} and {second} their {word}: {why}{more}",
+                f"contact.pairs.{first}.{second}.{quantity}",
+                found=f"{word} {asked}",
+                hint=hint,
+            )
+        )
+    if problems:
+        raise UnsupportedError(problems)
 
 
 def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = None) -> Target:

@@ -18,7 +18,7 @@ from simspec.resolve import resolve
 from simspec.spec.load import Spec, load
 from simspec.world import frames
 from simspec.world.canonical import sha256
-from simspec.world.kinematics import poses
+from simspec.world.kinematics import poses, trees
 from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, Record, World
 
 TABLE = Path(__file__).parent / "spec" / "data" / "table.yaml"
@@ -660,3 +660,77 @@ def test_contact_that_two_steps_resolve_is_taken(tmp_path):
 )
 def test_a_pairs_law_is_located_where_it_comes_from(tmp_path, path, line):
     assert stiff(tmp_path).locate(path).line == line
+
+
+ATTACHED = """simspec: 1
+name: attached
+models:
+  hand:
+    attach: arm/fore
+    pose: {xyz: [0, 0.1, -0.3], rpy: [0, 0, 90 deg]}
+    bodies:
+      palm: {mass: 0.3, inertia: {principal: [0.001, 0.001, 0.001]}}
+      finger:
+        parent: palm
+        mass: 0.1
+        inertia: {principal: [0.0005, 0.0005, 0.0005]}
+        joint: {name: grip, type: hinge, axis: [1, 0, 0], origin: {xyz: [0, 0.05, 0]}, position: 0.3}
+  arm:
+    fixed: true
+    bodies:
+      base: {mass: 1, inertia: {principal: [0.01, 0.01, 0.01]}}
+      fore:
+        parent: base
+        mass: 1
+        inertia: {principal: [0.01, 0.01, 0.01]}
+        joint: {name: elbow, type: hinge, axis: [0, 1, 0], position: 0.7}
+"""
+
+
+def attached(tmp_path, old="", new=""):
+    assert old in ATTACHED
+    path = tmp_path / "attached.yaml"
+    path.write_text(ATTACHED.replace(old, new) if old else ATTACHED, encoding="utf-8")
+    return load(path)
+
+
+def test_an_attached_model_is_one_tree_with_its_carrier(tmp_path):
+    world = attached(tmp_path).resolve()
+    assert [body.name for body in world.bodies] == ["arm/base", "arm/fore", "hand/palm", "hand/finger"]
+    palm = world.bodies[2].joint
+    assert (palm.kind, palm.parent) == ("fixed", "arm/fore")
+    assert list(trees(world)) == ["arm/base"]
+    found = poses(world)
+    turn = frames.from_axis_angle((0.0, 1.0, 0.0), 0.7)
+    np.testing.assert_allclose(found["hand/palm"].position, frames.rotate(turn, (0.0, 0.1, -0.3)), atol=1e-15)
+    assert ("arm/fore", "hand/palm") in world.contact.excluded_bodies
+    assert world.bodies[3].joint.position == (0.3,)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("arm/fore", "arm/four", "no model has a body 'arm/four'"),
+        ("arm/fore", "hand/finger", "attached to each other"),
+        ("    attach: arm/fore\n", "    attach: arm/fore\n    fixed: true\n", "no fixed of its own"),
+        (
+            "    attach: arm/fore\n",
+            "    attach: arm/fore\n    velocity: {linear: [1, 0, 0]}\n",
+            "no velocity of its own",
+        ),
+        (
+            "    attach: arm/fore\n",
+            "    attach: arm/fore\n    array: {grid: [2, 1, 1], spacing: 1}\n",
+            "no array of its own",
+        ),
+        ("palm: {mass: 0.3, inertia: {principal: [0.001, 0.001, 0.001]}}", "palm: {}", "mass"),
+    ],
+)
+def test_what_cannot_be_attached_is_refused(tmp_path, old, new, text):
+    with pytest.raises(SpecError, match=text):
+        attached(tmp_path, old, new).resolve()
+
+
+def test_two_models_attached_to_each_other_are_refused(tmp_path):
+    with pytest.raises(SpecError, match="attached to each other"):
+        attached(tmp_path, "    fixed: true\n", "    attach: hand/palm\n").resolve()

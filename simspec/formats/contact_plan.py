@@ -314,6 +314,21 @@ _FEATURES = {
 }
 
 
+def unreachable(world: World, rules: Rules, plan: ContactPlan) -> dict[str, dict[Pair, float]]:
+    """What the numbers of a plan do not give, and an engine without explicit pairs so cannot have: for each quantity the
+    pairs, with what they would get instead (NaN for ``hardness``)."""
+    wanted = meeting_laws(world)
+    found: dict[str, dict[Pair, float]] = {}
+    for pair in plan.missed:
+        first, second = (plan.numbers[name, plan.layer_of[pair]] for name in pair)
+        for name, given in combine(rules, first, second).items():
+            if getattr(rules, name) != "none" and not _same(given, getattr(wanted[pair], name)):
+                found.setdefault(name, {})[pair] = given
+        if rules.hardness == "same" and any(one.hardness != wanted[pair].hardness for one in (first, second)):
+            found.setdefault("hardness", {})[pair] = math.nan
+    return found
+
+
 def pair_needs(world: World, rules: Rules) -> list[Need]:
     """Needs of FRICTION_PAIRS and RESTITUTION_PAIRS: where one number for each material cannot give the world's pairs."""
     wanted = meeting_laws(world)

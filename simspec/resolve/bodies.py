@@ -17,6 +17,7 @@ from simspec.spec.models import Use
 from simspec.spec.shapes import SHAPES
 from simspec.spec.shapes import Shape as SpecShape
 from simspec.spec.sources import Source
+from simspec.spec.strict import near
 from simspec.spec.trees import Bodies
 from simspec.world import frames, mass
 from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
@@ -47,11 +48,50 @@ def expand(source: Source) -> Expansion:
     """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children."""
     found = Expansion()
     only = _only_material(source)
-    instances = [*_loose(source, only, found), *_models(source, only, found), *_own_model(source, only, found)]
+    models = _carriers_first(list(_models(source, only, found)), found)
+    instances = [*_loose(source, only, found), *models, *_own_model(source, only, found)]
     if not found.problems:
         _check_names(instances, found)
     found.bodies = tuple(body for instance in instances for body in instance.bodies)
     return found
+
+
+def _carriers_first(models: list[_Instance], found: Expansion) -> list[_Instance]:
+    """Models in the order of the file, but each after the one that it is attached to; and what is wrong with that."""
+    owner = {body.name: instance for instance in models for body in instance.bodies}
+    ordered: list[_Instance] = []
+    for start in models:
+        chain: list[_Instance] = []
+        one: _Instance | None = start
+        while one is not None and not any(one is other for other in (*ordered, *chain)):
+            chain.append(one)
+            carrier = one.bodies[0].joint.parent
+            if carrier is None:
+                one = None
+            elif carrier not in owner:
+                hint = near(carrier, owner)
+                place = (*one.path, "attach")
+                message = f"no model has a body {carrier!r}"
+                found.problems.append(one.source.document.problem(place, message, found=carrier, hint=hint))
+                _stand_alone(one)
+                one = None
+            else:
+                one = owner[carrier]
+        if one is not None and any(one is other for other in chain):
+            place = (*start.path, "attach")
+            message = "these models are attached to each other"
+            found.problems.append(
+                start.source.document.problem(place, message, hint="one of them must stand on its own")
+            )
+            _stand_alone(chain[-1])
+        ordered += reversed(chain)
+    return ordered
+
+
+def _stand_alone(instance: _Instance) -> None:
+    """Let a model whose attachment is wrong stand on its own, so that what is looked at later finds whole trees."""
+    root = instance.bodies[0]
+    instance.bodies[0] = replace(root, joint=replace(root.joint, parent=None))
 
 
 def _only_material(source: Source) -> str | None:
@@ -265,7 +305,10 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
             else:  # a model that is placed turned moves turned
                 velocity = tuple(frames.rotate(where.quaternion, one) for one in tree.velocity)
             place = frames.compose(where, tree.placement)
-            yield _Instance(_copy(tree, f"{model}/", "", model, place, velocity), source, bodies.placed)
+            copied = _copy(tree, f"{model}/", "", model, place, velocity)
+            if use.attach is not None:
+                copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
+            yield _Instance(copied, source, bodies.placed)
             found.excluded += [
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.file.contact.exclude
             ]

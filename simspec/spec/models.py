@@ -16,7 +16,7 @@ from simspec.spec.arrays import Array
 from simspec.spec.contact import Contact
 from simspec.spec.expectations import Expectation
 from simspec.spec.joints import Joint
-from simspec.spec.quantities import Number, Reader, Setting, Text, Vector, Word
+from simspec.spec.quantities import Name, Number, Reader, Setting, Text, Vector, Word
 from simspec.spec.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.spec.strict import Fault, Faults, Strict, fault, misspelt, show
 
@@ -142,11 +142,24 @@ class Use(Strict):
     use: Annotated[str, Text()] = Field(None, description="Path of a model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(None, description="The bodies of a model written here; exactly one root")
     array: Array = Field(None, description="Copies of the whole model")
+    attach: Annotated[str, Name(path=True)] = Field(
+        None,
+        description="Full name of another model's body that the root is fixed to; `pose` is then in that body's frame",
+    )
     fixed: Switch = Field(None, description="Whether the root is fixed to the world; default: as the model says")
     pose: Pose = Field(None, description="Pose of the model in the world; the root's own pose in the model follows it")
     velocity: Velocity = Field(None, description="Initial velocity of a free root, instead of the model's own")
     positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
     velocities: dict[NameOf, Any] = Field({}, description="Initial joint velocities by the joint's name in the model")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "attach" in data:
+            for key in ("array", "fixed", "velocity"):
+                if key in data:
+                    yield Fault(
+                        (key,), f"a model that is attached to a body has no {key} of its own", hint="leave out one"
+                    )
 
 
 class Model(Strict):

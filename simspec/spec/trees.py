@@ -19,8 +19,9 @@ class Bodies:
     """The bodies of one mapping: loose ones of a scenario, or those of a model.
 
     ``path`` is the mapping's place in ``source``; ``raw`` the plain data; ``typed`` the models (None: has errors);
-    ``model`` whether it is a model, which has one root; ``fixed`` and ``placed`` what its placement in a scenario says
-    of the root, and where; ``files`` the model files that lead to it, the one that holds it last.
+    ``model`` whether it is a model, which has one root; ``fixed``, ``attached`` (to a body of another model) and
+    ``placed`` what its placement in a scenario says of the root, and where; ``files`` the model files that lead to it, the
+    one that holds it last.
     """
 
     source: Source
@@ -29,6 +30,7 @@ class Bodies:
     typed: Mapping[str, Body | None]
     model: bool
     fixed: bool | None = None
+    attached: bool = False
     placed: tuple[Key, ...] = ()
     files: tuple[Source, ...] = ()
 
@@ -93,8 +95,11 @@ class Bodies:
         return found
 
     def still(self) -> set[str]:
-        """Bodies that cannot move: fixed to the world through fixed joints only."""
+        """Bodies that cannot move: fixed to the world through fixed joints only. What is attached may move with its
+        carrier."""
         found: set[str] = set()
+        if self.attached:
+            return found
         for name in self.order():
             parent = self.parent(name)
             if self.joint_type(name) == "fixed" and (parent is None or parent in found):
@@ -167,6 +172,8 @@ def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
             continue
         fixed = raw.get("fixed")
         bodies.fixed, bodies.placed = fixed if isinstance(fixed, bool) else None, path
+        if raw.get("attach") is not None:
+            bodies.fixed = bodies.attached = True
         yield name, use, bodies
 
 
