@@ -1,0 +1,99 @@
+"""Contact laws that an engine cannot have: refused when compiling, with the place in the spec, the pair and the way out."""
+
+from __future__ import annotations
+
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.engines.base import engines
+from simspec.errors import UnsupportedError
+from simspec.features import Feature, Level
+from simspec.formats.contact_plan import MOST_SPLIT_MATERIALS
+from simspec.spec.load import load
+from simspec.spec.models import Contact
+from tests.spec.test_contact import written
+
+CONES = {
+    "elliptic": Feature.CONE_ELLIPTIC,
+    "pyramid-inscribed": Feature.CONE_PYRAMID_INSCRIBED,
+    "pyramid-circumscribed": Feature.CONE_PYRAMID_CIRCUMSCRIBED,
+}
+LAYERED = [name for name, engine in engines().items() if engine.LAYERS]
+CROSSED = [
+    (name, quantity)
+    for name, engine in engines().items()
+    for quantity in ("rolling_friction", "torsional_friction")
+    if getattr(engine.RULES, quantity) == "cross"
+]
+
+
+def refused(path, engine):
+    spec = load(path)
+    with pytest.raises(UnsupportedError) as caught:
+        compile_world(spec.resolve(), [engine], spec.locate)
+    return caught.value.problems
+
+
+@pytest.mark.parametrize("cone", CONES)
+@pytest.mark.parametrize("engine", engines())
+def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone, tmp_path):
+    path = written(tmp_path, f"  friction_cone: {cone}")
+    level = engines()[engine].SUPPORT[CONES[cone]].level
+    if level is Level.UNSUPPORTED or level is Level.APPROXIMATE:
+        (problem,) = refused(path, engine)
+        assert engine in problem.message
+        assert cone in problem.message
+        assert problem.location.line == 5
+        assert f"--engine {engine}" in problem.hint or f"accept: [{CONES[cone].value}]" in problem.hint
+    else:
+        spec = load(path)
+        compile_world(spec.resolve(), [engine], spec.locate)
+
+
+def test_every_cone_is_refused_by_some_engine():
+    """So that the test above sees all refusals: no cone but the elliptic one is had by every engine."""
+    assert set(CONES) == set(Contact.model_json_schema()["properties"]["friction_cone"]["enum"])
+    for cone, feature in CONES.items():
+        levels = {engine.SUPPORT[feature].level for engine in engines().values()}
+        assert (levels & {Level.UNSUPPORTED, Level.APPROXIMATE} == set()) == (cone == "elliptic")
+
+
+@pytest.mark.parametrize(("engine", "quantity"), CROSSED)
+def test_a_torque_that_counts_only_with_sliding_friction_is_not_lost_in_silence(engine, quantity, tmp_path):
+    pair = f"  pairs:\n    - {{between: [rubber, steel], friction: 0, {quantity}: 1 mm}}"
+    (problem,) = refused(written(tmp_path, pair), engine)
+    assert f"{engine} cannot give rubber and steel their {quantity.replace('_', ' ')}" in problem.message
+    assert "sliding friction" in problem.hint
+    assert "0.001, would be 0" in problem.found
+    assert problem.location.line == 6
+    spec = load(written(tmp_path, pair.replace("friction: 0,", "friction: 0.01,")))
+    compile_world(spec.resolve(), [engine], spec.locate)
+
+
+def test_some_engine_crosses_its_torques():
+    assert CROSSED
+
+
+@pytest.mark.parametrize("engine", LAYERED)
+def test_more_materials_than_are_split_are_refused_by_name(engine, tmp_path):
+    """Each ball has its own friction with the floor and one with its like: no rule of two numbers gives that."""
+    names = [f"m{index:02}" for index in range(MOST_SPLIT_MATERIALS + 1)]
+    materials = ", ".join(f"{name}: {{friction: 0.9}}" for name in names)
+    pairs = "\n".join(
+        f"    - {{between: [{names[0]}, {name}], friction: {0.1 + 0.01 * i}}}" for i, name in enumerate(names)
+    )
+    pairs += f"\n    - {{between: [{names[1]}, {names[2]}], friction: 0.77}}"
+    balls = "\n".join(
+        f"  {name}: {{pose: {{xyz: [{2 * i}, 0, 1]}}, mass: 1, shapes: [{{sphere: {{radius: 0.1}}, material: {name}}}]}}"
+        for i, name in enumerate(names)
+    )
+    path = tmp_path / "many.yaml"
+    path.write_text(
+        f"simspec: 1\nname: many\ncontact:\n  materials: {{{materials}}}\n  pairs:\n{pairs}\nbodies:\n{balls}\n",
+        encoding="utf-8",
+    )
+    (problem,) = refused(path, engine)
+    assert "friction" in problem.message
+    assert "more pairs)" in problem.message
+    assert f"up to {MOST_SPLIT_MATERIALS} materials" in problem.message
+    assert problem.location is not None
