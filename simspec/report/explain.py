@@ -4,67 +4,113 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tempfile
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from simspec.compiler import Compiled
+from simspec.compiler import Compiled, write_folder
 from simspec.engines.base import find_engine, resolve_settings
-from simspec.formats.base import SIDECAR
-from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws, shape_pairs
+from simspec.formats.base import SIDECAR, formats
+from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
 from simspec.formats.passes import solid_shapes
 from simspec.report.terminal import decisions, table
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 SIGNS: Mapping[str, str] = {"max": "max", "min": "min", "product": "×", "cross": "crossed with"}
 """How a table writes a rule of combination between two numbers."""
+UNITS: Mapping[str, str] = {
+    "torsional_friction": " m",
+    "rolling_friction": " m",
+    "restitution_threshold": " m/s",
+    "time_constant": " s",
+    "stiffness": " N/m",
+    "damping": " N s/m",
+}
 
 
 @dataclasses.dataclass(frozen=True)
 class PairExplained:
-    """How one pair of materials is had: ``how`` in words; ``explicit`` pairs of shapes that only the engine's own table of
-    pairs can say; ``layer`` and ``layers``: in which layer of copies they meet, of how many."""
+    """How one pair of materials is had: ``how`` in words; ``by_numbers``: the numbers of the two materials give it;
+    ``explicit``: pairs of shapes that the engine's files list, each with this law; ``layer`` and ``layers``: in which layer
+    of copies they meet, of how many."""
 
     first: str
     second: str
     law: dict[str, Any]
     how: str
+    by_numbers: bool
     explicit: int
     layer: int
     layers: int
 
 
 @dataclasses.dataclass(frozen=True)
+class SettingExplained:
+    """A solver setting: its value, what the compiler made of that for this world, whether the spec gave it, and what it does,
+    with the reason for the default."""
+
+    name: str
+    value: bool | int | float | str
+    in_force: bool | int | float | str
+    given: bool
+    meaning: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Explained:
-    """All that ``--explain`` says of one engine; ``copies``: shapes that are there more than once, beyond the first."""
+    """All that ``--explain`` says of one engine beside the decisions on features; ``copies``: shapes that are there more
+    than once, beyond the first; ``explicit``: pairs of shapes that its files list."""
 
     engine: str
     pairs: tuple[PairExplained, ...]
     copies: int
-    settings: tuple[tuple[str, Any, bool, str], ...]
-    """Name, value, whether the spec gave it, and the reason for the default."""
+    explicit: int
+    settings: tuple[SettingExplained, ...]
 
 
-def explained(world: World, engine_name: str) -> Explained:
-    """What the compiler chose for one engine, as data."""
-    engine = find_engine(engine_name)
+def explained(world: World, compiled: Compiled) -> Explained:
+    """What the compiler chose for one engine, as data; explicit pairs are counted in the files, by the format's reader."""
+    engine = find_engine(compiled.engine)
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     layers = 1 + max(plan.layer_of.values(), default=0)
+    listed = _listed(world, compiled)
     pairs = []
     for pair, law in meeting_laws(world).items():
-        explicit = sum(1 for _ in shape_pairs(world, [pair])) if pair in plan.missed else 0
-        layer = plan.layer_of.get(pair, 0)
-        how = _how(law, engine.RULES, plan, explicit, layer, layers)
-        pairs.append(PairExplained(*pair, _law(law), how, explicit, layer, layers))
+        layer, by_numbers = plan.layer_of.get(pair, 0), pair not in plan.missed
+        how = _how(law, engine.RULES, plan, listed[pair], layer, layers)
+        pairs.append(PairExplained(*pair, _law(law), how, by_numbers, listed[pair], layer, layers))
+    used = {shape.material for body in world.bodies for shape in solid_shapes(body)}
+    for law in world.contact.pairs:
+        if not law.collide and {law.first, law.second} <= used:
+            how = "their shapes are filtered: they pass through each other"
+            pairs.append(PairExplained(law.first, law.second, {"collide": False}, how, False, 0, 0, layers))
     copies = sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in solid_shapes(body))
-    given = dict(world.options(engine_name).settings)
+    given = dict(world.options(compiled.engine).settings)
+    in_force = json.loads(compiled.files[SIDECAR])["settings"]
     settings = tuple(
-        (name, value, name in given, engine.SETTINGS[name].meaning)
+        SettingExplained(name, value, in_force.get(name, value), name in given, engine.SETTINGS[name].meaning)
         for name, value in resolve_settings(engine, world).items()
     )
-    return Explained(engine_name, tuple(pairs), copies, settings)
+    pairs.sort(key=lambda pair: (pair.first, pair.second))
+    return Explained(compiled.engine, tuple(pairs), copies, sum(listed.values()), settings)
+
+
+def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
+    """How many pairs of shapes the files list, by the sorted names of their materials."""
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / compiled.engine
+        write_folder(compiled.files, folder)
+        held = formats()[compiled.format].read(folder).pairs
+    found: Counter[tuple[str, str]] = Counter()
+    for pair in held:
+        one, other = sorted((material[pair.first], material[pair.second]))
+        found[one, other] += 1
+    return found
 
 
 def _law(law: PairContact) -> dict[str, Any]:
@@ -74,18 +120,20 @@ def _law(law: PairContact) -> dict[str, Any]:
     if law.restitution_threshold:
         found["restitution_threshold"] = law.restitution_threshold
     if law.hardness != Hardness():
-        found["hardness"] = law.hardness.kind
+        numbers = {name: value for name, value in dataclasses.asdict(law.hardness).items() if name != "kind" and value}
+        found["hardness"] = numbers or law.hardness.kind
     return found
 
 
-def _how(law: PairContact, rules: Rules, plan: ContactPlan, explicit: int, layer: int, layers: int) -> str:
+def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: int, layers: int) -> str:
     pair = (law.first, law.second)
-    if explicit:
-        return f"as {explicit} explicit pairs of shapes: no number for each material gives it"
+    explicit = f"{listed} explicit pairs of shapes" if listed != 1 else "1 explicit pair of shapes"
+    if pair in plan.missed:
+        return f"{explicit}: no numbers of the materials give it"
     first, second = (plan.numbers[name, layer] for name in pair)
     told = [_numbers(name, rules, first, second) for name in QUANTITIES if getattr(law, name)] or ["no number needed"]
     where = f"; in layer {layer + 1} of {layers}" if layers > 1 else ""
-    return ", ".join(told) + where
+    return ", ".join(told) + where + (f"; and {explicit}, which win over numbers" if listed else "")
 
 
 def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> str:
@@ -95,28 +143,46 @@ def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> st
     return f"{quantity.replace('_', ' ')} {numbers}"
 
 
+def _told(name: str, value: Any) -> str:
+    """One part of a law as a table writes it."""
+    if name == "collide":
+        return "they do not collide"
+    if isinstance(value, dict):
+        return ", ".join(_told(*part) for part in value.items())
+    shown = f"{value:.4g}{UNITS.get(name, '')}" if isinstance(value, float) else str(value)
+    return f"{name.replace('_', ' ')} {shown}"
+
+
 def tables(world: World, compiled: Compiled) -> list[Table]:
     """Three tables of one engine: contact, features, solver settings."""
-    one = explained(world, compiled.engine)
+    one = explained(world, compiled)
     contact = table(f"Contact in {one.engine}", "materials", "law", "how it has it")
     for pair in one.pairs:
-        law = ", ".join(
-            f"{name.replace('_', ' ')} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
-            for name, value in pair.law.items()
-        )
+        law = ", ".join(_told(*part) for part in pair.law.items())
         contact.add_row(f"{pair.first}, {pair.second}", law, pair.how)
+    costs = []
     if one.copies:
-        contact.caption = f"{one.copies} copies of shapes in layers; two copies touch only in the layer of their pair"
-    settings = table(f"Solver of {one.engine}", "setting", "value", "", "why")
-    in_force = json.loads(compiled.files[SIDECAR])["settings"]
-    for name, value, given, why in one.settings:
-        resolved = in_force.get(name, value)
-        shown = str(value) if resolved == value else f"{value}: {resolved}"
-        settings.add_row(name, shown, "given" if given else "", why)
+        costs.append(f"{one.copies} copies of shapes in layers; two copies touch only in the layer of their pair")
+    if one.explicit:
+        costs.append(f"{one.explicit} explicit pairs of shapes in all")
+    contact.caption = "; ".join(costs) or None
+    settings = table(f"Solver of {one.engine}", "setting", "value", "from", "why")
+    for setting in one.settings:
+        same = setting.value == setting.in_force
+        shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
+        settings.add_row(setting.name, shown, "spec" if setting.given else "default", setting.meaning)
     return [*([contact] if one.pairs else []), decisions(compiled), settings]
 
 
-def costs(world: World, engine_name: str) -> Mapping[str, int]:
+def ways(one: Explained) -> Mapping[str, int]:
     """How many pairs of materials are had in each way, for tests and summaries."""
-    one = explained(world, engine_name)
-    return Counter("explicit" if pair.explicit else "layered" if pair.layers > 1 else "numbers" for pair in one.pairs)
+    return Counter(
+        "passing"
+        if "collide" in pair.law
+        else "explicit"
+        if not pair.by_numbers
+        else "layered"
+        if pair.layers > 1
+        else "numbers"
+        for pair in one.pairs
+    )

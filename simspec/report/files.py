@@ -117,7 +117,7 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> in
 def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
     from simspec.report.explain import explained
 
-    reasons = {name: explained(built.world, name) for name in built.compiled} if explain else {}
+    reasons = {name: explained(built.world, one) for name, one in built.compiled.items()} if explain else {}
     return {
         "folder": written.folder,
         "changed": written.changed,

@@ -9,13 +9,15 @@ import math
 import pytest
 from rich.console import Console
 
-from simspec.compiler import compile_world
+from simspec.compiler import compile_world, write_folder
 from simspec.errors import SpecError
+from simspec.formats.base import formats
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import Figure
 from simspec.report import polar
 from simspec.report.contact import contact_table, deviations
-from simspec.report.explain import costs, explained, tables
+from simspec.report.explain import explained, tables, ways
+from simspec.world.types import Hardness
 from tests import worlds
 from tests.engines.conftest import ENGINES
 
@@ -98,29 +100,77 @@ TABLE = {("a", "a"): 0.1, ("a", "b"): 0.8, ("b", "b"): 0.4}
 """No rule of combination gives it."""
 
 
+def compiled(world, engine):
+    return compile_world(world, [engine])[engine]
+
+
+def listed(one, folder):
+    """The explicit pairs of shapes in an engine's files, by the format's own reader."""
+    write_folder(one.files, folder)
+    return formats()[one.format].read(folder).pairs
+
+
 @pytest.mark.parametrize("engine", ENGINES)
-def test_it_is_explained_how_each_pair_is_had(engine):
+def test_it_is_explained_how_each_pair_is_had(engine, tmp_path):
     world = worlds.table(TABLE)
-    one = explained(world, engine)
+    files = compiled(world, engine)
+    one = explained(world, files)
     assert {(pair.first, pair.second): pair.law["friction"] for pair in one.pairs} == TABLE
-    found = costs(world, engine)
+    found = ways(one)
     assert found["explicit"] or found["layered"]
     assert bool(one.copies) == bool(found["layered"])
-    assert {name for name, *_ in one.settings}
-    text = printed(*tables(world, compile_world(world, [engine])[engine]))
+    assert one.explicit == sum(pair.explicit for pair in one.pairs) == len(listed(files, tmp_path / engine))
+    text = printed(*tables(world, files))
     assert "a, b" in text
-    assert "explicit pairs" in text or "layer 1 of 2" in text
+    if found["layered"]:
+        assert "layer 1 of 2" in text
+        assert f"{one.copies} copies of shapes" in text
+    else:
+        assert "no numbers of the materials give it" in text
+        assert f"{one.explicit} explicit pairs of shapes in all" in text
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_one_number_gives_is_explained_as_that(engine):
+def test_what_one_number_gives_is_explained_as_that(engine, tmp_path):
+    """Some files list pairs of shapes all the same, for what more a pair can say: that is told, and counted."""
     world = worlds.shapes_world(("sphere", "box"))
-    assert costs(world, engine) == {"numbers": 1}
-    assert explained(world, engine).copies == 0
+    files = compiled(world, engine)
+    one = explained(world, files)
+    assert ways(one) == {"numbers": 1}
+    assert one.copies == 0
+    count = len(listed(files, tmp_path / engine))
+    assert one.pairs[0].explicit == count
+    assert ("which win over numbers" in one.pairs[0].how) == bool(count)
 
 
-def test_a_setting_that_the_spec_gave_is_marked():
+def test_some_engine_lists_pairs_that_numbers_give_too():
+    world = worlds.shapes_world(("sphere", "box"))
+    assert any(explained(world, compiled(world, engine)).explicit for engine in ENGINES)
+
+
+def test_a_setting_that_the_spec_gave_is_marked_and_one_that_the_compiler_chose_is_told():
     world = worlds.with_options(worlds.shapes_world(("sphere",)), "pybullet", settings=(("iterations", 77),))
-    settings = {name: (value, given) for name, value, given, _ in explained(world, "pybullet").settings}
-    assert settings["iterations"] == (77, True)
-    assert settings["contact_slop"] == (0.0, False)
+    settings = {setting.name: setting for setting in explained(world, compiled(world, "pybullet")).settings}
+    assert (settings["iterations"].value, settings["iterations"].given) == (77, True)
+    assert (settings["contact_slop"].value, settings["contact_slop"].given) == (0.0, False)
+    settings = {setting.name: setting for setting in explained(world, compiled(world, "dart")).settings}
+    assert settings["collision_detector"].value == "auto"
+    assert settings["collision_detector"].in_force != "auto"
+
+
+def test_the_whole_law_is_told_with_units_and_what_passes_through():
+    world = worlds.table(TABLE)
+    spring = Hardness("stiffness", stiffness=1e6, damping=500.0)
+    new = {
+        ("a", "a"): {"hardness": spring, "rolling_friction": 0.002},
+        ("a", "b"): {"collide": False, "friction": 0.0},
+    }
+    pairs = tuple(dataclasses.replace(one, **new.get((one.first, one.second), {})) for one in world.contact.pairs)
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+    one = explained(world, compiled(world, "pybullet"))
+    assert [(pair.first, pair.second) for pair in one.pairs] == [("a", "a"), ("a", "b"), ("b", "b")]
+    assert ways(one)["passing"] == 1
+    text = " ".join(printed(*tables(world, compiled(world, "pybullet"))).split())
+    assert "they do not collide" in text
+    assert one.pairs[0].law["hardness"] == {"stiffness": 1e6, "damping": 500.0}
+    assert "rolling friction 0.002 m" in text
