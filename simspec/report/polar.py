@@ -57,8 +57,19 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -
             axis.set_xlabel("friction along x, over N")
         for axis in flat[len(panels) :]:
             axis.set_visible(False)
-        handles, labels = flat[0].get_legend_handles_labels()
-        chart.legend(handles, labels, loc="upper center", ncols=len(labels), frameon=False, fontsize=9)
+        # an engine may have no figure in some panels
+        legend = {
+            label: handle for axis in flat for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+        }
+        labels = sorted(legend, key=lambda label: engines.index(label) if label in engines else -1)
+        chart.legend(
+            [legend[label] for label in labels],
+            labels,
+            loc="upper center",
+            ncols=len(labels),
+            frameon=False,
+            fontsize=9,
+        )
         chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (side * rows + 0.7)))
         written = []
         path.parent.mkdir(parents=True, exist_ok=True)

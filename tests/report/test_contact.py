@@ -75,6 +75,22 @@ def test_the_plot_finds_the_friction_that_was_required(cone):
     assert polar._friction(push(cone, 0.7), cone) == pytest.approx(FRICTION, rel=1e-12)
 
 
+def test_the_legend_names_engines_that_the_first_panel_lacks(tmp_path, monkeypatch):
+    from matplotlib.figure import Figure as Chart
+
+    named = []
+    real = Chart.legend
+
+    def legend(self, handles, labels, **more):
+        named.extend(labels)
+        return real(self, handles, labels, **more)
+
+    monkeypatch.setattr(Chart, "legend", legend)
+    one, other = push(), push(subject="steel, steel")
+    polar.polar_plot({"late": [other], "first": [one, other]}, "elliptic", tmp_path / "contact")
+    assert named == ["required: elliptic (circle)", "late", "first"]
+
+
 def test_nothing_is_drawn_where_nothing_has_friction(tmp_path):
     smooth = dataclasses.replace(push(), expected=0.0, measured=0.0)
     assert polar.polar_plot({"one": [smooth]}, "elliptic", tmp_path / "contact") == []
