@@ -263,6 +263,18 @@ def test_explain_says_how_each_feature_is_realised(folder):
     assert "pybullet" in text
 
 
+def test_explain_gives_the_same_as_data(folder):
+    (one,) = json.loads(simspec("compile", "fall.yaml", "--explain", "--engine", "pybullet", "--json").output)[
+        "compiled"
+    ]
+    found = one["engines"]["pybullet"]["explained"]
+    assert found["engine"] == "pybullet"
+    assert {setting["name"] for setting in found["settings"]} == set(engines()["pybullet"].SETTINGS)
+    assert {"value", "in_force", "given", "meaning"} <= set(found["settings"][0])
+    plain = json.loads(simspec("compile", "fall.yaml", "--engine", "pybullet", "--json").output)["compiled"][0]
+    assert "explained" not in plain["engines"]["pybullet"]
+
+
 # --- verify, run, diff ------------------------------------------------------------------------------------------------------
 
 

@@ -87,8 +87,8 @@ def test_the_legend_names_engines_that_the_first_panel_lacks(tmp_path, monkeypat
 
     monkeypatch.setattr(Chart, "legend", legend)
     one, other = push(), push(subject="steel, steel")
-    polar.polar_plot({"late": [other], "first": [one, other]}, "elliptic", tmp_path / "contact")
-    assert named == ["required: elliptic (circle)", "late", "first"]
+    polar.polar_plot({"first": [one, other], "late": [other]}, "elliptic", tmp_path / "contact")
+    assert named == ["required: elliptic (circle)", "first", "late"]
 
 
 def test_nothing_is_drawn_where_nothing_has_friction(tmp_path):
