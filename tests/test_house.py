@@ -13,6 +13,8 @@ ORDER = (
     "resources",
     "spec",
     "world",
+    "dynamics",
+    "control",
     "resolve",
     "features",
     "formats",

@@ -25,7 +25,7 @@ from simspec.proof.comparator import compare, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.motion import Motion, motion_checks
-from simspec.proof.oracle import Oracle
+from simspec.dynamics.oracle import Oracle
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
 from simspec.proof.touch import Meetings, touch_checks
 from simspec.world.canonical import from_plain, sha256

@@ -170,7 +170,7 @@ def _follows_oracle(run: Run, given: Parameters) -> Measured:
 @functools.lru_cache(maxsize=4)  # the runs of one world in several engines are held against one motion
 def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
     """Positions (rows, bodies, 3) of the oracle's motion from the world's initial state."""
-    from simspec.proof.oracle import Oracle
+    from simspec.dynamics.oracle import Oracle
 
     try:
         oracle = Oracle(world)

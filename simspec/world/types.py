@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from simspec.world.control import Controller, Trajectory
+
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -263,6 +265,8 @@ class World:
     record: Record = Record()
     expectations: tuple[Expectation, ...] = ()
     engines: tuple[EngineOptions, ...] = ()
+    controllers: tuple[Controller, ...] = ()
+    trajectory: Trajectory | None = None
 
     def options(self, engine: str) -> EngineOptions:
         """The options given for ``engine``; empty ones when the spec gives none."""

@@ -15,7 +15,7 @@ from simspec.engines.dart import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.formats.skel import WORLD
-from simspec.proof.oracle import Oracle
+from simspec.dynamics.oracle import Oracle
 from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape

@@ -18,7 +18,7 @@ from simspec.features import Feature, Level, combine
 from simspec.formats import contact_plan
 from simspec.formats.base import formats
 from simspec.proof.comparator import compare
-from simspec.proof.oracle import Oracle
+from simspec.dynamics.oracle import Oracle
 from simspec.proof.probes import random_states, rotation_error
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World

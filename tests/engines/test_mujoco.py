@@ -189,7 +189,7 @@ def test_state_round_trip_is_exact(name, load):
 @pytest.mark.parametrize("name", MOTIONS)
 def test_poses_velocities_mass_and_bias_are_the_oracles(name, load):
     pytest.importorskip("pinocchio")
-    from simspec.proof.oracle import Oracle
+    from simspec.dynamics.oracle import Oracle
 
     world = MOTIONS[name]
     engine, oracle = load(world), Oracle(world)
@@ -211,7 +211,7 @@ def test_poses_velocities_mass_and_bias_are_the_oracles(name, load):
 def test_motion_is_the_oracles(name, load):
     """2,000 steps under a constant effort; 1e-10 is 100 times what was measured at worst (8e-13)."""
     pytest.importorskip("pinocchio")
-    from simspec.proof.oracle import Oracle
+    from simspec.dynamics.oracle import Oracle
 
     world = MOTIONS[name]
     engine, oracle = load(world), Oracle(world)

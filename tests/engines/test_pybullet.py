@@ -14,7 +14,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Feature, combine, negotiate
 from simspec.formats.base import read_sidecar
 from simspec.formats.urdf import Urdf
-from simspec.proof.oracle import Oracle
+from simspec.dynamics.oracle import Oracle
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, initial_state, layout
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof.oracle import Oracle, rotation_vector
+from simspec.dynamics.oracle import Oracle, rotation_vector
 from simspec.world.kinematics import initial_state, poses
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose
 from tests import worlds
