@@ -44,35 +44,39 @@ def _depth_first(bodies: Sequence[Body]) -> list[Body]:
     return found
 
 
-class _Tree:
-    """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates."""
+class Tree:
+    """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates.
+
+    ``model`` and ``data`` are Pinocchio's (module ``pin``). ``q_index``, ``v_index``: where the world's coordinates stand among
+    Pinocchio's; ``body_joint``, ``body_placement``: the joint that each body moves with, and its frame's placement there.
+    """
 
     def __init__(self, world: World):
         import pinocchio
 
-        self._pin: Any = pinocchio
+        self.pin: Any = pinocchio
         self.world = world
         self.layout = layout(world.bodies)
         self.nq, self.nv = self.layout.nq, self.layout.nv
         self.timestep = world.physics.timestep
-        self._model = pinocchio.Model()
-        self._model.gravity.linear = np.array(world.physics.gravity)
+        self.model = pinocchio.Model()
+        self.model.gravity.linear = np.array(world.physics.gravity)
         self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
         added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
         joints = [added[body.name] for body in world.bodies]
-        self._model.armature = np.zeros(self._model.nv)
+        self.model.armature = np.zeros(self.model.nv)
         self._order_coordinates(joints)
-        self._body_joint = [self._held[body.name][0] for body in world.bodies]
-        self._body_placement = [self._held[body.name][1] for body in world.bodies]
-        self._data = self._model.createData()
+        self.body_joint = [self._held[body.name][0] for body in world.bodies]
+        self.body_placement = [self._held[body.name][1] for body in world.bodies]
+        self.data = self.model.createData()
         self._read_efforts()
 
     def _placement(self, pose: Pose) -> Any:
-        return self._pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
+        return self.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
 
     def _add(self, body: Body) -> int:
         """Add one body; returns the index of its own joint, 0 when it has none (fixed)."""
-        pin, joint = self._pin, body.joint
+        pin, joint = self.pin, body.joint
         above, placement = (0, pin.SE3.Identity()) if joint.parent is None else self._held[joint.parent]
         placement = placement * self._placement(joint.origin)
         centre = np.array(body.inertial.centre_of_mass)
@@ -82,7 +86,7 @@ class _Tree:
             composite = pin.JointModelComposite(2)
             composite.addJoint(pin.JointModelTranslation())
             composite.addJoint(pin.JointModelSpherical())
-            index = self._model.addJoint(0, composite, pin.SE3.Identity(), body.name)
+            index = self.model.addJoint(0, composite, pin.SE3.Identity(), body.name)
             own = pin.SE3(np.eye(3), -centre)
         else:
             axis = np.array(joint.axis)
@@ -91,12 +95,12 @@ class _Tree:
                 "slide": lambda: pin.JointModelPrismaticUnaligned(axis),
                 "ball": pin.JointModelSpherical,
             }
-            index = self._model.addJoint(above, kinds[joint.kind](), placement, body.name)
+            index = self.model.addJoint(above, kinds[joint.kind](), placement, body.name)
             own = pin.SE3.Identity()
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if index:
-            self._model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
+            self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
         self._held[body.name] = (index, own)
         return 0 if joint.kind == "fixed" else index
 
@@ -108,13 +112,13 @@ class _Tree:
         ):
             if not index:
                 continue
-            q_start, v_start = self._model.idx_qs[index], self._model.idx_vs[index]
+            q_start, v_start = self.model.idx_qs[index], self.model.idx_vs[index]
             order = np.arange(q.stop - q.start)
             if body.joint.kind in ("ball", "free"):
                 order[-4:] = np.roll(order[-4:], 1)  # w x y z is found at x y z w's positions 3 0 1 2
             q_index[q] = q_start + order
             v_index[v] = v_start + np.arange(v.stop - v.start)
-        self._q_index, self._v_index = q_index, v_index
+        self.q_index, self.v_index = q_index, v_index
 
     def _read_efforts(self) -> None:
         """Damping, armature and springs, by coordinate."""
@@ -132,49 +136,49 @@ class _Tree:
             elif joint.spring_stiffness:
                 self._sprung.append((q.start, v.start))
                 self._stiffness[v], self._rest[v] = joint.spring_stiffness, joint.spring_rest
-        spread = np.zeros(self._model.nv)
-        spread[self._v_index] = armature
-        self._model.armature = spread
+        spread = np.zeros(self.model.nv)
+        spread[self.v_index] = armature
+        self.model.armature = spread
         self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
         self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
 
-    def _spread(self, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        ours_q, ours_v = np.zeros(self._model.nq), np.zeros(self._model.nv)
-        ours_q[self._q_index] = q
+    def spread(self, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        ours_q, ours_v = np.zeros(self.model.nq), np.zeros(self.model.nv)
+        ours_q[self.q_index] = q
         if v is not None:
-            ours_v[self._v_index] = v
+            ours_v[self.v_index] = v
         return ours_q, ours_v
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.body_poses`."""
-        self._pin.forwardKinematics(self._model, self._data, self._spread(q)[0])
+        self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
         found = np.empty((len(self.world.bodies), 7))
-        for row, joint, placement in zip(found, self._body_joint, self._body_placement, strict=True):
-            pose = self._data.oMi[joint] * placement
-            x, y, z, w = self._pin.Quaternion(pose.rotation).coeffs()
+        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
+            pose = self.data.oMi[joint] * placement
+            x, y, z, w = self.pin.Quaternion(pose.rotation).coeffs()
             row[:3], row[3:] = pose.translation, (w, x, y, z)
         return found
 
     def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
-        self._pin.forwardKinematics(self._model, self._data, *self._spread(q, v))
+        self.pin.forwardKinematics(self.model, self.data, *self.spread(q, v))
         found = np.zeros((len(self.world.bodies), 6))
-        for row, joint, placement in zip(found, self._body_joint, self._body_placement, strict=True):
+        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
             if joint:
-                local = placement.actInv(self._data.v[joint])
-                turn = (self._data.oMi[joint] * placement).rotation
+                local = placement.actInv(self.data.v[joint])
+                turn = (self.data.oMi[joint] * placement).rotation
                 row[:3], row[3:] = turn @ local.linear, turn @ local.angular
         return found
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M (nv, nv), armature included."""
-        full = self._pin.crba(self._model, self._data, self._spread(q)[0])
+        full = self.pin.crba(self.model, self.data, self.spread(q)[0])
         full = np.triu(full) + np.triu(full, 1).T
-        return full[np.ix_(self._v_index, self._v_index)]
+        return full[np.ix_(self.v_index, self.v_index)]
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
-        return self._pin.nonLinearEffects(self._model, self._data, *self._spread(q, v))[self._v_index].copy()
+        return self.pin.nonLinearEffects(self.model, self.data, *self.spread(q, v))[self.v_index].copy()
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
@@ -192,8 +196,8 @@ class _Tree:
         """
         # Pinocchio's own kinetic energy counts the armature of some kinds of joints and not of others (measured)
         kinetic = 0.5 * float(v @ self.mass_matrix(q) @ v)
-        ours_q, _ = self._spread(q)
-        potential = self._pin.computePotentialEnergy(self._model, self._data, ours_q)
+        ours_q, _ = self.spread(q)
+        potential = self.pin.computePotentialEnergy(self.model, self.data, ours_q)
         at_v = self._hinge_v
         stretch = q[self._hinge_q] - self._rest[at_v]
         potential += 0.5 * float(self._stiffness[at_v] @ (stretch * stretch))
@@ -204,16 +208,16 @@ class _Tree:
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
-        ours_q, ours_v = self._spread(q, v)
-        tau = np.zeros(self._model.nv)
-        tau[self._v_index] = effort + self.joint_effort(q, v)
-        return self._pin.aba(self._model, self._data, ours_q, ours_v, tau)[self._v_index]
+        ours_q, ours_v = self.spread(q, v)
+        tau = np.zeros(self.model.nv)
+        tau[self.v_index] = effort + self.joint_effort(q, v)
+        return self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
 
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
         v = v + self.timestep * self.acceleration(q, v, effort)
-        ours_q, ours_v = self._spread(q, v)
-        return self._pin.integrate(self._model, ours_q, self.timestep * ours_v)[self._q_index], v
+        ours_q, ours_v = self.spread(q, v)
+        return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
 
 
 def _grouped(found: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
@@ -243,12 +247,12 @@ class Oracle:
         self.nq, self.nv = self.layout.nq, self.layout.nv
         self.timestep = world.physics.timestep
         index = {body.name: number for number, body in enumerate(world.bodies)}
-        self._parts: list[tuple[_Tree, list[int], np.ndarray, np.ndarray]] = []
+        self._parts: list[tuple[Tree, list[int], np.ndarray, np.ndarray]] = []
         for bodies in _grouped(list(trees(world).values())):
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
             at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
-            self._parts.append((_Tree(dataclasses.replace(world, bodies=bodies)), rows, at_q, at_v))
+            self._parts.append((Tree(dataclasses.replace(world, bodies=bodies)), rows, at_q, at_v))
 
     @property
     def leaves_out(self) -> list[str]:

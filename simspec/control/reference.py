@@ -1,0 +1,136 @@
+"""The trajectory as piecewise polynomials: made once from the world, evaluated with numpy alone wherever a law runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.world.control import Trajectory
+from simspec.world.types import World
+
+
+@dataclass(frozen=True)
+class Piecewise:
+    """Polynomials between ``breaks`` (n + 1,), columns side by side; constant before the first and after the last break.
+
+    ``coefficients`` (degree + 1, n, columns), highest power first, of t − breaks[i]. ``final`` (columns,): the value from the
+    last break on; at a break the polynomial to its right counts.
+    """
+
+    breaks: np.ndarray
+    coefficients: np.ndarray
+    final: np.ndarray
+
+    def at(self, times: np.ndarray, derivatives: int = 0) -> list[np.ndarray]:
+        """Values and as many derivatives, each (times, columns), at ``times`` (s)."""
+        first, last = self.breaks[0], self.breaks[-1]
+        piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, len(self.breaks) - 2)
+        inside = np.clip(times, first, last) - self.breaks[piece]
+        ended, waiting = times >= last, times < first
+        still = (ended | waiting)[:, None]
+        power, found = self.coefficients, []
+        for order in range(derivatives + 1):
+            value = np.zeros((len(times), power.shape[2]))
+            for row in power:
+                value = value * inside[:, None] + row[piece]
+            found.append(np.where(still, 0.0, value) if order else np.where(ended[:, None], self.final, value))
+            degree = len(power) - 1
+            power = power[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else np.zeros_like(power)
+        return found
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the driven joints should do: positions (rad, m) and feed-forward efforts (N m, N), a column for each joint."""
+
+    joints: tuple[str, ...]
+    position: Piecewise
+    effort: Piecewise
+
+
+def driven_joints(world: World) -> tuple[str, ...]:
+    """The joints that have a controller, in the order of the world's bodies."""
+    driven = {joint for controller in world.controllers for joint in controller.joints}
+    return tuple(body.joint.name for body in world.bodies if body.joint.name in driven)
+
+
+def reference(world: World) -> Reference:
+    """The reference of all driven joints; those without a column in the trajectory stay at their initial positions."""
+    joints = driven_joints(world)
+    start = {body.joint.name: body.joint.position for body in world.bodies}
+    initial = np.array([start[name][0] for name in joints])
+    trajectory = world.trajectory
+    if trajectory is None:
+        still = _constant(initial)
+        return Reference(joints, still, _constant(np.zeros(len(joints))))
+    place = {name: index for index, name in enumerate(joints)}
+    columns = np.array([place[name] for name in trajectory.joints], dtype=int)
+    position = _among(joints, columns, positions(trajectory), initial)
+    return Reference(joints, position, _among(joints, columns, efforts(trajectory), np.zeros(len(joints))))
+
+
+def positions(trajectory: Trajectory) -> Piecewise:
+    """The positions of a trajectory, in its own columns (see :class:`simspec.world.control.Trajectory`)."""
+    times, values = np.array(trajectory.times), np.array(trajectory.positions)
+    if len(times) == 1:
+        return Piecewise(np.array([times[0], times[0] + 1.0]), values[None], values[-1])
+    if trajectory.interpolation == "hold":
+        return Piecewise(times, values[None, :-1], values[-1])
+    if trajectory.interpolation == "linear":
+        return _linear(times, values)
+    return Piecewise(times, _smooth(trajectory, times, values), values[-1])
+
+
+def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Coefficients of the cubic or quintic pieces."""
+    from scipy.interpolate import BPoly, CubicSpline, PPoly, make_interp_spline
+
+    quintic = trajectory.interpolation == "quintic"
+    if not trajectory.velocities and not quintic:
+        return CubicSpline(times, values, bc_type="clamped").c
+    if trajectory.velocities:
+        given = [values, np.array(trajectory.velocities)]
+        if quintic:
+            given.append(np.array(trajectory.accelerations))
+    else:
+        rest = [(order, np.zeros(values.shape[1])) for order in (1, 2)]
+        spline = make_interp_spline(times, values, k=5, bc_type=(rest, rest))
+        given = [values, spline(times, 1), spline(times, 2)]  # six numbers, of which each piece follows
+    return PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack(given, axis=1))).c
+
+
+def efforts(trajectory: Trajectory) -> Piecewise:
+    """The feed-forward efforts of a trajectory, in its own columns; zero when it has none."""
+    times = np.array(trajectory.times)
+    if not trajectory.efforts:
+        return _constant(np.zeros(len(trajectory.joints)))
+    values = np.array(trajectory.efforts)
+    if len(times) == 1:
+        return Piecewise(np.array([times[0], times[0] + 1.0]), values[None], values[-1])
+    if trajectory.interpolation == "hold":
+        return Piecewise(times, values[None, :-1], values[-1])
+    return _linear(times, values)
+
+
+def _linear(times: np.ndarray, values: np.ndarray) -> Piecewise:
+    slope = np.diff(values, axis=0) / np.diff(times)[:, None]
+    return Piecewise(times, np.stack([slope, values[:-1]]), values[-1])
+
+
+def _constant(value: np.ndarray) -> Piecewise:
+    return Piecewise(np.array([0.0, 1.0]), value[None, None], value)
+
+
+def _among(joints: tuple[str, ...], columns: np.ndarray, part: Piecewise, rest: np.ndarray) -> Piecewise:
+    """``part`` spread over the columns of all driven joints, the others constant at ``rest``."""
+    if not len(columns):
+        return _constant(rest)
+    if part.coefficients.shape[2] != len(columns):
+        raise ValueError("a trajectory has a column for each of its joints")
+    coefficients = np.zeros((*part.coefficients.shape[:2], len(joints)))
+    coefficients[-1] = rest
+    coefficients[:, :, columns] = part.coefficients
+    final = rest.copy()
+    final[columns] = part.final
+    return Piecewise(part.breaks, coefficients, final)
