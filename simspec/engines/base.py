@@ -150,6 +150,10 @@ class Engine:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         raise NotImplementedError
 
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        """Quick access to some hinges and slides, at the places ``q`` and ``v`` (n,) of their coordinates."""
+        return Actuation(self, q, v)
+
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
         raise NotImplementedError
@@ -174,6 +178,29 @@ class Engine:
 
     def close(self) -> None:
         """Free what the engine holds."""
+
+
+class Actuation:
+    """Some hinges and slides of a live simulation, read and driven at every step. Engines have quicker ones of their own, with
+    the same numbers to the last bit."""
+
+    def __init__(self, engine: Engine, q: np.ndarray, v: np.ndarray):
+        self._engine, self._q, self._v = engine, q, v
+        self._effort: np.ndarray | None = None
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (n,) of the joints; valid until the next step."""
+        q, v = self._engine.get_state()
+        if self._effort is None:
+            self._effort = np.zeros(len(v))
+        return q[self._q], v[self._v]
+
+    def step(self, effort: np.ndarray) -> None:
+        """One step under efforts (n,) on the joints, and none on other coordinates. ``read`` must have been called."""
+        if self._effort is None:
+            raise RuntimeError("read first")
+        self._effort[self._v] = effort
+        self._engine.step(1, self._effort)
 
 
 def empty_contacts() -> dict[str, np.ndarray]:

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.dart_actuation import JointArrays
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
@@ -212,6 +213,10 @@ class Dart(Engine):
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         self._simulation.advance(count, effort)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        quick = JointArrays.suits(self._simulation)
+        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation

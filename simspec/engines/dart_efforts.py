@@ -6,7 +6,6 @@ Armature A is DART's implicit damping A / dt, with the effort (A / dt) v against
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -62,8 +61,6 @@ class Efforts:
         """Take τ = ``effort`` (nv,), None = zero, for the steps to come. Returns the trees that need an effort."""
         self._given = {}
         if effort is None:
-            return self._always_driven
-        if effort is None:
             return self._always
         needed = []
         for tree in self._coordinates.trees:
@@ -74,9 +71,10 @@ class Efforts:
                 needed.append(tree)
         return needed
 
-    @functools.cached_property
-    def _always_driven(self) -> list[Tree]:
-        return [tree for tree in self._coordinates.trees if tree.skeleton.getName() in self._driven]
+    @property
+    def driven(self) -> bool:
+        """Whether there is something to apply before every step even without an effort from outside."""
+        return bool(self._always)
 
     @staticmethod
     def _in_skeleton(tree: Tree, effort: np.ndarray) -> np.ndarray:

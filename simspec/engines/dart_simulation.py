@@ -85,7 +85,7 @@ class Simulation:
         self._moves = [body.isReactive() for body in self.bodies]
         self._may_touch = any(moves and self.nodes.solid(index) for index, moves in enumerate(self._moves))
         choice = self.settings["exact_rotation"]
-        self._exact_rotation = choice == "always" or (choice == "auto" and not self._may_touch)
+        self.exact_rotation = choice == "always" or (choice == "auto" and not self._may_touch)
         self.set_state(*self.coordinates.get_state())
 
     # --- loading ----------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ class Simulation:
         # the detectors do not ask a shape whether it may collide (measured); what is not in the solver's group cannot
         self.world.getConstraintSolver().getCollisionGroup().removeAllShapeFrames()
         if self.settings["exact_rotation"] != "never":
-            self._exact_rotation = True
+            self.exact_rotation = True
 
     def _check_contact_cap(self) -> None:
         if self.world.getLastCollisionResult().getNumContacts() < CONTACT_CAP:
@@ -228,7 +228,7 @@ class Simulation:
             if self._may_touch:
                 self._check_contact_cap()
             return
-        if self._exact_rotation:
+        if self.exact_rotation:
             for one in turners:
                 if one.turn is None:
                     one.turn = turn_of(one.joint.getPositions()[:3].tolist())
@@ -248,6 +248,15 @@ class Simulation:
                 step()
                 for one in turners:
                     correct(one)
+        self._check_contact_cap()
+
+    def plain_step(self) -> None:
+        """One step under the forces that were set, where no rotation is to be corrected."""
+        for one in self.coordinates.turners:
+            if one.turn is None:
+                break  # all are set together and cleared together
+            one.turn = None
+        self.world.step()
         self._check_contact_cap()
 
     def _correct(self, one: Turner) -> None:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
@@ -301,6 +301,9 @@ class MuJoCo(Engine):
             self._pushed = False
         self._mujoco.mj_step(self.model, self.data, nstep=count)
 
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        return _Actuation(self, self._q[q], self._v[v])
+
     def energy(self) -> tuple[float, float]:
         mujoco, probe = self._mujoco, self._at_state()
         _composite_inertia(mujoco, self.model, probe)
@@ -342,6 +345,27 @@ class MuJoCo(Engine):
 
     def disable_contact(self) -> None:
         self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+
+class _Actuation(Actuation):
+    """By MuJoCo's own arrays."""
+
+    def __init__(self, engine: MuJoCo, q: np.ndarray, v: np.ndarray):
+        self._model, self._data, self._advance = engine.model, engine.data, engine._mujoco.mj_step
+        self._positions, self._velocities, self._forces = (
+            engine.data.qpos,
+            engine.data.qvel,
+            engine.data.qfrc_applied,
+        )
+        self._q, self._v = q, v
+        engine._pushed = True  # what is given here must not be left behind for steps without effort
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._positions[self._q], self._velocities[self._v]
+
+    def step(self, effort: np.ndarray) -> None:
+        self._forces[self._v] = effort
+        self._advance(self._model, self._data)
 
 
 def _import() -> Any:

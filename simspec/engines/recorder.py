@@ -1,4 +1,4 @@
-"""One run inside an engine's process: step, record, and time the stepping alone."""
+"""One run inside an engine's process: step, under the world's controllers if there are any, record, and time the stepping."""
 
 from __future__ import annotations
 
@@ -7,7 +7,30 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.base import CONTACT_FIELDS, Engine
+from simspec.control.law import Control
+from simspec.control.request import from_request
+from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine
+
+
+class _Stepper:
+    """Steps an engine, with the controllers at work between the steps."""
+
+    def __init__(self, engine: Engine, control: Control | None):
+        self._engine, self.control = engine, control
+        self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0} if control is None else control.seconds
+        self._joints: Actuation | None = None
+        if control is not None:
+            self._joints = engine.actuate(control.q_places, control.v_places)
+
+    def advance(self, done: int, count: int) -> None:
+        if self.control is not None and self._joints is not None:
+            self.control.advance(self._joints, done, count)
+            return
+        cpu = time.process_time()
+        wall = time.perf_counter()
+        self._engine.step(count)
+        self.seconds["step"] += time.perf_counter() - wall
+        self.seconds["cpu"] += time.process_time() - cpu
 
 
 def record(
@@ -15,22 +38,30 @@ def record(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Run ``operation["steps"]`` steps, recording every ``operation["every"]`` into the named ``channels``.
 
-    ``arrays`` may hold q and v (another initial state). Row k of every array is the state *after* step
-    ``step[k]``, the initial state first. Contacts are ragged: ``contact.row`` says to which row each belongs.
+    ``arrays`` may hold q and v (another initial state), and with ``operation["control"]`` the references of the controllers
+    (see ``control/request.py``). Row k of every array is the state *after* step ``step[k]``, the initial state first. Contacts
+    are ragged: ``contact.row`` says to which row each belongs. ``control.target`` and ``control.effort`` (rows, joints): q* at
+    the row's time, and the efforts of the step before it (zero in the first row), of the result's ``control.joints``.
 
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
-    real-time factor), ``cpu_seconds`` of the same, and ``failed``: None, or what went wrong and when (the state stopped
-    being finite); and the arrays.
+    real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
+    ``control``: joints, largest tracking error and number of clipped steps by joint, and ``failed``: None, or what went wrong
+    and when (the state stopped being finite); and the arrays.
     """
     if "q" in arrays:
         engine.set_state(arrays["q"], arrays["v"])
+    stepper = _Stepper(engine, from_request(operation, arrays))
+    control = stepper.control
     channels = set(operation["channels"])
     steps, every = operation["steps"], operation["every"]
-    rows: dict[str, list[Any]] = {"step": [], "q": [], "v": [], "pose": [], "velocity": [], "energy": []}
+    names = ("step", "q", "v", "pose", "velocity", "energy", "control.target", "control.effort")
+    rows: dict[str, list[Any]] = {name: [] for name in names}
     contacts: list[tuple[int, dict[str, np.ndarray]]] = []
-    step_seconds = cpu_seconds = 0.0
     done, failed = 0, None
+    begun = time.perf_counter()
+    recording = 0.0
     while True:
+        started = time.perf_counter()
         pose, velocity = engine.body_states()
         q, v = engine.get_state()
         for name, value in (("step", done), ("q", q), ("v", v), ("pose", pose), ("velocity", velocity)):
@@ -39,17 +70,17 @@ def record(
             rows["energy"].append(engine.energy())
         if "contacts" in channels and done:
             contacts.append((len(rows["step"]) - 1, engine.contacts()))
+        if control is not None:
+            rows["control.target"].append(control.target if done else q[control.q_places])
+            rows["control.effort"].append(control.applied)
+        recording += time.perf_counter() - started
         if not (np.isfinite(pose).all() and np.isfinite(velocity).all()):
             failed = f"the state is not finite after step {done}"
             break
         if done >= steps:
             break
         count = min(every, steps - done)
-        cpu = time.process_time()
-        wall = time.perf_counter()
-        engine.step(count)
-        step_seconds += time.perf_counter() - wall
-        cpu_seconds += time.process_time() - cpu
+        stepper.advance(done, count)
         done += count
     found = {name: np.array(values) for name, values in rows.items() if values}
     if "contacts" in channels:
@@ -58,4 +89,19 @@ def record(
         for name, shape in CONTACT_FIELDS.items():
             blocks = [block[name] for _, block in contacts if len(block["distance"])]
             found[f"contact.{name}"] = np.concatenate(blocks) if blocks else np.zeros((0, *shape))
-    return {"steps": done, "step_seconds": step_seconds, "cpu_seconds": cpu_seconds, "failed": failed}, found
+    result: dict[str, Any] = {
+        "steps": done,
+        "step_seconds": stepper.seconds["step"],
+        "cpu_seconds": stepper.seconds["cpu"],
+        "control_seconds": stepper.seconds["control"],
+        "record_seconds": recording,
+        "run_seconds": time.perf_counter() - begun,
+        "failed": failed,
+    }
+    if control is not None:
+        result["control"] = {
+            "joints": control.joints,
+            "error": [float(value) if np.isfinite(value) else None for value in control.error],
+            "clipped": [int(count) for count in control.clipped],
+        }
+    return result, found

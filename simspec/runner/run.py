@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
+from simspec.control.request import to_request
 from simspec.engines.base import find_engine, resolve_settings
 from simspec.engines.process import DEADLINE, Operation, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
@@ -33,8 +34,9 @@ class Run:
     """What one engine made of one world.
 
     ``arrays``: step, time (s), q, v, pose, velocity, and as recorded energy (kinetic, potential; by the engine) and
-    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs); one row per recorded time, the initial state
-    first; units and frames as in :mod:`simspec.engines.base`. Empty when the engine gave none.
+    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs) and, where joints are driven, ``control.target``
+    (q*) and ``control.effort`` (of the step before the row; columns: ``provenance["control"]["joints"]``); one row per recorded
+    time, the initial state first; units and frames as in :mod:`simspec.engines.base`. Empty when the engine gave none.
     ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
     ``failed``: None, or why there is no (whole) result: a crash, a hang, a state that stopped being finite.
     """
@@ -159,7 +161,8 @@ def start_run(
     """
     record = record or world.record
     parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
-    arrays = {}
+    asked, arrays = to_request(world)
+    parameters |= asked
     if perturb:
         arrays["q"], arrays["v"] = perturbed_state(world, perturb)
     started = datetime.now(UTC)
@@ -207,12 +210,16 @@ def _finish(world: World, engine: str, facts: Mapping[str, Any], reply: Reply) -
         "seconds": {
             "step": answer.result["step_seconds"],
             "cpu": answer.result["cpu_seconds"],
+            "control": answer.result["control_seconds"],
+            "record": answer.result["record_seconds"],
             "load": answer.load_seconds,
             "run": answer.seconds,
             "process": reply.wall_seconds,
         },
         "warnings": answer.log,
     }
+    if "control" in answer.result:
+        provenance["control"] = answer.result["control"]
     return Run(world, engine, arrays, provenance, answer.result["failed"])
 
 

@@ -82,6 +82,9 @@ def _tables(run: Run) -> dict[str, pyarrow.Table]:
     if "energy" in arrays:
         kinetic, potential = arrays["energy"].T
         found["energy"] = pa.table({"step": step, "time": time, "kinetic": kinetic, "potential": potential})
+    if "control.target" in arrays:
+        target, effort = _lists(arrays["control.target"]), _lists(arrays["control.effort"])
+        found["control"] = pa.table({"step": step, "time": time, "target": target, "effort": effort})
     if "contact.row" in arrays:
         row, pair = arrays["contact.row"].astype(np.int64), arrays["contact.body"]
         found["contacts"] = pa.table(
@@ -145,8 +148,14 @@ def _columns(table: pyarrow.Table, names: tuple[str, ...], shape: tuple[int, ...
     return np.stack([table[name].to_numpy() for name in names], axis=-1).reshape(*shape, len(names))
 
 
-def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
+def _unlisted(column: pyarrow.ChunkedArray) -> np.ndarray:
     import pyarrow.compute
+
+    flat = pyarrow.compute.list_flatten(column).to_numpy()
+    return flat.reshape(len(column), -1) if len(flat) else np.zeros((len(column), 0))
+
+
+def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
     from pyarrow import parquet
 
     if not (folder / "bodies.parquet").is_file():
@@ -156,13 +165,16 @@ def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
     shape = (len(states), len(world.bodies))
     arrays = {"step": states["step"].to_numpy(), "time": states["time"].to_numpy()}
     for name in ("q", "v"):
-        flat = pyarrow.compute.list_flatten(states[name]).to_numpy()
-        arrays[name] = flat.reshape(len(states), -1) if len(flat) else np.zeros((len(states), 0))
+        arrays[name] = _unlisted(states[name])
     arrays["pose"] = _columns(bodies, POSE_COLUMNS, shape)
     arrays["velocity"] = _columns(bodies, VELOCITY_COLUMNS, shape)
     if (folder / "energy.parquet").is_file():
         energy = parquet.read_table(folder / "energy.parquet")
         arrays["energy"] = _columns(energy, ("kinetic", "potential"), (len(energy),))
+    if (folder / "control.parquet").is_file():
+        control = parquet.read_table(folder / "control.parquet")
+        for name in ("target", "effort"):
+            arrays[f"control.{name}"] = _unlisted(control[name])
     if (folder / "contacts.parquet").is_file():
         contacts = parquet.read_table(folder / "contacts.parquet")
         index = {body.name: k for k, body in enumerate(world.bodies)}

@@ -1,0 +1,260 @@
+"""The control laws at work (:mod:`simspec.world.control` says what they are): state in, effort out, the same in every engine.
+
+Runs in the engine's process, with numpy and, where a law asks for the world's mass matrix or bias force, Pinocchio. Every law
+is affine in the state but for M, h and g; the affine parts of many steps are made at once, ahead of them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import time
+from typing import Any, Protocol
+
+import numpy as np
+
+from simspec.control.reference import Reference
+from simspec.errors import SimspecError
+from simspec.world.control import Controller
+from simspec.world.kinematics import layout, trees
+from simspec.world.types import Body, World
+
+CHUNK = 1000
+"""Steps whose references are made at once: a few hundred kB for a robot."""
+
+
+class ControlError(SimspecError):
+    """A law cannot work in this world or this environment."""
+
+
+class Joints(Protocol):
+    """The driven joints of a live simulation."""
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (n,); valid until the next step."""
+
+    def step(self, effort: np.ndarray) -> None:
+        """One step under efforts (n,), and none on other joints."""
+
+
+def needs_dynamics(controller: Controller) -> bool:
+    """Whether a law asks for M, h or g of the joint's tree."""
+    implicit = controller.law == "pd" and controller.discretisation == "implicit"
+    return controller.law == "computed-torque" or controller.gravity_compensation or implicit
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rows:
+    """The law of each joint of a group, as numbers: see :func:`_rows`."""
+
+    columns: np.ndarray
+    driven: np.ndarray
+    implicit: np.ndarray
+    torque: np.ndarray
+    gravity: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    divisor: np.ndarray
+    limit: np.ndarray
+
+
+def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
+    """The laws of ``joints``, as acceleration or effort = (A − stiffness q − damping v) / divisor, A from the reference."""
+    count, dt = len(joints), world.physics.timestep
+    place = {name: index for index, name in enumerate(reference.joints)}
+    columns = np.array([place.get(name, -1) for name in joints], dtype=int)
+    implicit, torque, gravity = (np.zeros(count, dtype=bool) for _ in range(3))
+    stiffness, damping, divisor = np.zeros(count), np.zeros(count), np.ones(count)
+    limit = np.full(count, np.inf)
+    law = {name: (one, index) for one in world.controllers for index, name in enumerate(one.joints)}
+    for row, name in enumerate(joints):
+        if name not in law:
+            continue
+        one, index = law[name]
+        implicit[row] = one.discretisation == "implicit"
+        gravity[row] = one.gravity_compensation
+        torque[row] = one.law == "computed-torque"
+        if torque[row]:
+            omega = one.natural_frequency
+            stiffness[row], damping[row] = omega**2, 2.0 * one.damping_ratio * omega
+            if implicit[row]:
+                divisor[row] = 1.0 + damping[row] * dt + stiffness[row] * dt**2
+        else:
+            stiffness[row], damping[row] = one.kp[index], one.kd[index]
+        if one.effort_limits[index] is not None:
+            limit[row] = one.effort_limits[index]
+    return _Rows(columns, columns >= 0, implicit, torque, gravity, stiffness, damping, divisor, limit)
+
+
+class _Group:
+    """The driven joints of one tree; with dynamics, all its joints, in Pinocchio's order."""
+
+    def __init__(self, world: World, bodies: tuple[Body, ...], reference: Reference):
+        driven = set(reference.joints)
+        movers = [body for body in bodies if body.joint.kind != "fixed"]
+        self._timestep = world.physics.timestep
+        self._tree: Any = None
+        asked = [one for one in world.controllers if needs_dynamics(one)]
+        names = {body.joint.name for body in bodies}
+        if any(names & set(one.joints) for one in asked):
+            self._tree = tree = _dynamics(world, bodies, asked)
+            movers = [movers[index] for index in np.argsort(tree.v_index)]
+        else:
+            movers = [body for body in movers if body.joint.name in driven]
+        self.bodies = [body.name for body in movers]
+        self.joints = [body.joint.name for body in movers]
+        self.rows = rows = _rows(self.joints, world, reference)
+        self._reference = reference
+        self._ahead_damping = rows.damping + np.where(rows.implicit, self._timestep * rows.stiffness, 0.0)
+        self._slope_q = rows.stiffness / rows.divisor
+        self._slope_v = self._ahead_damping / rows.divisor
+        self._only_torque = bool(rows.torque.all())
+        self._pd = rows.driven & ~rows.torque
+        self._solved = self._pd & rows.implicit
+        dt = self._timestep
+        self._ahead = np.where(self._solved, dt * rows.damping + dt**2 * rows.stiffness, 0.0)
+        self._effort = np.zeros(len(movers))
+
+    def prepare(self, first: int, count: int) -> np.ndarray:
+        """Make the references of ``count`` steps from step ``first`` on; returns q* (count, n) at their ends."""
+        rows, dt = self.rows, self._timestep
+        shape = (count, len(rows.columns))
+        self._affine, self._feed = np.zeros(shape), np.zeros(shape)
+        times = (first + np.arange(count + 1)) * dt
+        position, speed, acceleration = self._reference.position.at(times, 2)
+        (feed,) = self._reference.effort.at(times)
+        for ahead, mine in ((0, rows.driven & ~rows.implicit), (1, rows.driven & rows.implicit)):
+            own, at = rows.columns[mine], slice(ahead, ahead + count)
+            wanted = rows.stiffness[mine] * position[at][:, own] + rows.damping[mine] * speed[at][:, own]
+            wanted += np.where(rows.torque[mine], acceleration[at][:, own], 0.0)
+            self._affine[:, mine] = wanted / rows.divisor[mine]
+            self._feed[:, mine] = feed[at][:, own]
+        self._affine[:, self._pd] += self._feed[:, self._pd]
+        self._feed[:, self._pd] = 0.0
+        return np.where(rows.driven, position[1:][:, rows.columns], 0.0)
+
+    def effort(self, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Efforts (n,), not yet clipped, at the k-th prepared step."""
+        wanted = self._affine[k] - self._slope_q * q - self._slope_v * v
+        tree, rows = self._tree, self.rows
+        if tree is None:
+            return wanted
+        pin, model, data = tree.pin, tree.model, tree.data
+        if self._only_torque:
+            return pin.rnea(model, data, q, v, wanted) + self._feed[k]
+        found = self._effort
+        found[:] = 0.0
+        if rows.torque.any():
+            asked = np.where(rows.torque, wanted, 0.0)
+            found[rows.torque] = (pin.rnea(model, data, q, v, asked) + self._feed[k])[rows.torque]
+        found[self._pd] = wanted[self._pd]
+        if rows.gravity.any():
+            found[rows.gravity] += pin.computeGeneralizedGravity(model, data, q)[rows.gravity]
+        if self._solved.any():
+            found[self._solved] -= (self._ahead * self._acceleration(q, v, found))[self._solved]
+        return found
+
+    def _acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """a of (M + ahead) a = effort + the joints' own efforts − h, joints without implicit law included."""
+        tree = self._tree
+        pin, model, data = tree.pin, tree.model, tree.data
+        mass = pin.crba(model, data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        own = tree.joint_effort(q[tree.v_index], v[tree.v_index])[np.argsort(tree.v_index)]
+        free = effort + own - pin.nonLinearEffects(model, data, q, v)
+        return np.linalg.solve(mass + np.diag(self._ahead), free)
+
+
+def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -> Any:
+    odd = [body for body in bodies if body.joint.kind not in ("fixed", "hinge", "slide")]
+    if odd:
+        names = ", ".join(sorted({one.name for one in asked}))
+        raise ControlError(
+            f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {odd[0].name!r} has a "
+            f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation works there"
+        )
+    try:
+        from simspec.dynamics.oracle import Tree
+
+        return Tree(dataclasses.replace(world, bodies=bodies))
+    except ModuleNotFoundError as error:
+        raise ControlError(
+            f"the law needs Pinocchio in the engine's environment ({error.name} is missing): pip install 'simspec[pin]'"
+        ) from None
+
+
+class Control:
+    """All effort-giving controllers of a world at work.
+
+    ``q_places`` and ``v_places``: where the joints that it reads and drives stand in the world's generalised coordinates;
+    ``joints``: their names. Give it the live joints in this order with :meth:`drive`.
+    Raises ControlError where a law cannot work.
+    """
+
+    def __init__(self, world: World, reference: Reference):
+        lawful = tuple(one for one in world.controllers if one.law != "native")
+        given = {name for one in lawful for name in one.joints}
+        world = dataclasses.replace(world, controllers=lawful)
+        self._groups = [
+            _Group(world, bodies, reference)
+            for bodies in trees(world).values()
+            if any(body.joint.name in given for body in bodies)
+        ]
+        where = layout(world.bodies)
+        index = {body.name: number for number, body in enumerate(world.bodies)}
+        order = [index[name] for group in self._groups for name in group.bodies]
+        self.joints = [name for group in self._groups for name in group.joints]
+        self.q_places = np.array([where.position[number].start for number in order], dtype=int)
+        self.v_places = np.array([where.velocity[number].start for number in order], dtype=int)
+        limits = [group.rows.limit for group in self._groups]
+        self._limit = np.concatenate(limits) if limits else np.zeros(0)
+        self.driven = np.concatenate([group.rows.driven for group in self._groups]) if limits else np.zeros(0, bool)
+        sizes = np.cumsum([0, *(len(group.joints) for group in self._groups)])
+        self._slices = [slice(first, last) for first, last in itertools.pairwise(sizes)]
+        count = len(order)
+        self.target, self.applied = np.zeros(count), np.zeros(count)
+        """q* at the end of the last step, and the efforts of that step."""
+        self.error = np.zeros(count)
+        """Largest |q* − q| at the end of any step, by joint."""
+        self.clipped = np.zeros(count, dtype=int)
+        """Steps in which an effort was clipped, by joint."""
+        self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0}
+
+    def advance(self, joints: Joints, first: int, count: int) -> None:
+        """Do steps ``first`` … ``first + count − 1`` of the run."""
+        for start in range(first, first + count, CHUNK):
+            self._chunk(joints, start, min(CHUNK, first + count - start))
+
+    def _chunk(self, joints: Joints, first: int, count: int) -> None:
+        begun = time.perf_counter()
+        targets = np.concatenate([group.prepare(first, count) for group in self._groups], axis=1)
+        seen, given = np.empty_like(targets), np.empty_like(targets)
+        read, step, limit = joints.read, joints.step, self._limit
+        lowest = -limit
+        pairs = list(zip(self._groups, self._slices, strict=True))
+        alone = self._groups[0].effort if len(pairs) == 1 else None
+        clock, cpu_clock, minimum, maximum = time.perf_counter, time.process_time, np.minimum, np.maximum
+        stepped = cpu = 0.0
+        for k in range(count):
+            q, v = read()
+            if k:
+                seen[k - 1] = q
+            if alone is not None:
+                wanted = alone(k, q, v)
+            else:
+                wanted = np.concatenate([group.effort(k, q[part], v[part]) for group, part in pairs])
+            given[k] = wanted
+            effort = maximum(minimum(wanted, limit), lowest)
+            start, cpu_start = clock(), cpu_clock()
+            step(effort)
+            cpu += cpu_clock() - cpu_start
+            stepped += clock() - start
+        seen[count - 1] = joints.read()[0]
+        away = np.where(self.driven, np.abs(targets - seen), 0.0)
+        self.error = np.maximum(self.error, away.max(axis=0))
+        self.clipped += (np.abs(given) > limit).sum(axis=0)
+        self.target = targets[-1]
+        self.applied = np.clip(given[-1], lowest, limit)
+        self.seconds["step"] += stepped
+        self.seconds["cpu"] += cpu
+        self.seconds["control"] += time.perf_counter() - begun - stepped

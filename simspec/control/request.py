@@ -1,0 +1,44 @@
+"""What a law at work needs of a world, as plain data and arrays, to cross into the engine's process and back out there."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simspec.control.law import Control
+from simspec.control.reference import Piecewise, Reference, reference
+from simspec.world.canonical import from_plain, to_plain
+from simspec.world.types import Contact, Record, World
+
+PREFIX = "control."
+
+
+def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Parameters (JSON) and arrays that :func:`from_request` reads; empty when the world has no controllers.
+
+    The polynomials are made here, so that the engine's environment needs no library for them, and all engines have the same.
+    """
+    if not world.controllers:
+        return {}, {}
+    bare = dataclasses.replace(world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None)
+    found = reference(world)
+    arrays = {}
+    for name, part in (("position", found.position), ("effort", found.effort)):
+        for field in dataclasses.fields(Piecewise):
+            arrays[f"{PREFIX}{name}.{field.name}"] = getattr(part, field.name)
+    return {"control": {"world": to_plain(bare), "joints": list(found.joints)}}, arrays
+
+
+def from_request(parameters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Control | None:
+    """The control that a request asks for; None when it asks for none. Raises ControlError."""
+    given = parameters.get("control")
+    if given is None:
+        return None
+    parts = [
+        Piecewise(*(arrays[f"{PREFIX}{name}.{field.name}"] for field in dataclasses.fields(Piecewise)))
+        for name in ("position", "effort")
+    ]
+    return Control(from_plain(World, given["world"]), Reference(tuple(given["joints"]), *parts))
