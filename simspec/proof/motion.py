@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.proof.checks import Check
 from simspec.dynamics.oracle import Oracle
+from simspec.proof.checks import Check
 from simspec.proof.probes import SEED, random_states, rotation_error
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World

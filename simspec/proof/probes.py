@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
 from simspec.dynamics.oracle import Oracle
+from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simspec.proof.checks import Check
 from simspec.dynamics.oracle import Oracle
+from simspec.proof.checks import Check
 from simspec.proof.probes import random_states
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, initial_state, rigid_groups, trees

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.dynamics.oracle import Oracle
 from simspec.engines.base import find_engine
 from simspec.engines.process import DEADLINE, Operation, Reply, start
 from simspec.errors import EngineError, Location, UnsupportedError
@@ -25,7 +26,6 @@ from simspec.proof.comparator import compare, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.motion import Motion, motion_checks
-from simspec.dynamics.oracle import Oracle
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
 from simspec.proof.touch import Meetings, touch_checks
 from simspec.world.canonical import from_plain, sha256
