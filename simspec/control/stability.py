@@ -1,0 +1,146 @@
+"""Whether explicit laws are stable at a world's timestep, told before anything runs, from the world's own mass matrix.
+
+About a posture q the driven joints obey M(q) v̇ = −K e − D ė, with e = q − q*, the joints' own damping among D and their springs
+among K, and one step is e' = e + dt v', v' = v − dt M⁻¹ (K e + D v). The law is stable where no eigenvalue of this step is
+larger than one; gravity's and the Coriolis force's change with the state is left out (slow beside gains that hold a robot).
+computed-torque has M⁻¹ K = ω² and M⁻¹ D = 2 ζ ω on its joints: one joint is stable while (ω dt)² + 4 ζ ω dt < 4, for ζ = 1
+while ω dt < 0.828.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from simspec.dynamics.oracle import Tree
+from simspec.world.control import Controller
+from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.types import Body, World
+
+POSTURES = 20
+"""Postures of the trajectory that are looked at, evenly over its points, besides the initial one; M changes slowly along it."""
+SLACK = 1e-9
+"""An eigenvalue of a mode without stiffness is one, give or take round-off."""
+LARGEST = 10.0
+"""A timestep (s) beyond which nobody asks: a law stable there is called stable at any."""
+SMALLEST = 1e-9
+"""A timestep (s) below which the search ends: no step helps a system that is unstable in itself."""
+RESOLUTION = 1e-3
+"""Relative: the largest stable step is named to three digits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Instability:
+    """A controller that diverges: the world's timestep (s), the largest step (s) at which it would not, and by what factor the
+    fastest growing deviation grows in a step."""
+
+    controller: str
+    timestep: float
+    largest_stable_step: float
+    growth: float
+
+
+def unstable(world: World) -> list[Instability]:
+    """The explicit controllers that are unstable at the world's timestep. Those of one tree are looked at together, and blamed
+    together when each alone is stable; implicit ones, which only take energy out, are left out."""
+    found, timestep = [], world.physics.timestep
+    for bodies in trees(world).values():
+        names = {body.joint.name for body in bodies}
+        own = [
+            one
+            for one in world.controllers
+            if names & set(one.joints) and one.law != "native" and one.discretisation == "explicit"
+        ]
+        postures = _postures(world, bodies) if own else []
+        if not own or _worst(_systems(world, bodies, own, postures), timestep) <= 1.0 + SLACK:
+            continue
+        alone = {one.name: _systems(world, bodies, [one], postures) for one in own}
+        blamed = {name: systems for name, systems in alone.items() if _worst(systems, timestep) > 1.0 + SLACK}
+        together = {", ".join(one.name for one in own): _systems(world, bodies, own, postures)}
+        for name, systems in (blamed or together).items():
+            found.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep)))
+    return found
+
+
+System = tuple[np.ndarray, np.ndarray]
+"""M⁻¹ K and M⁻¹ D (n, n) of the driven tree at one posture."""
+
+
+def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
+    """Positions (nq of the tree,): the initial ones, and with the trajectory's."""
+    local = layout(bodies)
+    start, _ = initial_state(dataclasses.replace(world, bodies=tuple(bodies)))
+    trajectory, found = world.trajectory, [start]
+    if trajectory is None:
+        return found
+    place = {body.joint.name: part.start for body, part in zip(bodies, local.position, strict=True)}
+    columns = [(index, place[name]) for index, name in enumerate(trajectory.joints) if name in place]
+    count = len(trajectory.times)
+    for row in sorted({round(k * (count - 1) / max(1, POSTURES - 1)) for k in range(POSTURES)}):
+        posture = start.copy()
+        for index, at in columns:
+            posture[at] = trajectory.positions[row][index]
+        found.append(posture)
+    return found
+
+
+def _systems(
+    world: World, bodies: tuple[Body, ...], controllers: Sequence[Controller], postures: Sequence[np.ndarray]
+) -> list[System]:
+    tree = Tree(dataclasses.replace(world, bodies=bodies))
+    where = {body.joint.name: part.start for body, part in zip(bodies, tree.layout.velocity, strict=True)}
+    stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
+    for body, part in zip(bodies, tree.layout.velocity, strict=True):
+        damping[part] = body.joint.damping
+        stiffness[part] = body.joint.spring_stiffness
+    found = []
+    for posture in postures:
+        mass = tree.mass_matrix(posture)
+        total_k, total_d = np.diag(stiffness), np.diag(damping)
+        for one in controllers:
+            for index, name in enumerate(one.joints):
+                if name not in where:
+                    continue
+                at = where[name]
+                if one.law == "computed-torque":
+                    driven = np.array([where[other] for other in one.joints if other in where])
+                    total_k[at, driven] += one.natural_frequency**2 * mass[at, driven]
+                    total_d[at, driven] += 2.0 * one.damping_ratio * one.natural_frequency * mass[at, driven]
+                else:
+                    total_k[at, at] += one.kp[index]
+                    total_d[at, at] += one.kd[index]
+        found.append((np.linalg.solve(mass, total_k), np.linalg.solve(mass, total_d)))
+    return found
+
+
+def _growth(system: System, timestep: float) -> float:
+    """The largest |eigenvalue| of a step."""
+    stiffness, damping = system
+    count = len(stiffness)
+    identity = np.eye(count)
+    speed = np.hstack([-timestep * stiffness, identity - timestep * damping])
+    step = np.vstack([np.hstack([identity, np.zeros((count, count))]) + timestep * speed, speed])
+    return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+def _worst(systems: Sequence[System], timestep: float) -> float:
+    return max(_growth(system, timestep) for system in systems)
+
+
+def _largest(systems: Sequence[System]) -> float:
+    """The largest timestep (s) at which all are stable, to ``RESOLUTION``, from below; 0 when there is none."""
+    largest = LARGEST
+    for system in systems:
+        if _growth(system, largest) <= 1.0 + SLACK:
+            continue
+        stable, not_stable = 0.0, largest
+        while not_stable - stable > RESOLUTION * not_stable and not_stable > SMALLEST:
+            middle = (stable + not_stable) / 2.0
+            if _growth(system, middle) <= 1.0 + SLACK:
+                stable = middle
+            else:
+                not_stable = middle
+        largest = stable
+    return largest
