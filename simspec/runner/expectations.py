@@ -195,6 +195,19 @@ def _position(run: Run, given: Parameters) -> Measured:
     return Measured(away, given["tolerance"], "m", f"{given['body']} at {_point(found)} {_at(run, row)}")
 
 
+def _at_target(run: Run, given: Parameters) -> Measured:
+    """The largest distance of a body from its place, at a time (default: the end); and which bodies miss theirs."""
+    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
+    bound, names = given["tolerance"], [name for name, _ in given["targets"]]
+    away = np.array([np.linalg.norm(_path(run, name)[row] - np.array(place)) for name, place in given["targets"]])
+    worst = int(away.argmax())
+    missed = [name for name, far in zip(names, away, strict=True) if not far <= bound]
+    detail = f"{names[worst]} {1e3 * away[worst]:.4g} mm away {_at(run, row)}"
+    if missed:
+        detail += f"; {len(missed)} of {len(names)} miss: {', '.join(missed)}"
+    return Measured(float(away[worst]), bound, "m", detail)
+
+
 def _displacement(run: Run, given: Parameters) -> Measured:
     """How a body moved from its first place, at a time (default: the end): as a vector, or its length alone."""
     row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
@@ -253,6 +266,7 @@ MEASURES: Mapping[str, Measure] = {
     "comes_to_rest": _comes_to_rest,
     "follows_oracle": _follows_oracle,
     "position": _position,
+    "at_target": _at_target,
     "displacement": _displacement,
     "apex_height": _apex_height,
     "angular_speed": _angular_speed,

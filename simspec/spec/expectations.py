@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
+from pydantic_core import core_schema
 
-from simspec.spec.quantities import Name, Number, Reader, Vector
-from simspec.spec.strict import Fault, Faults, Strict, show
+from simspec.spec.document import INVALID
+from simspec.spec.quantities import NAME, Name, Number, Reader, Vector
+from simspec.spec.strict import Fault, Faults, Strict, fault, replace_loc, show
 
 
 @dataclass(frozen=True)
@@ -24,11 +26,60 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of expectation: what it demands, its parameters, and parameters of which exactly one is wanted."""
+    """One kind of expectation: what it demands, its parameters, and parameters of which exactly one is wanted.
+
+    ``of_end`` says whether a run that is cut short cannot answer it: it looks at the end of the run ("always"), or does so
+    where a parameter of this name is not given; "" what must hold at all times must hold in every part of them.
+    """
 
     meaning: str
     parameters: Mapping[str, Parameter]
     one_of: tuple[str, ...] = ()
+    of_end: str = ""
+
+
+@dataclass(frozen=True)
+class Targets(Reader):
+    """Places of bodies, by their full names; read as pairs (body, place) sorted by body."""
+
+    def read(self, value: Any) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        if not isinstance(value, Mapping) or not value:
+            found = "{}" if isinstance(value, Mapping) else show(value)
+            raise fault(f"wants {self.describe()}", found, "{BODY: [x, y, z], ...}")
+        pairs, faults = [], []
+        for name, place in value.items():
+            if place is INVALID:
+                faults.append(Fault((str(name),), "", reported=True))
+                continue
+            try:
+                pairs.append((Name(path=True).read(name), _POINT.read(place)))
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (str(name),)))
+        if faults:
+            raise Faults(faults)
+        return tuple(sorted(pairs))
+
+    def written(self, value: tuple[tuple[str, tuple[float, ...]], ...] | None) -> Any:
+        return value and {name: list(place) for name, place in value}
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        # an expectation that was made in Python is written as a spec would say it
+        written = core_schema.plain_serializer_function_ser_schema(self.written)
+        return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
+
+    def unit(self) -> str:
+        return _POINT.unit()
+
+    def describe(self) -> str:
+        return "places by the bodies' full names"
+
+    def schema(self) -> dict[str, Any]:
+        return {
+            "type": "object",
+            "propertyNames": {"pattern": f"^{NAME.pattern}(/{NAME.pattern})?$"},
+            "additionalProperties": _POINT.schema(),
+            "minProperties": 1,
+        }
 
 
 _SHARE = Number("number", 0)
@@ -60,6 +111,7 @@ KINDS: Mapping[str, Kind] = {
             "speed": Parameter(Number("velocity", 0), "Largest speed of a centre of mass"),
             "before": Parameter(_TIME, "Must hold from this time on; default: at the end", required=False),
         },
+        of_end="before",
     ),
     "follows_oracle": Kind(
         "Body frames follow the motion without contact that an independent implementation computes with the same "
@@ -77,6 +129,16 @@ KINDS: Mapping[str, Kind] = {
             "tolerance": Parameter(_LENGTH, "Largest distance from it"),
             "at": _AT,
         },
+        of_end="at",
+    ),
+    "at_target": Kind(
+        "Bodies' frames are at their places, every one of them",
+        {
+            "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
+            "tolerance": Parameter(_LENGTH, "Largest distance of any body from its place"),
+            "at": _AT,
+        },
+        of_end="at",
     ),
     "displacement": Kind(
         "A body's frame has moved by a vector, or by a distance in any direction",
@@ -88,6 +150,7 @@ KINDS: Mapping[str, Kind] = {
             "at": _AT,
         },
         one_of=("xyz", "distance"),
+        of_end="at",
     ),
     "apex_height": Kind(
         "The greatest height z that a body's frame reaches after a time",
@@ -97,6 +160,7 @@ KINDS: Mapping[str, Kind] = {
             "tolerance": Parameter(_LENGTH, "Largest deviation"),
             "after": Parameter(_TIME, "The time from which on the apex is sought"),
         },
+        of_end="always",
     ),
     "angular_speed": Kind(
         "A body turns at a speed, about any axis",
@@ -106,6 +170,7 @@ KINDS: Mapping[str, Kind] = {
             "tolerance": Parameter(Number("angular velocity", 0), "Largest deviation"),
             "at": _AT,
         },
+        of_end="at",
     ),
     "stays_within": Kind(
         "A body's frame never leaves a box",

@@ -50,8 +50,7 @@ def _table(model: type[Strict]) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     for name, kind in walk.fields(model).items():
         field = model.model_fields[name]
-        written = kind.written(field.default) if isinstance(kind, Reader) else field.default
-        default = "required" if field.is_required() else _default(written)
+        default = "required" if field.is_required() else _default(walk.default(kind, field))
         unit = kind.unit() if isinstance(kind, Reader) else ""
         yield f"| `{name}` | {_what(kind)} | {unit} | {default} | {_cell(field.description or '')} |"
     if model.ONE_OF:

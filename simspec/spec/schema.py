@@ -35,8 +35,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
     for name, kind in walk.fields(model).items():
         field = model.model_fields[name]
         described = {"description": field.description} if field.description else {}
-        written = kind.written(field.default) if isinstance(kind, Reader) else field.default
-        default = {} if field.is_required() else _default(written)
+        default = {} if field.is_required() else _default(walk.default(kind, field))
         # draft 07 ignores what stands beside a $ref
         what = {"allOf": [_kind(kind)]} if walk.is_model(kind) else _kind(kind)
         properties[name] = {**described, **what, **default}

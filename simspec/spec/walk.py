@@ -7,6 +7,8 @@ import typing
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from pydantic.fields import FieldInfo
+
 from simspec.spec.quantities import Reader
 from simspec.spec.strict import Strict
 
@@ -37,6 +39,11 @@ def _plain(annotation: Any, metadata: Sequence[Any] = ()) -> Any:
     if origin is list:
         return [_plain(typing.get_args(annotation)[0])]
     return annotation
+
+
+def default(kind: Any, field: FieldInfo) -> Any:
+    """The default of a field that has one, as a spec would say it."""
+    return kind.written(field.default) if isinstance(kind, Reader) else field.default
 
 
 def is_model(kind: Any) -> bool:

@@ -73,12 +73,21 @@ def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
     if value is None and type(None) in kinds:
         return None
     for kind in kinds:
-        structured = typing.get_origin(kind) is tuple if isinstance(value, list) else dataclasses.is_dataclass(kind)
-        if type(value) is kind or (isinstance(value, (list, dict)) and structured):
+        if type(value) is kind or _structured(kind, value):
             return from_plain(kind, value)
     if type(value) is int and float in kinds:
         return float(value)
     raise TypeError(f"{value!r} is none of {kinds}")
+
+
+def _structured(kind: Any, value: Any) -> bool:
+    """Whether a list or a dict may stand for a tuple or a dataclass; of several tuples the first item tells which."""
+    if isinstance(value, dict):
+        return dataclasses.is_dataclass(kind)
+    if not isinstance(value, list) or typing.get_origin(kind) is not tuple:
+        return False
+    items = typing.get_args(kind)
+    return not value or not items or isinstance(value[0], list) == (typing.get_origin(items[0]) is tuple)
 
 
 def canonical_json(value: Any) -> str:

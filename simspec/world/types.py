@@ -237,10 +237,11 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """A named expectation with its parameters as sorted (name, value) pairs; see ``run/expectations.py``."""
+    """A named expectation with its parameters as sorted (name, value) pairs; see ``runner/expectations.py``. Places of several
+    bodies are pairs (body, place) sorted by body."""
 
     kind: str
-    parameters: tuple[tuple[str, float | str | tuple[float, ...]], ...] = ()
+    parameters: tuple[tuple[str, float | str | tuple[float, ...] | tuple[tuple[str, Vector3], ...]], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
