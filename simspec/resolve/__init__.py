@@ -5,7 +5,8 @@ from __future__ import annotations
 from simspec.errors import SpecError
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
-from simspec.resolve.scenario import engines, expectations, physics, record
+from simspec.resolve.control import controllers, unstable
+from simspec.resolve.scenario import engines, expectations, physics, record, shortened
 from simspec.spec.load import Spec
 from simspec.spec.problems import in_order
 from simspec.spec.strict import bounded_suggestions
@@ -16,22 +17,30 @@ __all__ = ["resolve"]
 
 def resolve(spec: Spec) -> World:
     """The world of a spec. Raises SpecError with every problem that shows only when things are expanded: names that are
-    taken twice, references to bodies that do not exist, times that are not recorded."""
+    taken twice, references to bodies and joints that do not exist, times that are not recorded; and, where all else is
+    right, controllers that are unstable at the timestep."""
     expansion = expand(spec.source)
-    time = physics(spec.data.physics)
+    whole = physics(spec.data.physics)
+    trajectory = getattr(spec.data, "trajectory", None)
+    time = shortened(whole, None if trajectory is None else trajectory.until)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
         laws, problems = contact(spec.source, expansion, time.timestep)
-        expected, more = expectations(spec.source, expansion.bodies, time, recorded)
-    problems = [*expansion.problems, *problems, *more]
+        driven = controllers(spec.source, expansion.bodies)
+        expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
+    problems = [*expansion.problems, *problems, *driven.problems, *more]
     if problems:
         raise SpecError(in_order(problems))
-    return World(
+    world = World(
         name=spec.name,
-        bodies=expansion.bodies,
+        bodies=driven.bodies,
         contact=laws,
         physics=time,
         record=recorded,
         expectations=expected,
         engines=engines(spec.data.engines),
+        controllers=driven.controllers,
     )
+    if problems := unstable(spec.source, world):
+        raise SpecError(in_order(problems))
+    return world

@@ -18,11 +18,11 @@ WIDTH = 120
 BLOCK_FIELDS = frozenset(
     (
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
-        *("models", "positions", "velocities", "model", "expect", "engines"),
+        *("models", "positions", "velocities", "model", "control", "expect", "engines"),
     )
 )
 """Fields that are always written over several lines, one entry each."""
-BLOCK_ITEMS = frozenset(("bodies", "models", "engines", "expect"))
+BLOCK_ITEMS = frozenset(("bodies", "models", "control", "engines", "expect"))
 """Fields whose items are, too."""
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./][A-Za-z0-9_./ ^*°²³µ%·()+×−-]*")

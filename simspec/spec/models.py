@@ -14,6 +14,7 @@ from pydantic import Field
 
 from simspec.spec.arrays import Array
 from simspec.spec.contact import Contact
+from simspec.spec.control import MOST_CONTROLLERS, Controller
 from simspec.spec.expectations import Expectation
 from simspec.spec.joints import Joint
 from simspec.spec.quantities import Name, Number, Reader, Setting, Text, Vector, Word
@@ -248,6 +249,7 @@ class File(Strict):
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
     model: Model = Field(None, description="The model of a model file; excludes `bodies` and `models`")
+    control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
@@ -271,24 +273,28 @@ class File(Strict):
         parts = ("bodies", "models", "model")
         if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
             yield Fault((), "neither bodies nor models: there is nothing to simulate")
-        yield from _recorded(data)
+        control = data.get("control")
+        if isinstance(control, Mapping) and len(control) > MOST_CONTROLLERS:
+            yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")
+        yield from _in_steps(data, "record", "every")
+        yield from _in_steps(data, "trajectory", "until")
 
 
-def _recorded(data: Mapping[str, Any]) -> Iterable[Fault]:
-    """A recording interval that is no whole number of timesteps."""
+def _in_steps(data: Mapping[str, Any], part: str, name: str) -> Iterable[Fault]:
+    """A time that is no whole number of timesteps, or none at all."""
 
     def of(part: str, name: str) -> Any:
         value = data.get(part)
         return value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
 
-    every = of("record", "every")
-    if every is None:
+    time = of(part, name)
+    if time is None:
         return
     timestep = of("physics", "timestep")
     number = Number("time", 0, above=True)
     try:
-        times = number.read(every), 0.001 if timestep is None else number.read(timestep)
+        times = number.read(time), 0.001 if timestep is None else number.read(timestep)
     except Faults:
         return  # reported where it is read
     if whole_steps(*times) in (None, 0):
-        yield not_whole("record.every", *times, ("record", "every"))
+        yield not_whole(f"{part}.{name}", *times, (part, name))

@@ -1,0 +1,260 @@
+"""Controllers of the world: names and patterns resolved to joints, gears resolved away, limits the smaller of two."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from simspec.errors import Problem
+from simspec.spec.control import DRIVEN, PER_JOINT
+from simspec.spec.control import Controller as SpecController
+from simspec.spec.document import Key
+from simspec.spec.joint_names import chosen
+from simspec.spec.sources import Source
+from simspec.spec.strict import Faults, near
+from simspec.spec.units import LARGEST, article
+from simspec.world.control import Controller
+from simspec.world.types import Body, World
+
+if TYPE_CHECKING:
+    from simspec.control.stability import Instability
+
+MOST_NAMED = 8
+"""Joints that one message names."""
+
+
+class Driven(NamedTuple):
+    """What `control` makes of a world.
+
+    controllers      sorted by name
+    bodies           the world's bodies, rotors' inertia added to the armature of their joints
+    velocity_limits  by the joint's full name, for every joint that has one (rad/s, m/s): the smaller of the joint's own
+                     and the actuator's, on the joint's side
+    problems         what is wrong; then the rest is what could be made of it
+    """
+
+    controllers: tuple[Controller, ...]
+    bodies: tuple[Body, ...]
+    velocity_limits: Mapping[str, float]
+    problems: list[Problem]
+
+
+def controllers(source: Source, bodies: Sequence[Body]) -> Driven:
+    """The controllers of a spec, and what they say of the ``bodies`` (those of the world, in its order)."""
+    problems: list[Problem] = []
+    own = {body.joint.name: body.joint.velocity_limit for body in bodies}
+    limits = {name: limit for name, limit in own.items() if limit is not None}
+    armature: dict[str, float] = {}
+    found: list[Controller] = []
+    taken: dict[str, str] = {}
+    for name, given in source.file.control.items():
+        one = _One(source, ("control", name), given, bodies, taken)
+        taken.update(dict.fromkeys(one.joints, name))
+        found.append(one.controller(name))
+        limits.update(one.velocity_limits())
+        armature.update(one.armature())
+        problems += one.problems
+    driven = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, armature=armature[body.joint.name]))
+        if body.joint.name in armature
+        else body
+        for body in bodies
+    )
+    return Driven(tuple(sorted(found, key=lambda one: one.name)), driven, limits, problems)
+
+
+def unstable(source: Source, world: World) -> list[Problem]:
+    """Controllers whose explicit law grows without end at the world's timestep; nothing is asked where none is driven."""
+    if not world.controllers:
+        return []
+    try:
+        from simspec.control import stability
+
+        found = stability.unstable(world)
+    except ModuleNotFoundError as error:
+        message = f"control needs a library that is not installed ({error.name})"
+        return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec[pin]'")]
+    return [_of_instability(source, one) for one in found]
+
+
+def _of_instability(source: Source, one: Instability) -> Problem:
+    names = one.controller.split(", ")  # controllers of one tree may be unstable together, each of them stable alone
+    who = "the explicit law is" if len(names) == 1 else f"the explicit laws of {' and '.join(names)} are together"
+    growth = f"its errors grow by a factor of {one.growth:.4g} in every step"
+    return source.document.problem(
+        ("control", names[0]),
+        f"{who} unstable at this timestep: {growth}",
+        key=True,
+        found=f"a timestep of {one.timestep:g} s",
+        allowed=f"up to {one.largest_stable_step:.3g} s"
+        if one.largest_stable_step
+        else "none: it is so at any timestep",
+        hint="discretisation: implicit; or softer gains; or a smaller physics.timestep",
+    )
+
+
+class _One:
+    """One controller while it is resolved; ``taken``: joints that other controllers drive, with their names."""
+
+    def __init__(
+        self,
+        source: Source,
+        path: tuple[Key, ...],
+        given: SpecController,
+        bodies: Sequence[Body],
+        taken: Mapping[str, str],
+    ):
+        self.given = given
+        self.problems: list[Problem] = []
+        self._source, self._path = source, path
+        self._types = {body.joint.name: body.joint.kind for body in bodies}
+        self.joints = self._joints(taken)
+        self._own = {body.joint.name: body.joint for body in bodies if body.joint.name in self.joints}
+        self.joints = tuple(self._own)  # in the order of the bodies
+        self._gear = self._numbers("gear", 1.0)
+
+    # --- which joints ---
+
+    def _joints(self, taken: Mapping[str, str]) -> dict[str, None]:
+        found: dict[str, None] = {}
+        movable = [name for name, kind in self._types.items() if kind in DRIVEN]
+        for index, entry in enumerate(self.given.joints):
+            place = (*self._path, "joints", index)
+            meant = chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in DRIVEN else []
+            if not meant:
+                self._none(place, entry, movable)
+                continue
+            other = {name: taken[name] for name in meant if name in taken}
+            if other:
+                name, holder = next(iter(other.items()))
+                message = f"{name} has a controller already: {holder}"
+                more = f" (and {len(other) - 1} more joints)" if len(other) > 1 else ""
+                self._problem(place, message + more, found=entry, hint="a joint has at most one controller")
+            elif all(name in found for name in meant):
+                self._problem(place, "every joint of this entry is there already", found=entry, hint="leave it out")
+            found.update(dict.fromkeys(name for name in meant if name not in taken))
+        return found
+
+    def _none(self, place: tuple[Key, ...], entry: str, movable: Sequence[str]) -> None:
+        others = chosen(entry, self._types)
+        if others:
+            kind = self._types[others[0]]
+            self._problem(place, f"{others[0]} is {article(kind)} joint", found=entry, allowed="hinges and slides")
+        elif "*" in entry:
+            allowed = _some(movable) if movable else "the world has no hinge and no slide"
+            self._problem(place, f"no hinge or slide is called {entry!r}", found=entry, allowed=allowed)
+        else:
+            hint = near(entry, movable)
+            allowed = None if movable else "the world has no hinge and no slide"
+            self._problem(place, f"there is no joint {entry!r}", found=entry, allowed=allowed, hint=hint)
+
+    # --- numbers of joints ---
+
+    def _numbers(self, key: str, default: float | None = None) -> dict[str, float | None]:
+        """The number of every joint, as the spec says it: on the actuator's side."""
+        value = getattr(self.given, key)
+        if value is None or not self.joints:
+            return dict.fromkeys(self.joints, default)
+        if isinstance(value, Mapping):
+            return {**dict.fromkeys(self.joints, default), **dict(self._mapped(key, value))}
+        return {**dict.fromkeys(self.joints, default), **dict(self._same(key, value, self.joints, ()))}
+
+    def _mapped(self, key: str, value: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+        said: dict[str, str] = {}
+        for entry, number in value.items():
+            place = (*self._path, key, entry)
+            meant = chosen(entry, self.joints)
+            twice = next((name for name in meant if name in said), None)
+            if not meant:
+                message = f"{entry!r} is no joint of this controller"
+                self._problem(place, message, key=True, allowed=_some(self.joints), hint=near(entry, self.joints))
+            elif twice is not None:
+                message = f"{twice} has two numbers: {entry!r} means it, and so does {said[twice]!r}"
+                self._problem(place, message, key=True, allowed="one entry for every joint")
+            said.update((name, entry) for name in meant if name not in said)
+            yield from self._same(key, number, meant, (entry,))
+        lacking = [name for name in self.joints if name not in said]
+        if lacking:
+            allowed = "an entry for every joint, or one number for all"
+            self._problem((*self._path, key), f"no number for {_some(lacking)}", key=True, allowed=allowed)
+
+    def _same(self, key: str, value: Any, joints: Sequence[str], below: tuple[Key, ...]) -> Iterator[tuple[str, float]]:
+        """One number for several joints, which must be of one type where the number has a unit."""
+        place = (*self._path, key, *below)
+        reader = PER_JOINT[key]
+        types = {self._types[name]: name for name in joints}
+        if reader.quantity and len(types) > 1:
+            units = " or ".join(reader.number(kind).unit() for kind in types)
+            found = ", ".join(f"{name}: {article(kind)}" for kind, name in types.items())
+            message = f"one number for hinges and slides has no one unit ({units})"
+            self._problem(place, message, found=found, hint=f"{key}: {{JOINT: number, ...}}, hinges and slides apart")
+            return
+        for name in joints:
+            try:
+                yield name, reader.number(self._types[name]).read(value)
+            except Faults as error:
+                for one in error.faults:
+                    self._problem(place, one.message, found=one.found, allowed=one.allowed, hint=one.hint)
+                return
+
+    def _geared(self, key: str, power: int) -> dict[str, float | None]:
+        """The numbers on the joint's side: multiplied by a power of the gear's ratio."""
+        found = self._numbers(key)
+        for name, value in found.items():
+            if value is None or self._gear[name] is None:
+                continue
+            found[name] = value * self._gear[name] ** power if power >= 0 else value / self._gear[name] ** -power
+            if found[name] > LARGEST:
+                message = f"through the gear, {key} of {name} is too large a number"
+                found_there = f"{value:g} × {self._gear[name]:g}^{power}"
+                self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}")
+                found[name] = None
+        return found
+
+    # --- what follows ---
+
+    def controller(self, name: str) -> Controller:
+        """The world's controller."""
+        given = self.given
+        gains = given.law != "computed-torque"
+        return Controller(
+            name=name,
+            joints=self.joints,
+            law=given.law,
+            discretisation=given.discretisation,
+            kp=tuple(value or 0.0 for value in self._geared("kp", 2).values()) if gains else (),
+            kd=tuple(value or 0.0 for value in self._geared("kd", 2).values()) if gains else (),
+            natural_frequency=0.0 if gains else given.natural_frequency,
+            damping_ratio=0.0 if gains else given.damping_ratio,
+            gravity_compensation=given.gravity_compensation,
+            effort_limits=tuple(
+                _smaller(value, self._own[joint].effort_limit)
+                for joint, value in self._geared("effort_limit", 1).items()
+            ),
+        )
+
+    def velocity_limits(self) -> dict[str, float]:
+        """The limits of those joints that have one, on the joint's side."""
+        both = {
+            name: _smaller(value, self._own[name].velocity_limit)
+            for name, value in self._geared("velocity_limit", -1).items()
+        }
+        return {name: limit for name, limit in both.items() if limit is not None}
+
+    def armature(self) -> dict[str, float]:
+        """The armature of those joints that have a rotor."""
+        rotors = self._geared("rotor_inertia", 2)
+        return {name: self._own[name].armature + value for name, value in rotors.items() if value is not None}
+
+    def _problem(self, place: tuple[Key, ...], message: str, **more: Any) -> None:
+        self.problems.append(self._source.document.problem(place, message, **more))
+
+
+def _smaller(one: float | None, other: float | None) -> float | None:
+    """The smaller of two limits, None where there is none."""
+    return min((limit for limit in (one, other) if limit is not None), default=None)
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + (f", ... ({len(names)} in all)" if len(names) > MOST_NAMED else "")
