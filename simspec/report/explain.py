@@ -6,7 +6,7 @@ import dataclasses
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from simspec.formats.base import SIDECAR, formats
 from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
 from simspec.formats.passes import solid_shapes
 from simspec.report.terminal import decisions, table
+from simspec.world.control import Controller
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 SIGNS: Mapping[str, str] = {"max": "max", "min": "min", "product": "×", "cross": "crossed with"}
@@ -30,6 +31,11 @@ UNITS: Mapping[str, str] = {
     "stiffness": " N/m",
     "damping": " N s/m",
 }
+GAINS: Mapping[str, Mapping[str, str]] = {
+    "hinge": {"kp": "N m/rad", "kd": "N m s/rad", "effort": "N m"},
+    "slide": {"kp": "N/m", "kd": "N s/m", "effort": "N"},
+}
+"""Units of a controller's numbers, by the type of its joints: gains, largest effort."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,6 +178,32 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
         shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
         settings.add_row(setting.name, shown, "spec" if setting.given else "default", setting.meaning)
     return [*([contact] if one.pairs else []), decisions(compiled), settings]
+
+
+def control_table(world: World) -> Table:
+    """The controllers of a world: joints, law and numbers, on the joints' side of any gear."""
+    found = table("Control", "controller", "joints", "law", "numbers, at the joints")
+    kinds = {body.joint.name: body.joint.kind for body in world.bodies}
+    for one in world.controllers:
+        law = one.law if one.law == "native" else f"{one.law}, {one.discretisation}"
+        found.add_row(one.name, ", ".join(one.joints), law, "; ".join(_figures(one, kinds)))
+    if any(one.law == "native" for one in world.controllers):
+        found.caption = "native: each engine's own controller, a declared difference"
+    return found
+
+
+def _figures(one: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
+    if one.law == "computed-torque":
+        yield f"ω {one.natural_frequency:g} rad/s, ζ {one.damping_ratio:g}"
+    if one.gravity_compensation:
+        yield "gravity compensated"
+    for kind, units in GAINS.items():
+        mine = [index for index, name in enumerate(one.joints) if kinds[name] == kind]
+        for (label, unit), values in zip(units.items(), (one.kp, one.kd, one.effort_limits), strict=True):
+            said = [values[index] for index in mine if values and values[index] is not None]
+            if said and (label == "effort" or any(said)):
+                low, high = min(said), max(said)
+                yield f"{label} {low:.4g} {unit}" if low == high else f"{label} {low:.4g} to {high:.4g} {unit}"
 
 
 def ways(one: Explained) -> Mapping[str, int]:

@@ -94,9 +94,11 @@ def compile_specs(
         if place.dropped:
             print(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:
-            from simspec.report.explain import tables
+            from simspec.report.explain import control_table, tables
             from simspec.report.terminal import console
 
+            if one.world.controllers:
+                console().print(control_table(one.world))
             for compiled in one.compiled.values():
                 for found in tables(one.world, compiled):
                     console().print(found)
@@ -118,6 +120,7 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
     from simspec.report.explain import explained
 
     reasons = {name: explained(built.world, one) for name, one in built.compiled.items()} if explain else {}
+    controllers = {"controllers": built.world.controllers} if explain else {}
     return {
         "folder": written.folder,
         "changed": written.changed,
@@ -128,4 +131,5 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
             | ({"explained": reasons[name]} if explain else {})
             for name, one in built.compiled.items()
         },
+        **controllers,
     }

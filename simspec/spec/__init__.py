@@ -17,6 +17,7 @@ _HOME = {
     **dict.fromkeys(("Body", "EngineOptions", "File", "Model", "Physics", "Record", "Use"), "models"),
     **dict.fromkeys(("Array", "Jitter"), "arrays"),
     **dict.fromkeys(("Combine", "Contact", "Group", "Material", "Pair"), "contact"),
+    "Controller": "control",
     **dict.fromkeys(("Joint", "Limits", "Spring"), "joints"),
     **dict.fromkeys(("Box", "Capsule", "Cylinder", "Ellipsoid", "Plane", "Sphere"), "shapes"),
     **dict.fromkeys(("Inertia", "Orientation", "Pose", "Shape", "Tensor", "Velocity"), "shapes"),

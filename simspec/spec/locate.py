@@ -9,6 +9,7 @@ from typing import Any
 from simspec.errors import Location
 from simspec.spec import trees
 from simspec.spec.document import Document, Key
+from simspec.spec.joint_names import matches
 from simspec.spec.sources import Source
 
 _ELEMENT = re.compile(r"(.+)_\d+")
@@ -56,6 +57,8 @@ def _depth(data: Any, steps: Sequence[Key]) -> int:
 def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
     if steps[0] == "bodies" and len(steps) > 1:
         yield from _of_body(source, steps[1], steps[2:])
+        if steps[2:] == ("joint", "armature"):
+            yield from _of_rotor(source, steps[1])
     if steps[:2] == ("contact", "pairs") and len(steps) > 4:
         yield from _of_pair(source, steps[2], steps[3], steps[4:])
     yield source.document, steps
@@ -100,6 +103,31 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
         yield from _in_tree(bodies, short, rest)
     else:
         yield source.document, ("models", model)
+
+
+def _of_rotor(source: Source, name: str) -> Iterator[Candidate]:
+    """The rotor inertia of the controller that drives a body's joint, where the joint itself says no armature."""
+    file = source.file
+    joint = _joint(source, name)
+    for controller, given in file.control.items() if file is not None else ():
+        if joint is not None and any(matches(entry, joint) for entry in given.joints):
+            yield from _whole(source.document, ("control", controller, "rotor_inertia"))
+
+
+def _joint(source: Source, name: str) -> str | None:
+    """The full name of the joint of a body."""
+    model, slash, short = name.partition("/")
+    if slash:
+        placed = {given: bodies for given, _, bodies in trees.placed(source)}
+        bodies = placed.get(_base(model, placed))
+        return f"{model}/{bodies.joint_name(short)}" if bodies is not None and short in bodies.raw else None
+    for bodies in (trees.loose(source), trees.model_of(source)):
+        base = _base(name, bodies.raw) if bodies is not None else name
+        if bodies is not None and base in bodies.raw:
+            named = bodies.joint_name(base)
+            # an element's joint has the suffix after a name of its own, else its body's name
+            return f"{named}{name.removeprefix(base)}" if named != f"{base}_joint" else f"{name}_joint"
+    return None
 
 
 def _base(name: str, names: Mapping[str, Any]) -> str:
