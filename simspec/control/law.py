@@ -225,6 +225,16 @@ class Control:
         for start in range(first, first + count, CHUNK):
             self._chunk(joints, start, min(CHUNK, first + count - start))
 
+    def follow(self, joints: Joints, steps: int, every: int) -> np.ndarray:
+        """Do ``steps`` steps; returns the positions (n, driven joints in the world's order) before them and after every
+        ``every`` of them."""
+        order = np.flatnonzero(self.driven)[np.argsort(self.q_places[self.driven])]
+        rows = [joints.read()[0][order]]
+        for done in range(0, steps, every):
+            self.advance(joints, done, min(every, steps - done))
+            rows.append(joints.read()[0][order])
+        return np.array(rows)
+
     def _chunk(self, joints: Joints, first: int, count: int) -> None:
         begun = time.perf_counter()
         targets = np.concatenate([group.prepare(first, count) for group in self._groups], axis=1)

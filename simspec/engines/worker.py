@@ -127,6 +127,17 @@ def _drive(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tu
     return {}, {"time": np.array(time), "pose": np.array(poses), "velocity": np.array(velocities)}
 
 
+def _respond(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Contact-free motion under the controllers from q (nq,), v (nv,) -> positions (n, driven joints)."""
+    from simspec.control.request import from_request
+
+    engine.disable_contact()
+    engine.set_state(arrays["q"], arrays["v"])
+    control = from_request(operation, arrays)
+    joints = engine.actuate(control.q_places, control.v_places)
+    return {}, {"positions": control.follow(joints, operation["steps"], operation["every"])}
+
+
 def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """q (k, nq) -> touching (n, 3): index of the state, then the indices of two bodies that touch in it."""
     import numpy as np
@@ -152,6 +163,7 @@ OPERATIONS = {
     "dynamics": _dynamics,
     "motion": _motion,
     "drive": _drive,
+    "respond": _respond,
     "touching": _touching,
     "run": _run,
 }

@@ -19,20 +19,22 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
 from simspec.formats.contact_plan import meeting_laws
-from simspec.proof import motion, touch
+from simspec.proof import control, motion, touch
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
+from simspec.proof.control import Response, control_checks
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
 from simspec.proof.touch import Meetings, touch_checks
 from simspec.world.canonical import from_plain, sha256
 from simspec.world.types import ReadBack, World
 
-LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6")
-"""L1, L2's fields and L4's come from one read-back; L5 is contact, measured in worlds of its own (``proof/contact/run.py``)."""
+LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6", "L7")
+"""L1, L2's fields and L4's come from one read-back; L5 is contact, measured in worlds of its own (``proof/contact/run.py``); L7
+is control, in worlds that have it."""
 
 UNREAD = "text"
 """Name of the check that fails when the independent reader refuses the files."""
@@ -47,6 +49,7 @@ class Probes:
     v: np.ndarray
     meetings: Meetings
     motion: Motion | None
+    response: Response | None = None
 
     def operations(self) -> list[Operation]:
         """What each engine is asked, in the order in which :func:`_checks` reads the answers."""
@@ -63,6 +66,8 @@ class Probes:
             one = self.motion
             arrays = {"q": one.q, "v": one.v, "effort": one.effort}
             found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays))
+        if self.response is not None:
+            found.append(self.response.operation())
         return found
 
 
@@ -73,7 +78,8 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     wanted = set(levels)
     empty = Meetings(np.zeros((0, oracle.nq)), [])
     meetings = touch.plan(world, oracle) if "L4" in wanted else empty
-    return Probes(oracle, q, v, meetings, motion.plan(world, oracle) if "L6" in wanted else None)
+    moving = motion.plan(world, oracle) if "L6" in wanted else None
+    return Probes(oracle, q, v, meetings, moving, control.plan(world) if "L7" in wanted else None)
 
 
 def verify(
@@ -207,6 +213,8 @@ def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Ch
         checks += touch_checks(world, probes.meetings, answers[3].arrays["touching"])
     if probes.motion is not None:
         checks += motion_checks(world, probes.motion, answers[4].arrays)
+    if probes.response is not None:
+        checks += control_checks(probes.response, answers[-1].arrays)
     return sorted(checks, key=lambda check: check.level), held.unreadable
 
 

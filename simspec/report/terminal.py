@@ -282,6 +282,7 @@ LEVEL_WORDS = {
     "L4": "geometry, contact law",
     "L5": "contact, measured",
     "L6": "contact-free motion",
+    "L7": "control, step response",
 }
 
 

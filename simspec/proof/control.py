@@ -1,0 +1,196 @@
+"""Level L7: the controllers' step response, in every engine, without contact.
+
+All driven joints begin at rest and are told to be a little elsewhere, for good. What the engine makes of that is held against
+the oracle under the same law, and, where computed torque has the whole tree to itself, against the closed form: then v̇ is the law's
+a exactly, whatever the robot, and the deviation of each joint obeys a recursion of two numbers. The tolerance is that of L6.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from simspec.control.law import Control
+from simspec.control.reference import driven_joints, reference
+from simspec.control.request import to_request
+from simspec.dynamics.oracle import Oracle
+from simspec.engines.process import Operation
+from simspec.proof.checks import Check
+from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
+from simspec.world.control import Trajectory
+from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.types import World
+
+STEPS = 500
+"""At 1 ms half a second, in which a law of 10 rad/s has done 96 % of its way."""
+EVERY = 10
+STEP = 0.05
+"""rad or m: large enough for the Coriolis force to matter, small enough for a finger."""
+SHARE = 0.05
+"""Largest share of a joint's range that it is told to move."""
+INSIDE = 0.1
+"""Share of its range that a joint begins away from its limits, which the oracle does not know."""
+HALVINGS = 30
+"""How often the step is halved until no effort is clipped."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Response:
+    """What to do (``world`` with its constant trajectory, ``q``, ``v``), and what must come of it, at every ``EVERY``-th step:
+    ``positions`` (n, joints) by the oracle with its round-off ``floor``, ``closed`` the same by the closed form, NaN where
+    there is none. ``joints``: their names."""
+
+    world: World
+    q: np.ndarray
+    v: np.ndarray
+    joints: tuple[str, ...]
+    positions: np.ndarray
+    closed: np.ndarray
+    floor: float
+    clipped: bool
+    leaves_out: tuple[str, ...] = ()
+
+    def operation(self) -> Operation:
+        """What an engine is asked (see ``engines/worker.py``)."""
+        parameters, arrays = to_request(self.world)
+        return Operation(
+            "respond", {**parameters, "steps": STEPS, "every": EVERY}, {**arrays, "q": self.q, "v": self.v}
+        )
+
+    @property
+    def tolerance(self) -> float:
+        """The larger of 1e-9 and 100 × the floor."""
+        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+
+
+class _OracleJoints:
+    """The driven joints in the oracle's motion."""
+
+    def __init__(self, world: World, control: Control, q: np.ndarray, v: np.ndarray):
+        self._oracle = Oracle(world)
+        self._q_places, self._v_places = control.q_places, control.v_places
+        self._q, self._v = q, v
+        self._effort = np.zeros(self._oracle.nv)
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._q[self._q_places], self._v[self._v_places]
+
+    def step(self, effort: np.ndarray) -> None:
+        self._effort[self._v_places] = effort
+        states, speeds = self._oracle.motion(self._q, self._v, self._effort, 1, 1)
+        self._q, self._v = states[-1], speeds[-1]
+
+
+def plan(world: World) -> Response | None:
+    """The response of a world's laws; None where nothing but native controllers drives."""
+    laws = tuple(one for one in world.controllers if one.law != "native")
+    if not laws:
+        return None
+    world = dataclasses.replace(world, controllers=laws)
+    joints = driven_joints(world)
+    q, v = initial_state(world)
+    v = np.zeros_like(v)
+    places, reach = [], []
+    for body, at in zip(world.bodies, layout(world.bodies).position, strict=True):
+        limits = body.joint.position_limits
+        if limits is not None:
+            margin = INSIDE * (limits[1] - limits[0])
+            q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
+        if body.joint.name in joints:
+            places.append(at.start)
+            inward = 1.0 if limits is None or q[at.start] < sum(limits) / 2.0 else -1.0
+            reach.append(inward * (STEP if limits is None else min(STEP, SHARE * (limits[1] - limits[0]))))
+    amount = np.array(reach)
+    for _ in range(HALVINGS):
+        asked = _stepped(world, joints, q[places] + amount)
+        control, positions = _response(asked, q, v)
+        if not control.clipped.any():
+            break
+        amount = amount / 2.0
+    disturbed = _response(asked, q * (1.0 + PERTURBATION), v)[1]
+    floor = float(np.abs(positions - disturbed).max())
+    closed = _closed_form(asked, joints, q[places], amount, bool(control.clipped.any()))
+    dry = tuple(name for name in Oracle(world).leaves_out if name == "joint.dry_friction")
+    return Response(asked, q, v, joints, positions, closed, floor, bool(control.clipped.any()), dry)
+
+
+def _stepped(world: World, joints: tuple[str, ...], targets: np.ndarray) -> World:
+    """The world with all driven joints told to be at ``targets``."""
+    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(targets.tolist()),)))
+
+
+def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.ndarray]:
+    """The oracle's positions (n, joints) under the world's laws; joints in the world's order."""
+    driven = set(driven_joints(world))
+    own = [bodies for bodies in trees(world).values() if any(body.joint.name in driven for body in bodies)]
+    names = {body.name for bodies in own for body in bodies}
+    keep_q, keep_v = (
+        np.concatenate(
+            [np.r_[part] for body, part in zip(world.bodies, parts, strict=True) if body.name in names]
+        ).astype(int)
+        for parts in (layout(world.bodies).position, layout(world.bodies).velocity)
+    )
+    world = dataclasses.replace(world, bodies=tuple(body for body in world.bodies if body.name in names))
+    control = Control(world, reference(world))
+    joints = _OracleJoints(world, control, q[keep_q], v[keep_v])
+    return control, control.follow(joints, STEPS, EVERY)
+
+
+def _closed_form(
+    world: World, joints: tuple[str, ...], start: np.ndarray, step: np.ndarray, clipped: bool
+) -> np.ndarray:
+    """Positions by e' = e + dt v', v' = v + dt a, a = −(c₁ v + c₀ e) (implicit: of the step's end), e = q − q*."""
+    count = STEPS // EVERY + 1
+    found = np.full((count, len(joints)), np.nan)
+    if clipped:
+        return found
+    dt = world.physics.timestep
+    for bodies in trees(world).values():
+        moving = [body for body in bodies if body.joint.kind != "fixed"]
+        own = {body.joint.name for body in moving}
+        laws = [one for one in world.controllers if own & set(one.joints)]
+        whole = own <= {name for one in laws for name in one.joints}
+        extra = any(body.joint.damping or body.joint.spring_stiffness or body.joint.dry_friction for body in moving)
+        if not laws or not whole or extra or any(one.law != "computed-torque" for one in laws):
+            continue
+        for one in laws:
+            stiffness, damping = one.natural_frequency**2, 2.0 * one.damping_ratio * one.natural_frequency
+            ahead = one.discretisation == "implicit"
+            divisor = 1.0 + damping * dt + stiffness * dt**2 if ahead else 1.0
+            slope = np.array([-stiffness, -(damping + (stiffness * dt if ahead else 0.0))]) / divisor
+            speed = np.array([dt * slope[0], 1.0 + dt * slope[1]])
+            matrix = np.array([[1.0, 0.0] + dt * speed, speed])
+            share = [np.linalg.matrix_power(matrix, row * EVERY)[0, 0] for row in range(count)]
+            for name in one.joints:
+                column = joints.index(name)
+                found[:, column] = start[column] + step[column] * (1.0 - np.array(share))
+    return found
+
+
+def control_checks(response: Response, found: Mapping[str, np.ndarray]) -> list[Check]:
+    """Two checks: against the oracle under the same law, and against the closed form."""
+    positions = found["positions"]
+    floor = f"floor {response.floor:.1e}, {STEPS} steps of {response.world.physics.timestep:g} s"
+    if response.clipped:
+        floor += ", some efforts clipped"
+    if response.leaves_out:
+        name = f"step response without {', '.join(response.leaves_out)}"
+        return [Check("L7", name, 0, response.tolerance, 0.0, "", True, floor)]
+    if positions.shape != response.positions.shape or not np.isfinite(positions).all():
+        detail = f"positions of shape {positions.shape}, not all of them finite; {floor}"
+        return [Check("L7", "step response", positions.size, response.tolerance, None, "", False, detail)]
+    checks = [_check("step response", response, response.positions, positions, floor)]
+    if not np.isnan(response.closed).all():
+        checks.append(_check("step response, closed form", response, response.closed, positions, floor))
+    return checks
+
+
+def _check(name: str, response: Response, expected: np.ndarray, found: np.ndarray, detail: str) -> Check:
+    error = np.where(np.isnan(expected), 0.0, np.abs(found - expected))
+    row, column = np.unravel_index(int(error.argmax()), error.shape)
+    worst = float(error[row, column])
+    where = f"joints.{response.joints[column]}, step {row * EVERY}"
+    count = int((~np.isnan(expected)).sum())
+    return Check("L7", name, count, response.tolerance, worst, where, worst <= response.tolerance, detail)

@@ -1,0 +1,85 @@
+"""Stability as predicted, against what the laws do."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.control.law import Control
+from simspec.control.reference import reference
+from simspec.control.stability import unstable
+from simspec.world.control import Controller
+from tests.control.driving import OracleJoints, chain, driven, told, wheel
+
+
+def growth(world, steps: int = 400) -> float:
+    """By how much a small deviation from the target has grown after some steps, in the oracle."""
+    control = Control(world, reference(world))
+    start = np.array([body.joint.position[0] for body in world.bodies])
+    with np.errstate(all="ignore"):
+        rows = control.follow(OracleJoints(world, control), steps, 1)
+    away = np.abs(rows - start).max(axis=1)
+    return float(np.nan_to_num(away[-1], nan=np.inf) / away[1:20].max())
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 2.0])
+def test_computed_torque_has_its_textbook_limit(ratio):
+    """(ω dt)² + 4 ζ ω dt < 4."""
+    omega = 20.0
+    limit = (-2.0 * ratio + np.sqrt(4.0 * ratio**2 + 4.0)) / omega
+    for share, stable in ((0.99, True), (1.01, False)):
+        found = unstable(driven(chain(timestep=share * limit), damping_ratio=ratio))
+        assert (not found) == stable
+        if found:
+            assert found[0].controller == "all"
+            assert found[0].largest_stable_step == pytest.approx(limit, rel=2e-3)
+            assert found[0].growth > 1.0
+
+
+def test_a_wheel_s_pd_has_its_textbook_limit():
+    """dt² kp/J + 2 dt kd/J < 4."""
+    inertia, kp, kd = 0.02, 8.0, 0.5
+    limit = (-2 * kd + np.sqrt(4 * kd**2 + 16 * kp * inertia)) / (2 * kp)
+    world = driven(wheel(inertia, timestep=1.02 * limit), "pd", kp=(kp,), kd=(kd,))
+    (found,) = unstable(world)
+    assert found.largest_stable_step == pytest.approx(limit, rel=2e-3)
+
+
+def test_what_is_predicted_for_a_coupled_chain_happens():
+    """The prediction is of the chain as a whole, joints coupled by M, not of each joint by itself."""
+    world = driven(chain(), "pd")
+    far = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=1.0))
+    limit = unstable(far)[0].largest_stable_step
+    for share, stable in ((0.9, True), (1.1, False)):
+        at = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=share * limit))
+        start = np.array([body.joint.position[0] for body in at.bodies])
+        at = dataclasses.replace(
+            told(at, start + 1e-6), physics=dataclasses.replace(at.physics, gravity=(0.0, 0.0, 0.0))
+        )
+        assert (not unstable(at)) == stable
+        assert (growth(at) < 10.0) == stable
+
+
+def test_implicit_laws_are_never_blamed():
+    for law in ("pd", "computed-torque"):
+        assert unstable(driven(chain(timestep=1.0), law, discretisation="implicit")) == []
+
+
+def test_the_unstable_one_of_two_is_named():
+    world = chain(timestep=0.02)
+    names = tuple(body.joint.name for body in world.bodies)
+    laws = (
+        Controller("calm", names[:2], "pd", kp=(1.0,) * 2, kd=(0.1,) * 2, effort_limits=(None,) * 2),
+        Controller("wild", names[2:], "pd", kp=(1e5,) * 2, kd=(10.0,) * 2, effort_limits=(None,) * 2),
+    )
+    (found,) = unstable(dataclasses.replace(world, controllers=laws))
+    assert found.controller == "wild"
+    assert 0.0 < found.largest_stable_step < 0.02
+
+
+def test_a_negative_damping_is_stable_at_no_step():
+    world = driven(wheel(), "pd", kp=(1.0,), kd=(-1.0,))
+    (found,) = unstable(world)
+    assert found.largest_stable_step == pytest.approx(0.0, abs=1e-8)
