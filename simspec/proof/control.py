@@ -1,8 +1,8 @@
 """Level L7: the controllers' step response, in every engine, without contact.
 
 All driven joints begin at rest and are told to be a little elsewhere, for good. What the engine makes of that is held against
-the oracle under the same law, and, where computed torque has the whole tree to itself, against the closed form: then v̇ is the law's
-a exactly, whatever the robot, and the deviation of each joint obeys a recursion of two numbers. The tolerance is that of L6.
+the oracle under the same law, and, where computed torque has the whole tree to itself, against the closed form: then v̇ is the
+law's a exactly, whatever the robot, and the deviation of each joint obeys a recursion of two numbers. The tolerance is L6's.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def test_velocity_and_acceleration_are_the_derivatives(gaps, interpolation, seed
     rows = np.random.default_rng(seed).uniform(-1, 1, (len(times), 2))
     found = positions(Trajectory(("a", "b"), times, tuple(map(tuple, rows)), interpolation=interpolation))
     step = 1e-6
-    inside = np.array([t + 0.37 * (u - t) for t, u in zip(times, times[1:], strict=False)])
+    inside = np.array([t + 0.37 * (u - t) for t, u in itertools.pairwise(times)])
     q_before, v_before = found.at(inside - step, 1)
     q_after, v_after = found.at(inside + step, 1)
     _, v, a = found.at(inside, 2)
@@ -80,7 +81,7 @@ def test_given_derivatives_are_kept():
     cubic = positions(made("cubic", velocities=speeds))
     np.testing.assert_allclose(cubic.at(np.array(TIMES[:-1]), 1)[1], np.array(speeds)[:-1], atol=1e-13)
     quintic = positions(made("quintic", velocities=speeds, accelerations=ROWS))
-    q, v, a = quintic.at(np.array(TIMES[:-1]) + 1e-13, 2)
+    _, v, a = quintic.at(np.array(TIMES[:-1]) + 1e-13, 2)
     np.testing.assert_allclose(v, np.array(speeds)[:-1], atol=1e-10)
     np.testing.assert_allclose(a, np.array(ROWS)[:-1], atol=1e-9)
 
