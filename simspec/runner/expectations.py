@@ -178,6 +178,8 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
         raise Unmeasurable(f"the oracle is not installed ({error.name}): pip install 'simspec[pin]'") from None
     if any(body.joint.dry_friction for body in world.bodies):
         raise Unmeasurable("the oracle knows no dry friction")
+    if world.controllers:
+        raise Unmeasurable("the oracle's motion knows no control")
     q, v = initial_state(world)
     states, _ = oracle.motion(q, v, None, steps, every)
     for body, place in zip(world.bodies, layout(world.bodies).position, strict=True):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.runner.expectations import MEASURES, evaluate
+from simspec.world.control import Controller
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world
 
@@ -143,6 +144,55 @@ def going(name, t):
 )
 def test_position(parameters, passed):
     assert outcome(expect("position", body="ball", **parameters), going).passed is passed
+
+
+def drifting(name, t):
+    """At the end 1, 12 and 30 mm from the origin."""
+    return column(0 * t, {"a": 0.001, "b": 0.012, "c": 0.03}[name] * t, 0)
+
+
+ORIGINS = tuple((name, (0.0, 0.0, 0.0)) for name in "abc")
+
+
+@pytest.mark.parametrize(
+    ("targets", "tolerance", "at", "passed", "detail"),
+    [
+        (ORIGINS, 0.0301, None, True, "c 30 mm away at 1 s"),
+        (ORIGINS, 0.0299, None, False, "c 30 mm away at 1 s; 1 of 3 miss: c"),
+        (ORIGINS, 0.01, None, False, "c 30 mm away at 1 s; 2 of 3 miss: b, c"),
+        (ORIGINS, 0.0151, 0.5, True, "c 15 mm away at 0.5 s"),
+        (ORIGINS, 0.0, 0.5, False, "c 15 mm away at 0.5 s; 3 of 3 miss: a, b, c"),
+        (ORIGINS[:2], 0.013, None, True, "b 12 mm away at 1 s"),
+        ((*ORIGINS[:2], ("c", (0.0, 0.03, 0.04))), 0.02, 1.0, False, "c 40 mm away at 1 s; 1 of 3 miss: c"),
+    ],
+)
+def test_at_target(targets, tolerance, at, passed, detail):
+    more = {} if at is None else {"at": at}
+    found = outcome(expect("at_target", targets=targets, tolerance=tolerance, **more), drifting, bodies=("a", "b", "c"))
+    assert found.passed is passed
+    assert found.detail == detail
+    assert (found.bound, found.unit) == (tolerance, "m")
+    assert found.measured == pytest.approx(float(detail.split()[1]) / 1e3, rel=1e-9)
+
+
+def test_a_target_whose_body_is_lost_is_missed():
+    lost = outcome(
+        expect("at_target", targets=ORIGINS[:2], tolerance=9.0),
+        lambda name, t: column(t * (np.nan if name == "b" else 0.0), 0, 0),
+        bodies=("a", "b"),
+    )
+    assert not lost.passed
+    assert "1 of 2 miss: b" in lost.detail
+    unknown = outcome(expect("at_target", targets=(("x", (0.0, 0.0, 0.0)),), tolerance=9.0), drifting, bodies=("a",))
+    assert not unknown.passed
+    assert "no body 'x'" in unknown.detail
+
+
+def test_the_oracles_motion_is_not_that_of_what_is_driven():
+    of = world(free_body("ball"), expect=(expect("follows_oracle", tolerance=1e9),))
+    (found,) = evaluate(run(dataclasses.replace(of, controllers=(Controller("robot", ("elbow",)),))))
+    assert not found.passed
+    assert "knows no control" in found.detail
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,22 @@ def test_expectations_keep_numbers_words_and_vectors_apart():
     assert from_plain(Expectation, json.loads(json.dumps(to_plain(expectation)))) == expectation
 
 
+def test_expectations_keep_the_places_of_bodies():
+    places = (("arm/tool", (0.0, 1.0, 2.0)), ("ball", (3.0, 4.0, 5.0)))
+    for targets in (places, places[:1]):
+        expectation = Expectation("x", (("targets", targets), ("tolerance", 1.0)))
+        again = from_plain(Expectation, json.loads(json.dumps(to_plain(expectation))))
+        assert again == expectation
+        assert hash(again) == hash(expectation)
+
+
+def test_a_damaged_place_of_a_body_is_noticed():
+    plain = to_plain(Expectation("x", (("targets", (("ball", (3.0, 4.0, 5.0)),)),)))
+    plain["parameters"][0][1][0][1].pop()
+    with pytest.raises(TypeError, match="expected 3 values"):
+        from_plain(Expectation, plain)
+
+
 @pytest.mark.parametrize(
     ("change", "error"),
     [
