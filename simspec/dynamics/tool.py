@@ -1,0 +1,153 @@
+"""A frame on a body of a tree, and the joint positions that put it somewhere: damped least squares within joint limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.dynamics.oracle import Tree
+from simspec.world import frames
+from simspec.world.kinematics import layout, trees
+from simspec.world.types import Body, Pose, World
+
+REACHED = 1e-9
+"""m and rad: a place is reached when the frame is no farther from it; engines' files hold poses to about 1e-12."""
+ITERATIONS = 200
+"""Steps of the solver; from the neighbouring point of a path it needs three to six, from afar some twenty."""
+DAMPING = 1e-6, 1e-12, 1e6
+"""λ² at the beginning, at least and at most (m², rad²): raised tenfold when a step makes it worse, lowered when it helps."""
+LARGEST_TURN = 0.5
+"""rad or m: no step of the solver moves a joint farther, so that it stays on the branch where it began."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """Joint positions (of the whole tree), and how far the frame is off: m and rad. ``at_limit``: names of joints that stand
+    at a limit."""
+
+    positions: np.ndarray
+    distance: float
+    angle: float
+    at_limit: tuple[str, ...] = ()
+
+    @property
+    def reached(self) -> bool:
+        """Whether the frame is where it should be."""
+        return self.distance <= REACHED and self.angle <= REACHED
+
+
+class Tool:
+    """A frame at ``pose`` on the body called ``body``, moved by the joints called ``joints`` (hinges and slides on its way to the
+    root). Positions are those of the body's whole tree (nq,), in the world's order of its bodies."""
+
+    def __init__(self, world: World, body: str, pose: Pose, joints: Sequence[str]):
+        self.bodies = tree_of(world, body)
+        self._tree = tree = Tree(dataclasses.replace(world, bodies=self.bodies))
+        self._pin, self._model, self._data = tree.pin, tree.model, tree.data
+        index = [one.name for one in self.bodies].index(body)
+        offset = tree.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
+        self._joint, self._placement = tree.body_joint[index], tree.body_placement[index] * offset
+        parts = layout(self.bodies)
+        place = {one.joint.name: row for row, one in enumerate(self.bodies)}
+        self.joints = tuple(joints)
+        rows = [place[name] for name in joints]
+        self._q = np.array([parts.position[row].start for row in rows], dtype=int)
+        self._v = np.array([parts.velocity[row].start for row in rows], dtype=int)
+        limits = [self.bodies[row].joint.position_limits or (-np.inf, np.inf) for row in rows]
+        self._low, self._high = (np.array(side) for side in zip(*limits, strict=True)) if rows else np.zeros((2, 0))
+
+    def place(self, q: np.ndarray) -> Any:
+        """The frame in the world (a Pinocchio SE3) at positions ``q`` of the tree."""
+        self._pin.forwardKinematics(self._model, self._data, self._tree.spread(q)[0])
+        return self._data.oMi[self._joint] * self._placement
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """J (6, joints): velocity and angular velocity of the frame in its own axes, for the tool's joints."""
+        ours = self._tree.spread(q)[0]
+        full = self._pin.computeJointJacobian(self._model, self._data, ours, self._joint)
+        return (self._placement.toActionMatrixInverse() @ full)[:, self._tree.v_index[self._v]]
+
+    def solve(self, target: Any, start: np.ndarray, *, turning: bool = True) -> Solution:
+        """Positions that put the frame at ``target`` (SE3), from ``start`` on, by Levenberg's damped least squares.
+
+        ``turning``: whether the orientation counts. Joints at a limit stay there as long as the step would push them on. Where
+        the target cannot be reached the solution is as near as the solver came: see :attr:`Solution.reached`.
+        """
+        rows = 6 if turning else 3
+        q, damping = start.copy(), DAMPING[0]
+        q[self._q] = np.clip(q[self._q], self._low, self._high)
+        error = self._error(q, target)
+        size = float(np.linalg.norm(error[:rows]))
+        for _ in range(ITERATIONS):
+            if np.linalg.norm(error[:3]) <= REACHED / 10.0 and (
+                not turning or np.linalg.norm(error[3:]) <= REACHED / 10.0
+            ):
+                break
+            step = self._step(q, error[:rows], damping, rows)
+            tried = q.copy()
+            tried[self._q] = np.clip(q[self._q] + step, self._low, self._high)
+            new_error = self._error(tried, target)
+            new_size = float(np.linalg.norm(new_error[:rows]))
+            if new_size < size:
+                q, error, size = tried, new_error, new_size
+                damping = max(DAMPING[1], damping / 10.0)
+            elif damping >= DAMPING[2]:
+                break
+            else:
+                damping *= 10.0
+        edge = (q[self._q] <= self._low) | (q[self._q] >= self._high)
+        names = tuple(name for name, there in zip(self.joints, edge, strict=True) if there)
+        angle = float(np.linalg.norm(error[3:])) if turning else 0.0
+        return Solution(q, float(np.linalg.norm(error[:3])), angle, names)
+
+    def _error(self, q: np.ndarray, target: Any) -> np.ndarray:
+        """Where the target is, seen from the frame: position (m), then rotation vector (rad)."""
+        place = self.place(q)
+        return np.concatenate(
+            [
+                place.rotation.T @ (target.translation - place.translation),
+                self._pin.log3(place.rotation.T @ target.rotation),
+            ]
+        )
+
+    def _step(self, q: np.ndarray, error: np.ndarray, damping: float, rows: int) -> np.ndarray:
+        jacobian = self.jacobian(q)[:rows]
+        at = q[self._q]
+        free = np.ones(len(at), dtype=bool)
+        while True:
+            own = jacobian[:, free]
+            step = np.zeros(len(at))
+            step[free] = own.T @ np.linalg.solve(own @ own.T + damping * np.eye(rows), error)
+            pushed = free & (((at <= self._low) & (step < 0.0)) | ((at >= self._high) & (step > 0.0)))
+            if not pushed.any():
+                break
+            free &= ~pushed
+        return step * min(1.0, LARGEST_TURN / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+
+    def efforts(self, q: np.ndarray, point: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Jᵀ F (joints,): the efforts on the tool's joints that press with ``force`` (N) at ``point`` (m), both in the frame's
+        axes, at positions ``q``."""
+        jacobian = self.jacobian(q)
+        return jacobian[:3].T @ force + jacobian[3:].T @ np.cross(point, force)
+
+
+def tree_of(world: World, body: str) -> tuple[Body, ...]:
+    """The bodies of the tree that holds ``body``. Raises KeyError."""
+    for bodies in trees(world).values():
+        if any(one.name == body for one in bodies):
+            return bodies
+    raise KeyError(body)
+
+
+def joints_to(bodies: Sequence[Body], body: str) -> list[Body]:
+    """The bodies whose joints lie between the root and ``body``, the root's first."""
+    by_name = {one.name: one for one in bodies}
+    found = []
+    at: str | None = body
+    while at is not None:
+        found.append(by_name[at])
+        at = by_name[at].joint.parent
+    return found[::-1]
