@@ -202,6 +202,7 @@ def test_values_that_are_no_data_are_reported_once(tmp_path):
         ("f*_joint_*", "finger_1_join_2", False),
         ("*ab*ba*", "aba", False),
         ("*ab*ba*", "abba", True),
+        ("a*b*b", "ab", False),
         ("**", "x", True),
     ],
 )
