@@ -20,6 +20,7 @@ from simspec.spec.joints import Joint
 from simspec.spec.quantities import Name, Number, Reader, Setting, Text, Vector, Word
 from simspec.spec.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.spec.strict import Fault, Faults, Strict, fault, misspelt, show
+from simspec.spec.trajectory import Grasp, Trajectory
 
 VERSION = 1
 CHANNELS = ("pose", "velocity", "contacts", "energy")
@@ -142,6 +143,7 @@ class Use(Strict):
 
     use: Annotated[str, Text()] = Field(None, description="Path of a model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(None, description="The bodies of a model written here; exactly one root")
+    grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
     array: Array = Field(None, description="Copies of the whole model")
     attach: Annotated[str, Name(path=True)] = Field(
         None,
@@ -170,6 +172,7 @@ class Model(Strict):
 
     use: Annotated[str, Text()] = Field(None, description="Path of another model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(None, description="The bodies; exactly one root")
+    grasps: dict[NameOf, Grasp] = Field({}, description="How the model's hand grasps, by name")
 
 
 def whole_steps(time: float, timestep: float) -> int | None:
@@ -250,6 +253,7 @@ class File(Strict):
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
     model: Model = Field(None, description="The model of a model file; excludes `bodies` and `models`")
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
+    trajectory: Trajectory = Field(None, description="What the driven joints should do; none: they stay where they begin")
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")

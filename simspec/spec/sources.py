@@ -18,6 +18,8 @@ from simspec.spec.strict import show
 
 DEEPEST_USE = 8
 """Files that use files that use files: a chain longer than this is refused."""
+NAMEABLE = (".yaml", ".yml", ".csv", ".npz")
+"""Files that a spec may mean."""
 PROJECT_MARKS = (".git", "pyproject.toml")
 
 
@@ -29,6 +31,8 @@ class Source:
     folder: Path
     file: File | None = None
     uses: dict[str, Source] = field(default_factory=dict)
+    table: Path | None = None
+    """The file of `trajectory.file`, found and allowed."""
 
     def all(self) -> Iterator[Source]:
         """This source and every other below it, each once."""
@@ -93,11 +97,17 @@ class Collector:
             found = self._find(source, path, text, chain)
             if found is not None:
                 source.uses[text] = found
+        data = source.document.data
+        trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
+        text = trajectory.get("file") if isinstance(trajectory, Mapping) else None
+        if isinstance(text, str):
+            source.table = self._place(source, ("trajectory", "file"), text)
 
     def _problem(self, source: Source, path: tuple[str, ...], message: str, **more: str | None) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
-    def _find(self, source: Source, path: tuple[str, ...], text: str, chain: tuple[Path, ...]) -> Source | None:
+    def _place(self, source: Source, path: tuple[str, ...], text: str) -> Path | None:
+        """The file that a path of a spec means, where it may be read."""
         if "\0" in text or not text.strip():
             self._problem(source, path, "no path of a file", found=show(text))
             return None
@@ -111,16 +121,21 @@ class Collector:
             hint = "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
+        if not target.is_file():
+            self._problem(source, path, "no such file", found=text, hint=_near_file(target))
+            return None
+        return target
+
+    def _find(self, source: Source, path: tuple[str, ...], text: str, chain: tuple[Path, ...]) -> Source | None:
+        target = self._place(source, path, text)
+        if target is None:
+            return None
         if target in chain:
             loop = " -> ".join(one.name for one in (*chain[chain.index(target) :], target))
             self._problem(source, path, f"files use each other in a loop: {loop}", found=text)
             return None
         if len(chain) >= DEEPEST_USE:
             self._problem(source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text)
-            return None
-        if not target.is_file():
-            hint = _near_file(target)
-            self._problem(source, path, "no such file", found=text, hint=hint)
             return None
         if target not in self._read:
             self._read[target] = None
@@ -157,7 +172,7 @@ def _near_file(target: Path) -> str | None:
     from simspec.spec.strict import near
 
     try:
-        names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.endswith((".yaml", ".yml")))
+        names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.endswith(NAMEABLE))
     except OSError:
         return None
     return near(target.name, names)
