@@ -9,7 +9,7 @@ where the spec asks for it by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from simspec.errors import Location, Problem, UnsupportedError
@@ -139,15 +139,17 @@ _ORDER = list(Level)
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """One declaration: the level, how (or why not), and for OUTSIDE a test that the world must pass.
+    """One declaration: the level, how (or why not), and tests of the world.
 
-    ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
-    unsupported for it).
+    ``only_if``, for OUTSIDE, takes the world and gives None, or the reason why this world is not covered (then the feature
+    counts as unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
+    difference (then it counts as VIA_API, and needs no acceptance), or None.
     """
 
     level: Level
     how: str = ""
     only_if: Callable[[World], str | None] | None = None
+    exact_if: Callable[[World], str | None] | None = None
 
 
 EXACT = Support(Level.EXACT)
@@ -163,9 +165,9 @@ def outside(how: str, only_if: Callable[[World], str | None] | None = None) -> S
     return Support(Level.OUTSIDE, how, only_if)
 
 
-def approximate(how: str) -> Support:
+def approximate(how: str, exact_if: Callable[[World], str | None] | None = None) -> Support:
     """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size."""
-    return Support(Level.APPROXIMATE, how)
+    return Support(Level.APPROXIMATE, how, exact_if=exact_if)
 
 
 def unsupported(why: str) -> Support:
@@ -185,11 +187,18 @@ def check_total(owner: str, table: Table) -> None:
 
 
 def combine(file: Table, engine: Table) -> dict[Feature, Support]:
-    """What a format and an engine reading it support together: for each feature the weaker declaration."""
-    return {
-        feature: max(file[feature], engine[feature], key=lambda support: _ORDER.index(support.level))
-        for feature in Feature
-    }
+    """What a format and an engine reading it support together: for each feature the weaker declaration, and where both are
+    of one level what both say."""
+    return {feature: _weaker(file[feature], engine[feature]) for feature in Feature}
+
+
+def _weaker(file: Support, engine: Support) -> Support:
+    if file.level is not engine.level:
+        return max(file, engine, key=lambda support: _ORDER.index(support.level))
+    if file.level is Level.UNSUPPORTED:  # one reason is enough
+        return file
+    said = dict.fromkeys(how for how in (file.how, engine.how) if how)
+    return replace(engine, how="; ".join(said))
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,6 +331,8 @@ def negotiate(
         level, how = support.level, support.how
         if level is Level.OUTSIDE and support.only_if is not None and (reason := support.only_if(world)):
             level, how = Level.UNSUPPORTED, reason
+        if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
+            level, how = Level.VIA_API, reason
         name, path = need.feature.value, need.paths[0]
         more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""
         if level is Level.UNSUPPORTED:

@@ -11,6 +11,7 @@ from simspec.features import (
     MEANING,
     Feature,
     Level,
+    Support,
     approximate,
     check_total,
     combine,
@@ -49,6 +50,39 @@ def test_the_weaker_of_format_and_engine_holds():
     assert both[Feature.DAMPING].level is Level.APPROXIMATE
     assert both[Feature.SPRING].level is Level.UNSUPPORTED
     assert both[Feature.ARMATURE].level is Level.EXACT
+
+
+def test_of_one_level_both_texts_are_kept_but_for_one_reason_why_not():
+    file = TABLE | {Feature.DAMPING: via_api("beside"), Feature.SPRING: unsupported("no"), Feature.GRAVITY: EXACT}
+    engine = TABLE | {
+        Feature.DAMPING: via_api("by a call"),
+        Feature.SPRING: unsupported("not at all"),
+        Feature.GRAVITY: Support(Level.EXACT, "any direction"),
+    }
+    both = combine(file, engine)
+    assert both[Feature.DAMPING].how == "beside; by a call"
+    assert both[Feature.SPRING].how == "no"
+    assert both[Feature.GRAVITY].how == "any direction"
+    assert combine(file, file)[Feature.DAMPING].how == "beside"
+
+
+def test_what_is_approximate_elsewhere_needs_no_acceptance_where_it_is_exact():
+    world = worlds.damped_springs()
+    asked = []
+
+    def reason(given):
+        asked.append(given)
+        return "nothing here shows it" if len(asked) == 1 else None
+
+    table = TABLE | {Feature.DAMPING: approximate("soft", exact_if=reason)}
+    found = {one.feature: one for one in negotiate(world, "engine", table)}
+    assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.VIA_API, "nothing here shows it")
+    with pytest.raises(UnsupportedError, match="only approximately: soft"):
+        negotiate(world, "engine", table)
+    accepting = worlds.with_options(world, "engine", accept=(Feature.DAMPING.value,))
+    found = {one.feature: one for one in negotiate(accepting, "engine", table)}
+    assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.APPROXIMATE, "soft")
+    assert asked == [world, world, accepting]
 
 
 def test_all_problems_come_at_once_with_their_places():
