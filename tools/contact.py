@@ -102,12 +102,28 @@ SECTIONS: Mapping[str, Section] = {
         "holds it.",
         _frictions("%"),
     ),
+    "push-oblong": Section(
+        "Friction of an oblong slider in 24 directions",
+        "push-oblong",
+        "As above, with a slider of 40 x 10 x 2 cm, whose contact points are three times as easily moved across as along. "
+        "Under the elliptic cone PyBullet's friction has the size μ N, but acts along −D⁻¹ v, where D is how easily a point is "
+        "moved along x and y: for the square slider that is against the slip, for this one it is up to 32° aside.",
+        _frictions("%"),
+    ),
     "stop": Section(
         "Stop distance",
         "stop",
         "A slider with an initial speed in 24 directions; its way is held against the one-step law, under the elliptic cone "
         "v²/2μg − v dt/2. Shown: the largest deviation, as a share of the distance. MuJoCo's come "
         "from its hops, and, where a slide lasts a few steps only (8 and 16 ms), from friction that takes back slip at a rate.",
+        _frictions("%"),
+    ),
+    "stop-oblong": Section(
+        "Where an oblong slider ends",
+        "stop-oblong",
+        "As above, with the oblong slider; shown: how far from the required place it ends, as a share of the way. PyBullet's "
+        "curves under the elliptic cone: 30 mm aside on 101 mm. MuJoCo's hops are wider on the narrow side, and DART's slider "
+        "may trip over its leading corners where a slide lasts a few steps only.",
         _frictions("%"),
     ),
     "stick": Section(

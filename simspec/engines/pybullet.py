@@ -17,8 +17,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Engine, Setting, empty_contacts, restore_velocities
-from simspec.engines.pybullet_contact import CONTACT_DEVIATIONS
+from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.pybullet_actuation import JointArrays
+from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts
 from simspec.engines.pybullet_probe import Probe
 from simspec.engines.pybullet_readback import read_back
@@ -88,7 +89,11 @@ class PyBullet(Engine):
         Feature.TREE_DEPTH: unsupported(_NO_LINKS),
         Feature.SHAPE_SPHERE: EXACT,
         Feature.SHAPE_BOX: EXACT,
-        Feature.SHAPE_CYLINDER: Support(Level.EXACT, "implicit cylinder, collision margin 0"),
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
+            "should",
+        ),
         Feature.SHAPE_CAPSULE: EXACT,
         Feature.SHAPE_ELLIPSOID: unsupported("PyBullet has no ellipsoid"),
         Feature.SHAPE_PLANE: Support(
@@ -116,10 +121,7 @@ class PyBullet(Engine):
         Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
-        Feature.CONE_ELLIPTIC: via_api(
-            "enableConeFriction=1; on bodies that turn while they slide friction is not quite against the slip: a disc "
-            "that spins on its rim is braked 2.6 % too little, at any timestep (measured)"
-        ),
+        Feature.CONE_ELLIPTIC: approximate(CONE, exact_if=only_balls_slide),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"
         ),
@@ -252,6 +254,10 @@ class PyBullet(Engine):
         for _ in range(count):  # PyBullet forgets applied efforts after each step
             efforts.apply(efforts.total(given))
             sim.advance(1)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        quick = not self._outside.needed
+        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation

@@ -87,7 +87,13 @@ def model(engine: str) -> World:
         ignored_groups=(("arm", "quiet"),),
         excluded_bodies=(("ball", "cube"), ("base", "upper"), ("lower", "upper")),
     )
-    return World("self-test-model", bodies, contact, PHYSICS, engines=_options(engine, "joint.limits.position"))
+    return World(
+        "self-test-model",
+        bodies,
+        contact,
+        PHYSICS,
+        engines=_options(engine, "contact.cone.elliptic", "joint.limits.position"),
+    )
 
 
 def bench(engine: str, **joint: float) -> World:
@@ -176,7 +182,7 @@ def surfaces(engine: str) -> World:
             PairContact("rubber", "rubber", 0.2, 0.0),
         ),
     )
-    return World("self-test-surfaces", bodies, contact, PHYSICS, engines=_options(engine))
+    return World("self-test-surfaces", bodies, contact, PHYSICS, engines=_options(engine, "contact.cone.elliptic"))
 
 
 def rolling(engine: str) -> World:

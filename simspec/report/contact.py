@@ -12,7 +12,9 @@ from simspec.report.terminal import table
 
 TITLES: Mapping[str, str] = {
     "push": "Friction: pushed in 24 directions at 1.6 times the limit",
+    "push-oblong": "Friction: an oblong slider pushed in 24 directions at 1.6 times the limit",
     "stop": "Friction: distance of a slide, in 24 directions",
+    "stop-oblong": "Friction: where an oblong slider ends, in 24 directions",
     "stick": "Friction: creep at 0.8 times the limit, in 24 directions",
     "restitution": "Restitution: separation over approach speed",
     "threshold": "Restitution below and above the threshold speed",

@@ -7,11 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from simspec.errors import Problem, SpecError
-from simspec.proof.contact.law import outline
+from simspec.proof.contact.friction import PUSH
+from simspec.proof.contact.law import outline, project
 from simspec.proof.contact.probe import Figure
 
-PROBE = "push"
+PROBE = "push-oblong"
+"""The oblong slider's: that friction has the right size and direction does not follow from a square one."""
+ASIDE = 0.02
+"""Of μ: what is further from the required force than this is joined to it by a stroke."""
 MARKERS = ("o", "x", "+", "s", "^", "d")
 """One per engine, in order: readable on top of each other, and without colours."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -24,7 +30,7 @@ SHAPES = {"elliptic": "circle", "pyramid-inscribed": "diamond", "pyramid-circums
 
 
 def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -> list[Path]:
-    """Draw the ``push`` figures (by engine), one panel for each pair of materials with friction, as SVG and PNG.
+    """Draw the ``push-oblong`` figures (by engine), one panel for each pair of materials with friction, as SVG and PNG.
 
     ``path`` is completed by the two suffixes; the SVG's bytes depend on the figures alone. Returns the files written:
     none when no pair has friction. Raises SpecError where matplotlib is not installed.
@@ -100,9 +106,24 @@ def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Se
                 zorder=2 + index,
                 **_colours(index),
             )
+            _strokes(axis, points, friction, cone, COLOURS[index % len(COLOURS)])
     axis.set_title(f"{subject}   μ = {friction:.4g}")
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
+
+
+def _strokes(axis: Any, points: Sequence[tuple[float, ...]], friction: float, cone: str, colour: str) -> None:
+    """From the force that a direction requires to the one that was measured: on a circle, all points look right."""
+    for angle, *measured in points:
+        required = _required(angle, friction, cone)
+        if math.dist(required, measured) > ASIDE * friction:
+            axis.plot(*zip(required, measured, strict=True), color=colour, linewidth=0.7, zorder=1)
+
+
+def _required(angle: float, friction: float, cone: str) -> tuple[float, float]:
+    """The force, over N, on a slider pushed in this direction."""
+    x, y = project(np.array([PUSH * math.cos(angle), PUSH * math.sin(angle)]), 1.0, cone)
+    return friction * float(x), friction * float(y)
 
 
 def _colours(index: int) -> dict[str, Any]:
@@ -120,12 +141,8 @@ def _largest(by_engine: Mapping[str, Figure], cone: str) -> float:
 
 def _friction(figure: Figure, cone: str) -> float:
     """μ of a push figure, from its worst direction's required force: the push is 1.6 times μ in that direction."""
-    from simspec.proof.contact.friction import PUSH
-    from simspec.proof.contact.law import project
-
     angle = math.radians(float(figure.case.rsplit("at ", 1)[1].rstrip("°")))
-    unit = project([PUSH * math.cos(angle), PUSH * math.sin(angle)], 1.0, cone)
-    return figure.expected / math.hypot(*unit)
+    return figure.expected / math.hypot(*_required(angle, 1.0, cone))
 
 
 def _matplotlib() -> Any:

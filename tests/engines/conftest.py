@@ -19,7 +19,13 @@ ENGINES = [
 ]
 """Every engine that must pass the shared suites of this folder."""
 
-ACCEPTED = ("joint.limits.position", "joint.dry_friction", "material.restitution", "shape.capsule")
+ACCEPTED = (
+    "contact.cone.elliptic",
+    "joint.limits.position",
+    "joint.dry_friction",
+    "material.restitution",
+    "shape.capsule",
+)
 
 
 @pytest.fixture(params=ENGINES)

@@ -246,7 +246,7 @@ def gap_world(feature: Feature) -> World | None:
     if feature in shapes:
         return worlds.shapes_world((shapes[feature],))
     if feature.value.startswith("contact.cone."):
-        world = worlds.shapes_world()
+        world = worlds.with_options(worlds.shapes_world(), "pybullet", accept=())
         cone = feature.value.removeprefix("contact.cone.")
         return dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
     if feature in worlds.CONTACT_GAPS:
@@ -272,7 +272,6 @@ MUST_BE_EXACT = [
     Feature.SHAPE_SPHERE,
     Feature.SHAPE_BOX,
     Feature.FRICTION,
-    Feature.CONE_ELLIPTIC,
     Feature.COLLISION_GROUPS,
     Feature.EXCLUDED_PAIRS,
     Feature.GRAVITY,

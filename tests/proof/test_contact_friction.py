@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.base import engines
+from simspec.engines.base import engines, find_engine
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
@@ -130,7 +130,7 @@ def test_a_probe_is_bounded_and_its_sliders_stay_apart(name, mu, dt):
             places = np.stack([pose[:, :2] for pose in motion.pose.values()])  # (bodies, times, 2)
             apart = np.linalg.norm(places[:, None] - places[None, :], axis=-1)
             apart[np.arange(len(places)), np.arange(len(places))] = math.inf
-            assert apart.min() > math.hypot(*friction.SIZE[:2])
+            assert apart.min() > math.hypot(*friction.OBLONG[:2])
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -155,13 +155,61 @@ def test_what_has_no_numbers_fails_without_a_traceback(name):
         assert not any(figure.passed for figure in found)
 
 
+ASIDE = {("pybullet", "push-oblong"): 0.2226, ("pybullet", "stop-oblong"): 0.2987}
+"""Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
+
+
+@pytest.mark.parametrize("engine", sorted(engines()))
+@pytest.mark.parametrize("name", ["push-oblong", "stop-oblong"])
+def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, name, tmp_path):
+    """It would not, were it square: PyBullet's figures must be off by what is declared, the others' in tolerance."""
+    if not probing.installed(engine):
+        pytest.skip(f"{engine} is not installed")
+    for mu in (0.05, 0.5, 1.0):
+        asked = law(mu)
+        (figure,) = probing.figures(engine, PROBES[name], asked, tmp_path / str(mu))
+        off = abs(figure.measured - figure.expected) / figure.expected
+        declared = [
+            one.size
+            for one in find_engine(engine).CONTACT_DEVIATIONS
+            if one.probe == name and one.counts_for(asked.pair, asked.friction_cone, asked.timestep)
+        ]
+        if (engine, name) in ASIDE:
+            assert off == pytest.approx(ASIDE[engine, name], abs=0.001)
+            assert off <= max(declared) <= 1.15 * off
+        else:
+            assert figure.passed
+            assert declared == []
+
+
+def test_pybullets_force_on_an_oblong_slider_has_the_right_size(tmp_path):
+    """It is the direction that is wrong, in all but those along x and y, where the slip is."""
+    if not probing.installed("pybullet"):
+        pytest.skip("pybullet is not installed")
+    (figure,) = probing.figures("pybullet", PROBES["push-oblong"], law(0.5), tmp_path)
+    for angle, x, y in figure.points:
+        assert math.hypot(x, y) == pytest.approx(0.5, rel=1e-6)
+        aside = math.remainder(math.atan2(y, x) - angle, 2.0 * math.pi)
+        assert (abs(aside) < 1e-6) == (round(math.degrees(angle)) % 90 == 0)
+
+
+@pytest.mark.parametrize("name", ["push-oblong", "stop-oblong"])
+def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
+    if not probing.installed("pybullet"):
+        pytest.skip("pybullet is not installed")
+    (figure,) = probing.figures("pybullet", PROBES[name], law(0.5, "pyramid-circumscribed"), tmp_path)
+    assert abs(figure.measured / figure.expected - 1.0) < 0.003
+
+
 @pytest.mark.parametrize("engine", sorted(engines()))
 @pytest.mark.parametrize("name", PROBES)
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
     asked = law(0.3)
-    assert all(figure.passed for figure in probing.figures(engine, PROBES[name], asked, tmp_path))
+    assert all(figure.passed for figure in probing.figures(engine, PROBES[name], asked, tmp_path)) == (
+        (engine, name) not in ASIDE
+    )
     slippery = dataclasses.replace(asked, pair=dataclasses.replace(asked.pair, friction=0.2))
     found = probing.figures(engine, PROBES[name], asked, tmp_path / "other", compiled=slippery)
     assert not any(figure.passed for figure in found)

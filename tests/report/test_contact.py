@@ -33,7 +33,7 @@ def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, ste
         points.append((angle, float(force[0]), float(force[1])))
     size = math.hypot(*points[3][1:]) / scale
     case = "24 directions, worst at 45°"
-    return Figure("push", subject, case, "friction", "", size, scale * size, 0.01 * size, points=tuple(points))
+    return Figure(polar.PROBE, subject, case, "friction", "", size, scale * size, 0.01 * size, points=tuple(points))
 
 
 def printed(*shown: object) -> str:
@@ -55,7 +55,7 @@ def test_a_table_puts_engines_side_by_side():
     assert "declared" in text
     assert "no number" in text
     assert "2e-05 m" in text
-    assert deviations(figures) == ["third, push: it hops"]
+    assert deviations(figures) == ["third, push-oblong: it hops"]
 
 
 @pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed", "pyramid-circumscribed"])
@@ -73,6 +73,30 @@ def test_the_plot_is_the_same_bytes_every_time(cone, tmp_path):
 @pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed", "pyramid-circumscribed"])
 def test_the_plot_finds_the_friction_that_was_required(cone):
     assert polar._friction(push(cone, 0.7), cone) == pytest.approx(FRICTION, rel=1e-12)
+
+
+def test_a_force_of_the_right_size_and_the_wrong_direction_is_drawn_as_wrong(tmp_path, monkeypatch):
+    """On the circle all points look right: a stroke leads from where each should be."""
+    from matplotlib.axes import Axes
+
+    strokes = []
+    real = Axes.plot
+
+    def plot(self, x, y, **more):
+        if len(x) == 2:
+            strokes.append((x, y))
+        return real(self, x, y, **more)
+
+    monkeypatch.setattr(Axes, "plot", plot)
+    polar.polar_plot({"one": [push()]}, "elliptic", tmp_path / "right")
+    assert strokes == []
+    turn = complex(math.cos(0.3), math.sin(0.3))
+    turned = [(angle, (complex(x, y) * turn).real, (complex(x, y) * turn).imag) for angle, x, y in push().points]
+    polar.polar_plot({"one": [dataclasses.replace(push(), points=tuple(turned))]}, "elliptic", tmp_path / "turned")
+    assert len(strokes) == 24
+    for (x, y), point, wrong in zip(strokes, push().points, turned, strict=True):
+        assert (x[0], y[0]) == pytest.approx(point[1:])
+        assert (x[1], y[1]) == pytest.approx(wrong[1:])
 
 
 def test_the_legend_names_engines_that_the_first_panel_lacks(tmp_path, monkeypatch):

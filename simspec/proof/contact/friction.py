@@ -1,4 +1,10 @@
-"""Contact probes of sliding friction: pushed in 24 directions, sliding to rest, and held below the limit."""
+"""Contact probes of sliding friction: pushed in 24 directions, sliding to rest, and held below the limit.
+
+Pushes and slides are measured of a square slider and of an oblong one. The square one's contact points are moved as easily
+along x as along y, so that it shows the pair's number, and the cone's section, to a solver's last digit. The oblong one's
+are three times as easily moved across as along, and it shows whether friction is against the slip all the same: a solver
+that takes its two axes one by one has that right for the square slider alone.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +16,13 @@ import numpy as np
 from simspec.proof.contact.bodies import box, floor
 from simspec.proof.contact.law import project, slide
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
-from simspec.world.types import Body
+from simspec.world.types import Body, Vector3
 
 DIRECTIONS = tuple(15.0 * number for number in range(24))
 """Degrees from the x axis of the floor."""
-SIZE, MASS = (0.2, 0.2, 0.02), 1.0
-"""Of the sliders (m, kg): flat, so that a push at the centre hardly tilts the pressure on the faces' corners."""
+SQUARE, OBLONG, MASS = (0.2, 0.2, 0.02), (0.4, 0.1, 0.02), 1.0
+"""Of the sliders (m, kg): flat, so that a push at the centre hardly tilts the pressure on the faces' corners. Oblong: a unit
+impulse at a corner moves it by 1.2/m along x and 3.9/m along y, near the most that a uniform box has (1 and 4)."""
 SPACING = 4.0
 """m between sliders; none slides half as far."""
 WEIGHT = MASS * GRAVITY
@@ -56,13 +63,13 @@ def _direction(degrees: float) -> np.ndarray:
     return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
 
 
-def _sliders(law: Law, speeds: Mapping[float, float]) -> tuple[Body, ...]:
-    """A floor, and a slider for each direction with its initial speed along it."""
+def _sliders(law: Law, size: Vector3, speeds: Mapping[float, float]) -> tuple[Body, ...]:
+    """A floor, and a slider of this size (m) for each direction with its initial speed along it."""
     bodies: list[Body] = [floor(law)]
     for index, (degrees, speed) in enumerate(speeds.items()):
-        at = (SPACING * (index % 6 - 2.5), SPACING * (index // 6 - 1.5), SIZE[2] / 2)
+        at = (SPACING * (index % 6 - 2.5), SPACING * (index // 6 - 1.5), size[2] / 2)
         x, y = (speed * _direction(degrees)).tolist()
-        bodies.append(box(law, _name(degrees), SIZE, MASS, at, (x, y, 0.0, 0.0, 0.0, 0.0)))
+        bodies.append(box(law, _name(degrees), size, MASS, at, (x, y, 0.0, 0.0, 0.0, 0.0)))
     return tuple(bodies)
 
 
@@ -84,6 +91,7 @@ class Push(Probe):
 
     NAME = "push"
     MEANING = "friction force of a slider pushed in 24 directions at 1.6 times the limit, against the cone"
+    SIZE = SQUARE
 
     def applies(self, law: Law) -> bool:
         return law.pair.collide
@@ -105,7 +113,7 @@ class Push(Probe):
         half = pushed // 2
         efforts = _efforts(self._force(law))
         phases = (Phase(settle, settle), Phase(pushed - half, pushed - half, efforts), Phase(half, half, efforts))
-        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+        return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion = motions[0]
@@ -148,6 +156,7 @@ class Stop(Probe):
 
     NAME = "stop"
     MEANING = "distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)"
+    SIZE = SQUARE
 
     def applies(self, law: Law) -> bool:
         return law.pair.collide and law.pair.friction > 0.0
@@ -162,7 +171,7 @@ class Stop(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         steps = self._steps(law)
-        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, self._speed(law))), (Phase(steps, steps),))]
+        return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, self._speed(law))), (Phase(steps, steps),))]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         speed, steps, dt = self._speed(law), self._steps(law), law.timestep
@@ -218,7 +227,7 @@ class Stick(Probe):
             Phase(HELD_STEPS - last, HELD_STEPS - last, efforts),
             Phase(last, last, efforts),
         )
-        return [Trial(_sliders(law, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+        return [Trial(_sliders(law, SQUARE, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion = motions[0]
@@ -232,4 +241,23 @@ class Stick(Probe):
         return [Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, creep[worst], CREEP)]
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Push(), Stop(), Stick())}
+class PushOblong(Push):
+    """Oblong sliders pushed beyond the limit of friction."""
+
+    NAME = "push-oblong"
+    MEANING = "friction force of an oblong slider pushed in 24 directions at 1.6 times the limit, against the cone"
+    SIZE = OBLONG
+
+    def applies(self, law: Law) -> bool:
+        return super().applies(law) and law.pair.friction > 0.0
+
+
+class StopOblong(Stop):
+    """Oblong sliders with an initial speed."""
+
+    NAME = "stop-oblong"
+    MEANING = "where an oblong slider ends that slides in 24 directions, against the one-step law"
+    SIZE = OBLONG
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Push(), PushOblong(), Stop(), StopOblong(), Stick())}

@@ -34,7 +34,7 @@ PROBES: Mapping[str, Probe] = friction.PROBES | impact.PROBES | compliance.PROBE
 """Every probe of two materials, by name, in the order of reports."""
 MOVING = "probe"
 """Collision group of what moves in a probe world: only the floor is met."""
-PLOTTED = ("push",)
+PLOTTED = ("push-oblong",)
 """Probes whose points reports draw; the others' are not kept."""
 DIGITS = 6
 """Of kept points: a hundredth of what a plot can show."""
