@@ -40,7 +40,7 @@ class Solution:
 
 
 class Tool:
-    """A frame at ``pose`` on the body called ``body``, moved by the joints called ``joints`` (hinges and slides on its way to the
+    """A frame at ``pose`` on the body called ``body``, moved by the ``joints`` of these names (hinges and slides on its way to the
     root). Positions are those of the body's whole tree (nq,), in the world's order of its bodies."""
 
     def __init__(self, world: World, body: str, pose: Pose, joints: Sequence[str]):

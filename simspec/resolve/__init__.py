@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from simspec.errors import SpecError
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
 from simspec.resolve.scenario import engines, expectations, physics, record, shortened
+from simspec.resolve.trajectory import trajectory
 from simspec.spec.load import Spec
 from simspec.spec.problems import in_order
 from simspec.spec.strict import bounded_suggestions
@@ -21,8 +24,7 @@ def resolve(spec: Spec) -> World:
     right, controllers that are unstable at the timestep."""
     expansion = expand(spec.source)
     whole = physics(spec.data.physics)
-    trajectory = getattr(spec.data, "trajectory", None)
-    time = shortened(whole, None if trajectory is None else trajectory.until)
+    time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
         laws, problems = contact(spec.source, expansion, time.timestep)
@@ -41,6 +43,10 @@ def resolve(spec: Spec) -> World:
         engines=engines(spec.data.engines),
         controllers=driven.controllers,
     )
+    path, problems = trajectory(spec.source, world, driven.velocity_limits)
+    if problems:
+        raise SpecError(in_order(problems))
+    world = dataclasses.replace(world, trajectory=path)
     if problems := unstable(spec.source, world):
         raise SpecError(in_order(problems))
     return world

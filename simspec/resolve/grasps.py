@@ -1,0 +1,108 @@
+"""Grasps of the placed models: postures by the joints' full names, and the efforts that press."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.errors import Problem
+from simspec.spec.document import Key
+from simspec.spec.sources import Source
+from simspec.spec.strict import Faults, near
+from simspec.spec.trajectory import BY_JOINT, DRIVEN
+from simspec.spec.trajectory import Grasp as SpecGrasp
+from simspec.spec.trees import placed
+from simspec.world.types import Body, Pose, World
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One grasp of one placed model: ``joints`` (full names), their positions ``open`` and ``closed``, and forces as (body's
+    full name, point, force), both in the body's frame."""
+
+    name: str
+    joints: tuple[str, ...]
+    open: np.ndarray
+    closed: np.ndarray
+    forces: tuple[tuple[str, np.ndarray, np.ndarray], ...]
+
+    def efforts(self, world: World, q: np.ndarray, bodies: tuple[Body, ...]) -> np.ndarray:
+        """Σ Jᵀ F (joints,) at positions ``q`` of the tree ``bodies``; forces move the grasp's joints alone."""
+        from simspec.dynamics.tool import Tool, joints_to
+
+        total = np.zeros(len(self.joints))
+        for body, point, force in self.forces:
+            on_the_way = {one.joint.name for one in joints_to(bodies, body)}
+            rows = [row for row, name in enumerate(self.joints) if name in on_the_way]
+            if rows:
+                tool = Tool(world, body, Pose(), [self.joints[row] for row in rows])
+                total[rows] += tool.efforts(q, point, force)
+        return total
+
+
+def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem]]:
+    """Every grasp of every placed model, by MODEL/NAME, and what is wrong with them."""
+    found: dict[str, Grasp] = {}
+    problems: list[Problem] = []
+    bodies = {body.name: body for body in world.bodies}
+    joints = {body.joint.name: body for body in world.bodies}
+    for prefix, file, path, name, given in _written(source):
+        one, wrong = _grasp(f"{prefix}/", f"{prefix}/{name}", given, joints, bodies)
+        problems += [file.document.problem((*path, *at), message, **more) for at, message, more in wrong]
+        if one is not None:
+            found[one.name] = one
+    return found, problems
+
+
+def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
+    """(model's name, file, path, grasp's name, grasp) of every grasp that a model of the scenario has."""
+    for name, use, bodies in placed(source):
+        if use is None or use.array is not None:
+            continue  # the hands of an array would need names of their own
+        for grasp, given in use.grasps.items():
+            yield name, source, ("models", name, "grasps", grasp), grasp, given
+        for file in bodies.files:
+            model = file.file.model if file.file is not None else None
+            for grasp, given in (model.grasps if model is not None else {}).items():
+                yield name, file, ("model", "grasps", grasp), grasp, given
+
+
+def _grasp(
+    prefix: str, name: str, given: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
+) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, dict]]]:
+    wrong: list[tuple[tuple[Key, ...], str, dict]] = []
+    own = [joint.removeprefix(prefix) for joint in joints if joint.startswith(prefix)]
+    postures: dict[str, list[float]] = {"open": [], "closed": []}
+    for posture, values in postures.items():
+        for joint in given.open:
+            body = joints.get(prefix + joint)
+            place = (posture, joint)
+            if body is None or body.joint.kind not in DRIVEN:
+                kind = "no hinge or slide" if body is not None else "no joint of the model"
+                wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": near(joint, own), "key": True}))
+                continue
+            try:
+                value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(given, posture)[joint])
+            except Faults as error:
+                wrong += [(place, one.message, {"found": one.found, "allowed": one.allowed}) for one in error.faults]
+                continue
+            values.append(value)
+            limits = body.joint.position_limits
+            if limits is not None and not limits[0] <= value <= limits[1]:
+                more = {"found": f"{value:g}", "allowed": f"{limits[0]:g} to {limits[1]:g}"}
+                wrong.append((place, f"outside of the limits of {joint}", more))
+    forces = []
+    for index, force in enumerate(given.forces):
+        body_name = prefix + force.body
+        if body_name not in bodies:
+            names = [one.removeprefix(prefix) for one in bodies if one.startswith(prefix)]
+            more = {"found": force.body, "hint": near(force.body, names)}
+            wrong.append((("forces", index, "body"), f"the model has no body {force.body!r}", more))
+            continue
+        forces.append((body_name, np.array(force.at), np.array(force.force)))
+    if wrong:
+        return None, wrong
+    names = tuple(prefix + joint for joint in given.open)
+    return Grasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []

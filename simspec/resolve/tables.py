@@ -1,0 +1,172 @@
+"""Trajectories in files: CSV with a header, or NPZ with arrays. Both in SI units, both bounded, neither trusted."""
+
+from __future__ import annotations
+
+import csv
+import math
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from simspec.errors import SpecError
+from simspec.spec.document import read_text
+from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
+
+LARGEST_NPZ = 64_000_000
+"""Bytes of all arrays together once unpacked: eight for each of the most numbers, in four arrays, and some more."""
+SUFFIXES = {"": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "efforts"}
+"""What stands behind the colon in a CSV's header, and what it is."""
+QUANTITIES = tuple(SUFFIXES.values())
+
+
+@dataclass
+class Table:
+    """What a file says: times (n,), joints, and arrays (n, joints) by quantity; ``wrong``: why it cannot be used, where the
+    file shows it (message, found, allowed)."""
+
+    times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    joints: tuple[str, ...] = ()
+    values: dict[str, np.ndarray] = field(default_factory=dict)
+    wrong: list[tuple[str, str | None, str | None]] = field(default_factory=list)
+
+    def refuse(self, message: str, found: str | None = None, allowed: str | None = None) -> Table:
+        """Note why it cannot be used."""
+        self.wrong.append((message, found, allowed))
+        return self
+
+
+def read_table(path: Path) -> Table:
+    """Read a table by its name's ending."""
+    if path.suffix == ".csv":
+        return _read_csv(path)
+    if path.suffix == ".npz":
+        return _read_npz(path)
+    return Table().refuse("no table that can be read", path.name, "a file that ends in .csv or .npz")
+
+
+def _read_csv(path: Path) -> Table:
+    table = Table()
+    try:
+        text = read_text(path, path.name)
+    except SpecError as error:
+        for problem in error.problems:
+            table.refuse(str(problem))
+        return table
+    lines = csv.reader(text.splitlines())
+    try:
+        header = [name.strip() for name in next(lines, [])]
+    except csv.Error as error:
+        return table.refuse(f"not CSV: {error}")
+    if not header or header[0] != "time":
+        found = ",".join(header)[:80] or "an empty file"
+        return table.refuse("a table begins with its header", found, "time,JOINT,...,JOINT:velocity,...")
+    columns = _columns(header[1:], table)
+    if table.wrong:
+        return table
+    rows: list[list[float]] = []
+    try:
+        for fields in lines:
+            if not fields:
+                continue
+            if len(fields) != len(header):
+                found = f"{len(fields)} values in line {lines.line_num}"
+                return table.refuse("every line has a value for every column", found, str(len(header)))
+            row = [_number(value) for value in fields]
+            if None in row:
+                at = row.index(None)
+                found = f"{fields[at].strip()[:40]!r} in line {lines.line_num}, column {header[at]}"
+                return table.refuse("a value is no finite number", found, "SI numbers alone, without units")
+            rows.append([value for value in row if value is not None])
+            if len(rows) > MOST_POINTS or len(rows) * len(header) > MOST_NUMBERS:
+                return table.refuse("too long a table", None, f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
+    except csv.Error as error:
+        return table.refuse(f"not CSV: {error} in line {lines.line_num}")
+    if not rows:
+        return table.refuse("a table without rows")
+    values = np.array(rows)
+    table.times = values[:, 0]
+    table.joints = tuple(columns["positions"])
+    for quantity, places in columns.items():
+        table.values[quantity] = values[:, [1 + places[name] for name in table.joints]]
+    return table
+
+
+def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
+    """Where each joint's column of each quantity stands behind the time."""
+    found: dict[str, dict[str, int]] = {}
+    for place, name in enumerate(header):
+        joint, colon, suffix = name.rpartition(":")
+        if not colon:
+            joint, suffix = name, ""
+        quantity = SUFFIXES.get(suffix)
+        if quantity is None or not joint:
+            table.refuse(
+                "a column that means nothing", name[:80], "JOINT, JOINT:velocity, JOINT:acceleration, JOINT:effort"
+            )
+        elif joint in found.setdefault(quantity, {}):
+            table.refuse("a column is there twice", name[:80])
+        else:
+            found[quantity][joint] = place
+    joints = found.get("positions", {})
+    if not joints and not table.wrong:
+        table.refuse("no joint has a position", ",".join(header)[:80] or "time alone", "time,JOINT,...")
+    for quantity, places in found.items():
+        if odd := sorted(joints.keys() ^ places.keys()):
+            suffix = next(one for one, name in SUFFIXES.items() if name == quantity)
+            table.refuse(f"missing columns: every joint has {quantity}, or none", ", ".join(odd[:6]), f"JOINT:{suffix}")
+    return found
+
+
+def _number(text: str) -> float | None:
+    """A finite number, None for anything else."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _read_npz(path: Path) -> Table:
+    table = Table()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST_NPZ:
+            return table.refuse("too large a table", f"{size / 1e6:.0f} MB unpacked", f"{LARGEST_NPZ / 1e6:g} MB")
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        return table.refuse(f"this NPZ cannot be read: {str(error)[:120]}", None, "arrays of numbers, no objects")
+    unknown = sorted(arrays.keys() - {"time", "joints", *QUANTITIES})
+    if unknown:
+        table.refuse("arrays that mean nothing", ", ".join(unknown[:6]), f"time, joints, {', '.join(QUANTITIES)}")
+    for name in ("time", "joints", "positions"):
+        if name not in arrays:
+            table.refuse(f"the array {name!r} is missing", None, "time (n,), joints (J,), positions (n, J)")
+    if table.wrong:
+        return table
+    joints = arrays.pop("joints")
+    if joints.ndim != 1 or joints.dtype.kind != "U" or not len(joints):
+        return table.refuse("joints must be a list of names", f"{joints.dtype} of shape {joints.shape}", "texts (J,)")
+    time = arrays.pop("time")
+    shape = (len(time) if time.ndim else 0, len(joints))
+    for name, values, wanted in (
+        ("time", time, shape[:1]),
+        *((name, values, shape) for name, values in arrays.items()),
+    ):
+        if values.dtype.kind not in "fiu" or values.shape != wanted or not len(values):
+            found = f"{values.dtype} of shape {values.shape}"
+            table.refuse(f"{name} has the wrong shape or kind", found, f"numbers of shape {wanted}")
+        elif not np.isfinite(values).all():
+            row = int(np.argwhere(~np.isfinite(values))[0][0])
+            table.refuse("a value is no finite number", f"in {name}, row {row}")
+    if shape[0] > MOST_POINTS or shape[0] * shape[1] > MOST_NUMBERS:
+        table.refuse("too long a table", f"{shape[0]} rows", f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
+    names = tuple(map(str, joints))
+    if len(set(names)) != len(names):
+        table.refuse("a joint is there twice", ", ".join(sorted({name for name in names if names.count(name) > 1})[:6]))
+    table.times, table.joints = time.astype(float), names
+    table.values = {name: values.astype(float) for name, values in arrays.items()}
+    return table
