@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 
@@ -328,6 +329,35 @@ def test_the_end_of_the_cut_run_is_recorded():
     assert asked(expect, 4.5, record={"every": 1}) == ["position"]
     with pytest.raises(SpecError, match="nothing is recorded"):
         asked(expect, None, record={"every": 1})
+
+
+def reaching(**more):
+    """A scenario of 10 s whose trajectory says when the run ends."""
+    points = [{"at": 0, "positions": {"elbow": 0}}, {"at": 10, "positions": {"elbow": 0.4}}]
+    return {
+        "name": "x",
+        "bodies": ARM,
+        "physics": {"duration": 10},
+        "control": {"robot": {**GAINS, "kp": 4, "kd": 1}},
+        "trajectory": {"points": points, **more},
+        "expect": [{"position": PLACE}, {"energy_never_rises": {"tolerance": 1}}],
+    }
+
+
+def test_until_cuts_the_run_and_nothing_else():
+    whole, short = (resolve(Spec.from_data(reaching(**more))) for more in ({}, {"until": "2.5 s"}))
+    assert (whole.physics.steps, short.physics.steps) == (10000, 2500)
+    assert [one.kind for one in short.expectations] == ["energy_never_rises"]
+    assert dataclasses.replace(short, physics=whole.physics, expectations=whole.expectations) == whole
+
+
+@pytest.mark.parametrize(("until", "allowed"), [("0.5 ms", "0.001 s"), (2.0004, "2.0 s or 2.001 s")])
+def test_until_is_a_whole_number_of_steps(until, allowed):
+    with pytest.raises(SpecError) as caught:
+        Spec.from_data(reaching(until=until))
+    (problem,) = caught.value.problems
+    assert problem.path == "trajectory.until"
+    assert allowed in problem.allowed
 
 
 # --- at_target ---
