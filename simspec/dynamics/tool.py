@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.dynamics.oracle import Tree
 from simspec.world import frames
-from simspec.world.kinematics import layout, trees
+from simspec.world.kinematics import initial_state, layout, trees
 from simspec.world.types import Body, Pose, World
 
 REACHED = 1e-9
@@ -21,6 +22,13 @@ DAMPING = 1e-6, 1e-12, 1e6
 """λ² at the beginning, at least and at most (m², rad²): raised tenfold when a step makes it worse, lowered when it helps."""
 LARGEST_TURN = 0.5
 """rad or m: no step of the solver moves a joint farther, so that it stays on the branch where it began."""
+NUDGE = 0.02
+"""rad or m: joints are moved so far, every other one the other way, to leave a pose in which no small motion leads nearer: a
+stretched arm that should come back."""
+POSTURE_STEPS = 20, 1e-7
+"""Steps towards the posture of an arm with joints to spare, and the rad or m of a step that is not worth it."""
+SEARCHES = 40
+"""Postures all over the limits from which a place that is not on a path is sought when the arm gets stuck on its way there."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +48,8 @@ class Solution:
 
 
 class Tool:
-    """A frame at ``pose`` on the body called ``body``, moved by the ``joints`` of these names (hinges and slides on its way to the
-    root). Positions are those of the body's whole tree (nq,), in the world's order of its bodies."""
+    """A frame at ``pose`` on the body called ``body``, moved by the ``joints`` of these names: hinges and slides between it and
+    its root. Positions are those of the body's whole tree (nq,), in the world's order of its bodies."""
 
     def __init__(self, world: World, body: str, pose: Pose, joints: Sequence[str]):
         self.bodies = tree_of(world, body)
@@ -58,6 +66,8 @@ class Tool:
         self._v = np.array([parts.velocity[row].start for row in rows], dtype=int)
         limits = [self.bodies[row].joint.position_limits or (-np.inf, np.inf) for row in rows]
         self._low, self._high = (np.array(side) for side in zip(*limits, strict=True)) if rows else np.zeros((2, 0))
+        self._any = initial_state(dataclasses.replace(world, bodies=self.bodies))[0]
+        self._ranks: dict[int, int] = {}
 
     def place(self, q: np.ndarray) -> Any:
         """The frame in the world (a Pinocchio SE3) at positions ``q`` of the tree."""
@@ -70,12 +80,57 @@ class Tool:
         full = self._pin.computeJointJacobian(self._model, self._data, ours, self._joint)
         return (self._placement.toActionMatrixInverse() @ full)[:, self._tree.v_index[self._v]]
 
-    def solve(self, target: Any, start: np.ndarray, *, turning: bool = True) -> Solution:
-        """Positions that put the frame at ``target`` (SE3), from ``start`` on, by Levenberg's damped least squares.
+    def solve(
+        self,
+        target: Any,
+        start: np.ndarray,
+        *,
+        turning: bool = True,
+        nominal: np.ndarray | None = None,
+        far: bool = False,
+    ) -> Solution:
+        """Positions that put the frame at ``target`` (SE3), from ``start`` on: damped least squares (K. Levenberg, 1944).
 
-        ``turning``: whether the orientation counts. Joints at a limit stay there as long as the step would push them on. Where
-        the target cannot be reached the solution is as near as the solver came: see :attr:`Solution.reached`.
+        ``turning``: whether the orientation counts. Joints at a limit stay there as long as the step would push them on. An arm
+        with joints to spare comes as near to the posture ``nominal`` (of the whole tree; default: ``start``) as the target
+        allows. ``far``: whether the arm may go over to another branch to get there. Where the target cannot be reached the
+        solution is as near as the solver came: see :attr:`Solution.reached`.
         """
+        found = self._descend(target, start, turning)
+        for side in (NUDGE, -NUDGE):
+            if not found.reached:
+                found = min(found, self._descend(target, self._nudged(start, side), turning), key=_farness)
+        if far and not found.reached:
+            for posture in self._postures(start):
+                other = self._descend(target, posture, turning)
+                found = min(found, other, key=_farness)
+                if found.reached:
+                    break
+        if found.reached and len(self.joints) > self._rank(turning):
+            found = self._towards(found, start if nominal is None else nominal, target, turning)
+        return found
+
+    def _nudged(self, q: np.ndarray, side: float) -> np.ndarray:
+        moved = q.copy()
+        moved[self._q] += side * (-1.0) ** np.arange(len(self._q))
+        return moved
+
+    def _postures(self, start: np.ndarray) -> Iterator[np.ndarray]:
+        """Postures spread evenly over the limits (half a turn or half a metre where there is none), the same every time:
+        the additive sequence of M. Roberts (2018), a generalisation of the golden ratio."""
+        count = len(self._q)
+        ratio = 2.0
+        for _ in range(60):  # the root of x^(n+1) = x + 1
+            ratio = (1.0 + ratio) ** (1.0 / (count + 1))
+        low, high = np.maximum(self._low, -np.pi), np.minimum(self._high, np.pi)
+        low, high = np.minimum(low, self._high), np.maximum(high, self._low)
+        steps = ratio ** -np.arange(1.0, count + 1.0)
+        for index in range(SEARCHES):
+            posture = start.copy()
+            posture[self._q] = low + (high - low) * ((0.5 + index * steps) % 1.0)
+            yield posture
+
+    def _descend(self, target: Any, start: np.ndarray, turning: bool) -> Solution:
         rows = 6 if turning else 3
         q, damping = start.copy(), DAMPING[0]
         q[self._q] = np.clip(q[self._q], self._low, self._high)
@@ -102,6 +157,34 @@ class Tool:
         names = tuple(name for name, there in zip(self.joints, edge, strict=True) if there)
         angle = float(np.linalg.norm(error[3:])) if turning else 0.0
         return Solution(q, float(np.linalg.norm(error[:3])), angle, names)
+
+    def _rank(self, turning: bool) -> int:
+        """How many directions the joints can move the frame in, at almost all postures."""
+        rows = 6 if turning else 3
+        if rows not in self._ranks:
+            anywhere = list(self._postures(self._any))[1:4]
+            self._ranks[rows] = max(int(np.linalg.matrix_rank(self.jacobian(q)[:rows], 1e-6)) for q in anywhere)
+        return self._ranks[rows]
+
+    def _towards(self, found: Solution, nominal: np.ndarray, target: Any, turning: bool) -> Solution:
+        """The solution of the same target that is nearest to ``nominal``: steps of the projected gradient, each followed by a
+        way back to the target, halved where they do not help."""
+        rank, scale = self._rank(turning), 1.0
+        for _ in range(POSTURE_STEPS[0]):
+            # directions beyond the rank move joints and leave the frame; those of a singular pose are not among them
+            spare = np.linalg.svd(self.jacobian(found.positions)[: 6 if turning else 3])[2][rank:]
+            away = (nominal - found.positions)[self._q]
+            step = spare.T @ (spare @ away)
+            if np.abs(step).max(initial=0.0) * scale <= POSTURE_STEPS[1]:
+                break
+            moved = found.positions.copy()
+            moved[self._q] += scale * step * min(1.0, LARGEST_TURN / float(np.abs(step).max()))
+            tried = self._descend(target, moved, turning)
+            if tried.reached and np.linalg.norm((nominal - tried.positions)[self._q]) < np.linalg.norm(away):
+                found = tried
+            else:
+                scale /= 2.0
+        return found
 
     def _error(self, q: np.ndarray, target: Any) -> np.ndarray:
         """Where the target is, seen from the frame: position (m), then rotation vector (rad)."""
@@ -132,6 +215,11 @@ class Tool:
         axes, at positions ``q``."""
         jacobian = self.jacobian(q)
         return jacobian[:3].T @ force + jacobian[3:].T @ np.cross(point, force)
+
+
+def _farness(found: Solution) -> float:
+    """Which of two solutions is nearer; a radian counts as a metre."""
+    return 0.0 if found.reached else math.hypot(found.distance, found.angle)
 
 
 def tree_of(world: World, body: str) -> tuple[Body, ...]:

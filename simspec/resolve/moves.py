@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from simspec.spec.joint_names import chosen
 from simspec.spec.sources import Source
 from simspec.spec.strict import near
 from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
+from simspec.spec.units import article
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Body, Pose, World
@@ -25,6 +28,9 @@ LARGEST_JUMP = 0.5
 """rad or m between neighbouring points of a straight move; more is another branch of the arm, or a singular pose."""
 FEWEST = 4
 """Points of a move or a grip at least: fewer do not show its minimum-jerk course."""
+SETTLING = 8
+"""Points at each end of a wait: what a spline swings where a move ends is a quarter from point to point, but would last as
+long as the wait without them."""
 
 
 def minimum_jerk(share: np.ndarray) -> np.ndarray:
@@ -61,7 +67,6 @@ class Program:
         self._driven = {joint for one in world.controllers for joint in one.joints}
         self._grasp: Grasp | None = None
         self._tool: Any = None
-        self._grip = self._squeeze = 0.0
 
     def solve(self) -> Rows | None:
         """The points; None where something is wrong (see ``problems``)."""
@@ -73,24 +78,46 @@ class Program:
             self._choose_tool()
         if self.problems:
             return None
+        counts = [self._count(step) for step in steps]
         rows = self._begin()
-        for index, step in enumerate(steps):
+        self._not_too_many(counts, len(rows.joints))
+        if self.problems:
+            return None
+        lasting = [step.wait if step.wait is not None else getattr(step, "in") for step in steps]
+        ends = [float(end) for end in accumulate(map(Fraction, lasting))]  # sums that are rounded once
+        for index, (step, begun, ended) in enumerate(zip(steps, [0.0, *ends], ends, strict=False)):
+            shares = np.arange(1, counts[index] + 1) / counts[index]
+            if step.wait is not None:
+                shares = _wait(step.wait, self._given.interval)
+            times = begun + shares * (ended - begun)
+            times[-1] = ended
             try:
-                self._do(rows, index, step)
+                self._do(rows, index, step, times, shares)
             except _Stop as stop:
                 place = (*PATH, index, *stop.key)
                 self.problems.append(self._source.document.problem(place, str(stop), **stop.more))
                 return None
-            if len(rows.times) > MOST_POINTS or len(rows.times) * len(rows.joints) > MOST_NUMBERS:
-                message, allowed = (
-                    "the program makes too many points",
-                    f"{MOST_POINTS} points and {MOST_NUMBERS} numbers",
-                )
-                hint = "a larger interval"
-                place = (*PATH, index)
-                self.problems.append(self._source.document.problem(place, message, allowed=allowed, hint=hint))
-                return None
         return rows
+
+    def _count(self, step: Any) -> int:
+        """How many points a step makes."""
+        if step.wait is not None:
+            return len(_wait(step.wait, self._given.interval))
+        return max(FEWEST, math.ceil(getattr(step, "in") / self._given.interval * (1.0 - 1e-9)))
+
+    def _not_too_many(self, counts: Sequence[int], joints: int) -> None:
+        total = 1
+        for index, count in enumerate(counts):
+            total += count
+            if total > MOST_POINTS or total * joints > MOST_NUMBERS:
+                self._problem(
+                    ("program", index),
+                    "the program makes too many points",
+                    found=f"{sum(counts) + 1} points of {joints} joints",
+                    allowed=f"{MOST_POINTS} points, {MOST_NUMBERS} numbers",
+                    hint="a larger interval",
+                )
+                return
 
     def _problem(self, path: Sequence[Key], message: str, **more: Any) -> None:
         self.problems.append(self._source.document.problem(("trajectory", *path), message, **more))
@@ -112,13 +139,10 @@ class Program:
                 self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
             return
         self._grasp = found[name] if name is not None else next(iter(found.values()))
-        self._must_be_driven(self._grasp.joints, ("program",))
-
-    def _must_be_driven(self, joints: Sequence[str], path: Sequence[Key]) -> None:
-        idle = [joint for joint in joints if joint not in self._driven]
+        idle = [joint for joint in self._grasp.joints if joint not in self._driven]
         if idle:
-            message = f"{', '.join(idle[:6])} moves here, and no controller drives it"
-            self._problem(path, message, key=True, hint="control: {NAME: {joints: [...]}}")
+            message = f"the grasp {self._grasp.name} moves {', '.join(idle[:6])}, which no controller drives"
+            self._problem(("program",), message, key=True, hint="control: {NAME: {joints: [...]}}")
 
     def _choose_tool(self) -> None:
         from simspec.dynamics.tool import Tool, joints_to, tree_of
@@ -133,21 +157,29 @@ class Program:
             self._problem(("tool", "body"), f"there is no body {given.body!r}", found=given.body, hint=hint)
             return
         bodies = tree_of(self._world, given.body)
-        odd = next((body for body in bodies if body.joint.kind not in ("fixed", "hinge", "slide")), None)
-        if odd is not None:
+        way = [body for body in joints_to(bodies, given.body) if body.joint.kind != "fixed"]
+        loose = next((body for body in way if body.joint.name not in self._driven), None)
+        if loose is not None:
             message = (
-                f"a tool's tree has hinges and slides on a fixed base alone; {odd.name} has a {odd.joint.kind} joint"
+                f"the tool hangs on {loose.joint.name}, {article(loose.joint.kind)} joint that no controller holds"
             )
-            self._problem(("tool", "body"), message, found=given.body)
+            hint = (
+                "a model's root is fixed with fixed: true"
+                if loose.joint.kind == "free"
+                else "control: {NAME: {joints: [...]}}"
+            )
+            self._problem(("tool", "body"), message, found=given.body, hint=hint)
             return
-        way = [body.joint.name for body in joints_to(bodies, given.body) if body.joint.kind in ("hinge", "slide")]
-        joints = [name for name in way if name in self._driven]
+        joints = [body.joint.name for body in way]
         if self._given.arm is not None:
-            joints = self._arm(way)
+            joints = self._arm(joints)
+        elif not joints:
+            self._problem(("tool", "body"), "no joint moves this body", found=given.body)
+        both = [name for name in joints if self._grasp is not None and name in self._grasp.joints]
+        if both:
+            message = f"{', '.join(both[:6])} would move the tool and grasp as well"
+            self._problem(("program",), message, key=True, hint="arm: [the joints that move the tool]")
         if self.problems:
-            return
-        if not joints:
-            self._problem(("tool", "body"), "no driven joint moves this body", found=given.body)
             return
         offset = given.pose
         place = Pose() if offset is None else Pose(offset.xyz, _turn(offset))
@@ -161,16 +193,13 @@ class Program:
                 message = f"{entry!r} is no joint between the world and the tool"
                 self._problem(("arm", index), message, found=entry, allowed=", ".join(way[:8]), hint=near(entry, way))
             wanted.update(meant)
-        joints = [name for name in way if name in wanted]
-        self._must_be_driven(joints, ("arm",))
-        return joints
+        return [name for name in way if name in wanted]
 
     # --- the way ---
 
     def _begin(self) -> Rows:
         world = self._world
-        moved = set(self._tool.joints if self._tool else ()) | set(self._grasp.joints if self._grasp else ())
-        joints = tuple(body.joint.name for body in world.bodies if body.joint.name in moved)
+        joints = tuple(body.joint.name for body in world.bodies if body.joint.name in self._driven)
         start, _ = initial_state(world)
         places = {
             body.joint.name: part.start for body, part in zip(world.bodies, layout(world.bodies).position, strict=True)
@@ -180,7 +209,7 @@ class Program:
         if self._tool is not None:
             bodies = self._tool.bodies
             inside = dataclasses.replace(world, bodies=bodies)
-            self._q = initial_state(inside)[0]
+            self._q = self._nominal = initial_state(inside)[0]
             local = {body.joint.name: part.start for body, part in zip(bodies, layout(bodies).position, strict=True)}
             self._of_tree = [(local[name], column) for name, column in self._columns.items() if name in local]
         if self._grasp is not None:
@@ -206,20 +235,14 @@ class Program:
         full[[self._columns[name] for name in grasp.joints]] = grasp.efforts(self._world, q, bodies)
         return full
 
-    def _do(self, rows: Rows, index: int, step: Any) -> None:
-        begun, before = rows.times[-1], rows.positions[-1]
+    def _do(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
         if step.wait is not None:
-            self._append(rows, index, begun + step.wait, before, rows.efforts[-1])
-            return
-        lasting = getattr(step, "in")
-        count = max(FEWEST, math.ceil(lasting / self._given.interval - 1e-9))
-        if count > MOST_POINTS:
-            raise _Stop("this step makes too many points", (), allowed=f"{MOST_POINTS}", hint="a larger interval")
-        shares = np.arange(1, count + 1) / count
-        if step.grip is not None:
-            self._do_grip(rows, index, step, lasting, shares)
+            for time in times:
+                self._append(rows, index, time, rows.positions[-1], rows.efforts[-1])
+        elif step.grip is not None:
+            self._do_grip(rows, index, step, times, shares)
         else:
-            self._do_move(rows, index, step, lasting, shares)
+            self._do_move(rows, index, step, times, shares)
 
     def _append(self, rows: Rows, index: int, time: float, positions: np.ndarray, efforts: np.ndarray) -> None:
         rows.times.append(time)
@@ -227,27 +250,20 @@ class Program:
         rows.efforts.append(efforts)
         rows.steps.append(index)
 
-    def _do_grip(self, rows: Rows, index: int, step: Any, lasting: float, shares: np.ndarray) -> None:
-        begun, before, pressed = rows.times[-1], rows.positions[-1], rows.efforts[-1]
+    def _do_grip(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
+        before, pressed = rows.positions[-1], rows.efforts[-1]
         grasp = self._grasp
         goal = before.copy()
         columns = [self._columns[name] for name in grasp.joints]
         goal[columns] = grasp.open + step.grip * (grasp.closed - grasp.open)
         press = step.squeeze * self._press
-        for share, way in zip(shares, minimum_jerk(shares), strict=True):
+        for time, share, way in zip(times, shares, minimum_jerk(shares), strict=True):
             posture = before + way * (goal - before)
-            self._append(rows, index, begun + share * lasting, posture, pressed + share * (press - pressed))
+            self._append(rows, index, time, posture, pressed + share * (press - pressed))
         if self._tool is not None:
-            self._take(goal)
-            self._place = self._tool.place(self._q) if self._grasp_moves_tool() else self._place
-
-    def _grasp_moves_tool(self) -> bool:
-        return bool(set(self._grasp.joints) & set(self._tool.joints))
-
-    def _take(self, posture: np.ndarray) -> None:
-        """Put the tree where the columns say."""
-        for place, column in self._of_tree:
-            self._q[place] = posture[column]
+            self._q = self._q.copy()
+            for place, column in self._of_tree:
+                self._q[place] = goal[column]
 
     def _row(self, q: np.ndarray, before: np.ndarray) -> np.ndarray:
         row = before.copy()
@@ -255,24 +271,24 @@ class Program:
             row[column] = q[place]
         return row
 
-    def _do_move(self, rows: Rows, index: int, step: Any, lasting: float, shares: np.ndarray) -> None:
-        begun, before, pressed = rows.times[-1], rows.positions[-1], rows.efforts[-1]
+    def _do_move(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
+        before, pressed = rows.positions[-1], rows.efforts[-1]
+        begun, turning = rows.times[-1], not step.move.free_orientation
         target = self._target(step.move)
-        turning = not step.move.free_orientation
         if not step.straight:
-            found = self._reach(target, turning, lasting, lasting)
-            goal = self._row(found, before)
-            for share, way in zip(shares, minimum_jerk(shares), strict=True):
-                self._append(rows, index, begun + share * lasting, before + way * (goal - before), pressed)
-            self._q = found
+            self._q = self._reach(target, turning, far=True)
+            goal = self._row(self._q, before)
+            for time, way in zip(times, minimum_jerk(shares), strict=True):
+                self._append(rows, index, time, before + way * (goal - before), pressed)
         else:
-            for share, place in zip(shares, self._line(target, minimum_jerk(shares)), strict=True):
-                found = self._reach(place, turning, share * lasting, lasting)
+            for time, place in zip(times, self._line(target, minimum_jerk(shares)), strict=True):
+                into = f" {time - begun:.3g} s into it" if time < times[-1] else ""
+                found = self._reach(place, turning, into)
                 jump = np.abs(found - self._q)
                 if jump.max() > LARGEST_JUMP:
-                    self._jumped(int(jump.argmax()), float(jump.max()), share * lasting, lasting)
+                    self._jumped(int(jump.argmax()), float(jump.max()), into)
                 self._q = found
-                self._append(rows, index, begun + share * lasting, self._row(found, before), pressed)
+                self._append(rows, index, time, self._row(found, before), pressed)
         self._place = target if turning else self._tool.place(self._q)
 
     def _target(self, given: Any) -> Any:
@@ -297,34 +313,42 @@ class Program:
             for way in ways
         ]
 
-    def _reach(self, target: Any, turning: bool, time: float, lasting: float) -> np.ndarray:
-        found = self._tool.solve(target, self._q, turning=turning)
+    def _reach(self, target: Any, turning: bool, into: str = "", far: bool = False) -> np.ndarray:
+        found = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=far)
         if found.reached:
             return found.positions
-        when = "" if time == lasting else f" {time:.3g} s into it"
-        stuck = f"; {', '.join(found.at_limit)} at its limit" if found.at_limit else ""
+        stuck = f"; at a limit: {', '.join(found.at_limit)}" if found.at_limit else ""
         off = (
             f"{1e3 * found.distance:.3g} mm and {found.angle:.3g} rad" if turning else f"{1e3 * found.distance:.3g} mm"
         )
         at = ", ".join(f"{value:.4g}" for value in target.translation)
         raise _Stop(
-            f"the tool cannot get there: it stays {off} away{when}{stuck}",
+            f"the tool cannot get there: it stays {off} away{into}{stuck}",
             ("move",),
             found=f"a place at [{at}] m",
             hint="a nearer place, another orientation, or a way there in several moves",
         )
 
-    def _jumped(self, coordinate: int, jump: float, time: float, lasting: float) -> None:
+    def _jumped(self, coordinate: int, jump: float, into: str) -> None:
         parts = layout(self._tool.bodies).position
         body: Body = next(
             body for body, part in zip(self._tool.bodies, parts, strict=True) if part.start <= coordinate < part.stop
         )
         raise _Stop(
-            f"{body.joint.name} jumps by {jump:.3g} between two points, {time:.3g} s into a move of {lasting:.3g} s",
+            f"{body.joint.name} jumps by {jump:.3g} between two points of this move{into}",
             ("move",),
             allowed=f"up to {LARGEST_JUMP:g}",
             hint="the straight way passes a singular pose: straight: false, a detour, or a smaller interval",
         )
+
+
+def _wait(lasting: float, interval: float) -> np.ndarray:
+    """Shares of a wait at which points stand: at every interval, but not more than ``SETTLING`` at each end."""
+    count = max(1, math.ceil(lasting / interval * (1.0 - 1e-9)))
+    if count <= 2 * SETTLING:
+        return np.arange(1, count + 1) / count
+    edge = np.arange(1, SETTLING + 1) * interval / lasting
+    return np.concatenate([edge, 1.0 - edge[::-1], [1.0]])
 
 
 def _turn(given: Any) -> frames.Quaternion:
