@@ -12,6 +12,7 @@ import importlib.metadata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -50,7 +51,8 @@ class Deviation:
 
     ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
     else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
-    ``timestep`` (s) on, and under this ``friction_cone`` and kind of ``hardness`` alone, where these are given.
+    ``timestep`` (s) on, and under this ``friction_cone``, kind of ``hardness`` and ``setting`` (name, value) of the engine
+    alone, where these are given.
     """
 
     probe: str
@@ -62,11 +64,15 @@ class Deviation:
     restitution: float = 0.0
     friction_cone: str = ""
     hardness: str = ""
+    setting: tuple[str, str] | None = None
 
-    def counts_for(self, pair: PairContact, friction_cone: str, timestep: float) -> bool:
-        """Whether it is one of this pair's, under this cone and timestep."""
+    def counts_for(
+        self, pair: PairContact, friction_cone: str, timestep: float, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> bool:
+        """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine."""
         return (
-            pair.friction >= self.friction
+            (self.setting is None or settings.get(self.setting[0]) == self.setting[1])
+            and pair.friction >= self.friction
             and pair.restitution >= self.restitution
             and timestep >= self.timestep
             and self.friction_cone in ("", friction_cone)
@@ -96,6 +102,8 @@ class Engine:
     """Whether pairs that no numbers give are had by copies of shapes in layers (see ``formats/contact_plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
+    ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {}
+    """The friction cone that it may hold in place of another, where the spec accepts that (``accept: [contact.cone.X]``)."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}
     """Fields that it cannot be asked for, with the reason."""
 

@@ -160,16 +160,6 @@ def _check(world: World, target: Target) -> None:
     """Raise UnsupportedError for settings that would change the model, and for contact that DART gets wrong."""
     found = problems(world, collision_detector(world, target), target.engine)
     accepted = world.options(target.engine).accept
-    if world.contact.friction_cone == "elliptic" and contact_solver(world, target) == "dantzig":
-        found.append(
-            Problem(
-                "DART's Dantzig solver has the circumscribed pyramid only",
-                f"engines.{target.engine}.settings.contact_solver",
-                found="dantzig, with contact.friction_cone: elliptic",
-                allowed="auto, nsgs",
-                hint="leave the setting out, or set contact.friction_cone: pyramid-circumscribed",
-            )
-        )
     found += [
         Problem(
             f"{target.engine} takes a friction coefficient of up to {TINY_FRICTION} for none",

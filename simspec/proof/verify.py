@@ -205,7 +205,9 @@ def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Ch
     answers = reply.answers
     held = from_plain(ReadBack, answers[0].result)
     still = np.zeros_like(probes.v)
-    checks = compare(world, held, engine.RULES, engine.LAYERS)
+    cone, options = world.contact.friction_cone, world.options(engine.NAME)
+    accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
+    checks = compare(world, held, engine.RULES, engine.LAYERS, accepted_cone=accepted)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
     both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
     checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)

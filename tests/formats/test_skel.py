@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from simspec.compiler import target_of
+from simspec.compiler import compile_world, target_of
 from simspec.engines.dart import Dart
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
@@ -320,11 +320,14 @@ def test_what_cannot_be_had_is_refused_by_name():
     assert "joint.armature" in refusals(worlds.limits_and_armature(armature=0.1))
 
 
-def test_a_solver_setting_must_not_change_the_cone():
+def test_a_solver_setting_changes_the_cone_only_where_that_is_accepted():
     dantzig = (("contact_solver", "dantzig"),)
-    emit(worlds.with_options(with_cone("pyramid-circumscribed"), "dart", settings=dantzig))
-    with pytest.raises(UnsupportedError, match="contact_solver"):
-        emit(worlds.with_options(with_cone("elliptic"), "dart", settings=dantzig))
+    pyramid, elliptic = with_cone("pyramid-circumscribed"), with_cone("elliptic")
+    compile_world(worlds.with_options(pyramid, "dart", settings=dantzig), ["dart"])
+    compile_world(worlds.with_options(elliptic, "dart"), ["dart"])
+    with pytest.raises(UnsupportedError, match=r"accept: \[contact\.cone\.elliptic\]"):
+        compile_world(worlds.with_options(elliptic, "dart", settings=dantzig), ["dart"])
+    compile_world(worlds.with_options(elliptic, "dart", settings=dantzig, accept=("contact.cone.elliptic",)), ["dart"])
 
 
 def test_surfaces_invert_darts_rules(tmp_path):

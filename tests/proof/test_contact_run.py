@@ -205,8 +205,7 @@ def test_a_world_without_contact_has_no_contact_checks(engine):
 
 def deviating(figure, *declared, **pair):
     law = Law(PairContact("a", "b", **({"friction": 0.5, "restitution": 0.2} | pair)), "elliptic", 0.002)
-    job = SimpleNamespace(law=law)
-    return run._deviating(figure, job, SimpleNamespace(CONTACT_DEVIATIONS=declared))
+    return run._deviating(figure, law, SimpleNamespace(CONTACT_DEVIATIONS=declared), {"solver": "fast"})
 
 
 FIGURE = Figure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)
@@ -227,6 +226,8 @@ FIGURE = Figure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)
         (Deviation("push", 0.12, "cone", friction_cone="elliptic"), True),
         (Deviation("push", 0.12, "soft", hardness="native"), False),
         (Deviation("push", 0.12, "hard", hardness="common"), True),
+        (Deviation("push", 0.12, "solver", setting=("solver", "fast")), True),
+        (Deviation("push", 0.12, "other solver", setting=("solver", "exact")), False),
     ],
 )
 def test_a_declared_deviation_counts_where_it_says(declared, counts):

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,6 +54,10 @@ class _Job:
     sizes: size.SizeTrial | None = None
     known: tuple[Figure, ...] | None = None
 
+    def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
+        """What the scenario sets in the engine."""
+        return dict(self.trials[0][0].options(engine.NAME).settings) if self.trials else {}
+
 
 @dataclass(frozen=True)
 class Measuring:
@@ -85,7 +90,7 @@ class Measuring:
                 raw = [_kept(figure) for figure in _figures(job, given)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"nothing can be kept in {cache.folder()}"]
-            found += [_deviating(figure, job, self.engine) for figure in raw]
+            found += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
         return found, complaints
 
     def _answers(self) -> Iterator[list[Answer] | EngineError]:
@@ -256,15 +261,14 @@ def _kept(figure: Figure) -> Figure:
     return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
 
 
-def _deviating(figure: Figure, job: _Job, engine: type[Engine]) -> Figure:
-    """The figure with the tolerance that the engine's declared deviations give it; a size has none."""
-    law = job.law
+def _deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
+    """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
     if law is None:
         return figure
     found = [
         (_size(one, figure), one)
         for one in engine.CONTACT_DEVIATIONS
-        if one.probe == figure.probe and one.counts_for(law.pair, law.friction_cone, law.timestep)
+        if one.probe == figure.probe and one.counts_for(law.pair, law.friction_cone, law.timestep, settings)
     ]
     wider = [entry for entry in found if entry[0] > figure.tolerance]
     if not wider or figure.passed:
