@@ -261,7 +261,7 @@ def _root_joint(joint: Joint, place: Pose, velocity: tuple[Vector3, Vector3]) ->
     return replace(joint, origin=Pose(), position=position, velocity=(*velocity[0], *velocity[1]))
 
 
-def _elements(array: Array | None) -> list[tuple[str, Pose]]:
+def elements(array: Array | None) -> list[tuple[str, Pose]]:
     """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
     if array is None:
         return [("", Pose())]
@@ -278,11 +278,11 @@ def _loose(source: Source, only: str | None, found: Expansion) -> Iterator[_Inst
     for tree in _trees(bodies, only):
         root = tree.bodies[0].name
         array, path = bodies.typed[root].array, (*bodies.path, root)
-        elements = _elements(array)
-        count += len(elements) * len(tree.bodies)
+        copies = elements(array)
+        count += len(copies) * len(tree.bodies)
         if _too_many(count, source, path, found):
             return
-        for suffix, element in elements:
+        for suffix, element in copies:
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
             yield _Instance(copied, source, path)
@@ -292,12 +292,12 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
     count = 0
     for name, use, bodies in trees.placed(source):
         tree = _positioned(next(_trees(bodies, only)), use)
-        elements = _elements(use.array)
-        count += len(elements) * len(tree.bodies)
+        copies = elements(use.array)
+        count += len(copies) * len(tree.bodies)
         if _too_many(count, source, bodies.placed, found):
             return
         frame = pose(use.pose)
-        for suffix, element in elements:
+        for suffix, element in copies:
             model = f"{name}{suffix}"
             where = frames.compose(frame, element)
             if use.velocity is not None:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.resolve.bodies import elements
 from simspec.spec.document import Key
 from simspec.spec.sources import Source
 from simspec.spec.strict import Faults, near
 from simspec.spec.trajectory import BY_JOINT, DRIVEN
 from simspec.spec.trajectory import Grasp as SpecGrasp
-from simspec.spec.trees import placed
+from simspec.spec.trees import model_of, placed
 from simspec.world.types import Body, Pose, World
 
 
@@ -43,13 +44,23 @@ class Grasp:
 
 
 def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem]]:
-    """Every grasp of every placed model, by MODEL/NAME, and what is wrong with them."""
+    """Every grasp of every placed model by MODEL/NAME, those of a model file compiled alone by NAME, and what is wrong with
+    them."""
     found: dict[str, Grasp] = {}
     problems: list[Problem] = []
     bodies = {body.name: body for body in world.bodies}
     joints = {body.joint.name: body for body in world.bodies}
+    taken: set[str] = set()
+    refused: set[tuple[int, tuple[Key, ...]]] = set()
     for prefix, file, path, name, given in _written(source):
-        one, wrong = _grasp(f"{prefix}/", f"{prefix}/{name}", given, joints, bodies)
+        if (id(file), path) in refused:
+            continue  # another copy of the same
+        one, wrong = _grasp(prefix, prefix + name, given, joints, bodies)
+        if prefix + name in taken:
+            wrong.append(((), f"the model has a grasp {name!r} already", {"key": True, "hint": "another name"}))
+        taken.add(prefix + name)
+        if wrong:
+            refused.add((id(file), path))
         problems += [file.document.problem((*path, *at), message, **more) for at, message, more in wrong]
         if one is not None:
             found[one.name] = one
@@ -57,23 +68,31 @@ def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem
 
 
 def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
-    """(model's name, file, path, grasp's name, grasp) of every grasp that a model of the scenario has."""
-    for name, use, bodies in placed(source):
-        if use is None or use.array is not None:
-            continue  # the hands of an array would need names of their own
-        for grasp, given in use.grasps.items():
-            yield name, source, ("models", name, "grasps", grasp), grasp, given
-        for file in bodies.files:
-            model = file.file.model if file.file is not None else None
-            for grasp, given in (model.grasps if model is not None else {}).items():
-                yield name, file, ("model", "grasps", grasp), grasp, given
+    """(prefix of names, file, path, grasp's name, grasp) of every grasp of every model, in every copy of it."""
+    if (own := model_of(source)) is not None:
+        for file, path, name, given in _of_files(own.files):
+            yield "", file, path, name, given
+    for placement, use, bodies in placed(source):
+        if use is None:
+            continue  # has errors, which are reported elsewhere
+        here = [(source, ("models", placement, "grasps", name), name, given) for name, given in use.grasps.items()]
+        for suffix, _ in elements(use.array):
+            for file, path, name, given in (*_of_files(bodies.files), *here):
+                yield f"{placement}{suffix}/", file, path, name, given
+
+
+def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecGrasp]]:
+    """The grasps of the model files that lead to a model; what holds its bodies comes first."""
+    for file in reversed(files):
+        model = file.file.model if file.file is not None else None
+        for name, given in (model.grasps if model is not None else {}).items():
+            yield file, ("model", "grasps", name), name, given
 
 
 def _grasp(
     prefix: str, name: str, given: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
 ) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, dict]]]:
     wrong: list[tuple[tuple[Key, ...], str, dict]] = []
-    own = [joint.removeprefix(prefix) for joint in joints if joint.startswith(prefix)]
     postures: dict[str, list[float]] = {"open": [], "closed": []}
     for posture, values in postures.items():
         for joint in given.open:
@@ -81,7 +100,9 @@ def _grasp(
             place = (posture, joint)
             if body is None or body.joint.kind not in DRIVEN:
                 kind = "no hinge or slide" if body is not None else "no joint of the model"
-                wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": near(joint, own), "key": True}))
+                movable = [own for own, one in joints.items() if one.joint.kind in DRIVEN]
+                hint = near(joint, _within(prefix, movable))
+                wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
                 continue
             try:
                 value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(given, posture)[joint])
@@ -97,12 +118,28 @@ def _grasp(
     for index, force in enumerate(given.forces):
         body_name = prefix + force.body
         if body_name not in bodies:
-            names = [one.removeprefix(prefix) for one in bodies if one.startswith(prefix)]
-            more = {"found": force.body, "hint": near(force.body, names)}
+            more = {"found": force.body, "hint": near(force.body, _within(prefix, bodies))}
             wrong.append((("forces", index, "body"), f"the model has no body {force.body!r}", more))
+            continue
+        if not any(one.joint.name.removeprefix(prefix) in given.open for one in _above(body_name, bodies)):
+            message = f"no joint of the grasp moves {force.body}, so nothing can press with it"
+            wrong.append((("forces", index, "body"), message, {"found": force.body}))
             continue
         forces.append((body_name, np.array(force.at), np.array(force.force)))
     if wrong:
         return None, wrong
     names = tuple(prefix + joint for joint in given.open)
     return Grasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []
+
+
+def _within(prefix: str, names: Iterable[str]) -> list[str]:
+    """The names of a model, without its own."""
+    return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+
+
+def _above(name: str, bodies: Mapping[str, Body]) -> Iterator[Body]:
+    """A body, its parent, and so on to the root."""
+    at: str | None = name
+    while at is not None:
+        yield bodies[at]
+        at = bodies[at].joint.parent

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.resolve.grasps import Grasp, grasps
+from simspec.resolve.grasps import Grasp
 from simspec.spec.document import Key
 from simspec.spec.joint_names import chosen
 from simspec.spec.sources import Source
@@ -60,8 +60,8 @@ class _Stop(Exception):
 class Program:
     """A program being solved, step by step."""
 
-    def __init__(self, source: Source, world: World):
-        self._source, self._world = source, world
+    def __init__(self, source: Source, world: World, known: Mapping[str, Grasp]):
+        self._source, self._world, self._grasps = source, world, known
         self._given = source.file.trajectory
         self.problems: list[Problem] = []
         self._driven = {joint for one in world.controllers for joint in one.joints}
@@ -125,18 +125,17 @@ class Program:
     # --- what moves ---
 
     def _choose_grasp(self) -> None:
-        found, problems = grasps(self._source, self._world)
-        self.problems += problems
-        name = self._given.grasp
+        name, found = self._given.grasp, self._grasps
         if name is not None and name not in found:
-            if not problems:
-                self._problem(("grasp",), f"there is no grasp {name!r}", found=name, hint=near(name, found))
+            allowed = ", ".join(list(found)[:20]) or "the models have none: model: {grasps: ...}"
+            self._problem(
+                ("grasp",), f"there is no grasp {name!r}", found=name, allowed=allowed, hint=near(name, found)
+            )
             return
         if name is None and len(found) != 1:
-            if not problems:
-                allowed = ", ".join(found) or "the placed models have none: model: {grasps: ...}"
-                message = "which grasp is meant?" if found else "grip without a grasp"
-                self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
+            allowed = ", ".join(list(found)[:20]) or "the models have none: model: {grasps: ...}"
+            message = "which grasp is meant?" if found else "grip without a grasp"
+            self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
             return
         self._grasp = found[name] if name is not None else next(iter(found.values()))
         idle = [joint for joint in self._grasp.joints if joint not in self._driven]
@@ -355,8 +354,3 @@ def _turn(given: Any) -> frames.Quaternion:
     from simspec.resolve.poses import orientation
 
     return orientation(given)
-
-
-def tables(rows: Rows) -> Mapping[str, np.ndarray]:
-    """Positions and efforts as arrays."""
-    return {"positions": np.array(rows.positions), "efforts": np.array(rows.efforts)}

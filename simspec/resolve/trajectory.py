@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.resolve.grasps import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
 from simspec.spec.document import Key
 from simspec.spec.sources import Source
@@ -17,97 +18,116 @@ from simspec.spec.trajectory import BY_JOINT
 from simspec.world.control import Trajectory
 from simspec.world.types import World
 
-BETWEEN = np.linspace(0.0, 1.0, 9)
-"""Where between two points speeds are looked at: a cubic's speed is a parabola, a quintic's of fourth degree."""
+BETWEEN = np.linspace(0.0, 1.0, 17)
+"""Where between two points positions and speeds are looked at. A cubic's speed is a parabola, a quintic's of fourth degree:
+a thousandth of the largest can be missed."""
+AT_ONCE = 500_000
+"""Numbers that are looked at together."""
+SHORTEST = 1e-9
+"""Seconds between two points: far below every timestep, far above round-off of times of some hours."""
+EDGE = 1e-9
+"""rad or m that a point may stand beyond a limit: round-off of degrees."""
+SWING = 1e-3
+"""How far a curve may swing beyond a limit between its points, as a share of the joint's whole way: what a spline does behind
+a point that stands at the limit."""
 SLACK = 1e-6
 """Relative: a speed that stands at its limit by intention is not above it for its round-off."""
 MOST_REPORTED = 10
-"""Problems of one kind that are reported; the others are counted."""
-
-Place = Callable[[int, str], tuple[Key, ...]]
-"""Path in the spec of a row and a joint."""
+"""Joints whose worst excess is reported."""
 
 
 @dataclasses.dataclass
 class _Draft:
-    """Joints, times and arrays by quantity, before they are checked; ``place`` and ``where`` say where a row comes from."""
+    """Joints, times and arrays by quantity, before they are checked. ``place``: the path in the spec of a row and a joint;
+    ``label``: what messages call a row, besides its time."""
 
     joints: tuple[str, ...]
     times: np.ndarray
     values: Mapping[str, np.ndarray]
-    place: Place
-    where: Callable[[int], str]
+    place: Callable[[int, str], tuple[Key, ...]]
+    label: Callable[[int], str] = lambda row: ""
+
+    def made(self, world: World, interpolation: str) -> Trajectory:
+        """The world's trajectory, columns in the order of the world's bodies."""
+        given = {name: column for column, name in enumerate(self.joints)}
+        order = [given[body.joint.name] for body in world.bodies if body.joint.name in given]
+        values = {name: self.values[name][:, order].tolist() for name in QUANTITIES if name in self.values}
+        return Trajectory(
+            joints=tuple(self.joints[column] for column in order),
+            times=tuple(self.times.tolist()),
+            interpolation=interpolation,
+            **{name: tuple(map(tuple, rows)) for name, rows in values.items()},
+        )
 
 
 def trajectory(
     source: Source, world: World, velocity_limits: Mapping[str, float]
 ) -> tuple[Trajectory | None, list[Problem]]:
-    """The trajectory of a spec for its ``world`` (controllers included), and what is wrong with it. ``velocity_limits``:
-    by the joint's full name (rad/s, m/s)."""
+    """The trajectory of a spec for its ``world`` (controllers included), and what is wrong with it and with the grasps of
+    the models. ``velocity_limits``: by the joint's full name (rad/s, m/s)."""
+    known, problems = grasps(source, world)
     given = source.file.trajectory
     if given is None:
-        return None, []
+        return None, problems
     if not world.controllers:
         message = "a trajectory, and no controller that follows it"
-        return None, [
-            source.document.problem(("trajectory",), message, key=True, hint="control: {NAME: {joints: ...}}")
-        ]
-    problems: list[Problem] = []
-    if given.points is not None:
-        draft = _of_points(source, world, problems)
-    elif given.file is not None:
-        draft = _of_table(source, world, problems)
-    else:
-        draft = _of_program(source, world, problems)
-    if draft is None or problems:
-        return None, problems
-    made = Trajectory(
-        joints=draft.joints,
-        times=tuple(draft.times.tolist()),
-        interpolation=given.interpolation,
-        **{name: tuple(map(tuple, draft.values[name].tolist())) for name in QUANTITIES if name in draft.values},
-    )
-    check = _Check(source, world, draft, made)
-    check.limits()
-    check.speeds(velocity_limits)
-    return made, check.problems
+        hint = "control: {NAME: {joints: ...}}"
+        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
+    try:
+        if given.points is not None:
+            draft = _of_points(source, world, problems)
+        elif given.file is not None:
+            draft = _of_table(source, world, problems)
+        else:
+            draft = None if problems else _of_program(source, world, known, problems)
+        if draft is None or problems:
+            return None, problems
+        made = draft.made(world, given.interpolation)
+        check = _Check(source, world, draft, made)
+        problems += check.points() or check.between(velocity_limits)
+    except ModuleNotFoundError as error:
+        message = f"this trajectory needs a library that is not installed ({error.name})"
+        hint = "pip install 'simspec[pin]'"
+        return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
+    return made, problems
 
 
-def _known_joints(world: World, names: tuple[str, ...], report: Callable[[str, str, dict], None]) -> None:
-    """Report names that are no joints, joints that do not move so, and joints that nobody drives."""
-    kinds = {body.joint.name: body.joint.kind for body in world.bodies}
+# --- three ways to say one -----------------------------------------------------------------------------------------
+
+
+def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Names that are no joints, and joints that nobody drives: (name, what is wrong, more)."""
+    known = {body.joint.name for body in world.bodies}
     driven = {joint for one in world.controllers for joint in one.joints}
     for name in names:
-        if name not in kinds:
-            report(name, f"there is no joint {name!r}", {"found": name, "hint": near(name, driven)})
+        if name not in known:
+            yield name, f"there is no joint {name!r}", {"found": name, "hint": near(name, driven)}
         elif name not in driven:
             message = f"{name} moves here, and no controller drives it"
-            report(name, message, {"found": name, "hint": "control: {NAME: {joints: [...]}}"})
+            yield name, message, {"found": name, "hint": "control: {NAME: {joints: [...]}}"}
 
 
 def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
-    given = source.file.trajectory
-    joints = tuple(given.points[0].positions)
+    points = source.file.trajectory.points
+    joints = tuple(points[0].positions)
 
     def path(row: int, joint: str, quantity: str = "positions") -> tuple[Key, ...]:
         return ("trajectory", "points", row, quantity, joint)
 
-    def report(name: str, message: str, more: dict) -> None:
+    for name, message, more in _unusable(world, joints):
         problems.append(source.document.problem(path(0, name), message, key=True, **more))
-
-    _known_joints(world, joints, report)
     if problems:
         return None
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
     values: dict[str, np.ndarray] = {}
     for quantity in QUANTITIES:
-        if getattr(given.points[0], quantity) is None:
+        if getattr(points[0], quantity) is None:
             continue
-        array = np.zeros((len(given.points), len(joints)))
-        for row, point in enumerate(given.points):
-            for column, joint in enumerate(joints):
+        array = np.zeros((len(points), len(joints)))
+        for column, joint in enumerate(joints):
+            number = BY_JOINT[quantity].number(kinds[joint])
+            for row, point in enumerate(points):
                 try:
-                    number = BY_JOINT[quantity].number(kinds[joint])
                     array[row, column] = number.read(getattr(point, quantity)[joint])
                 except Faults as error:
                     place = path(row, joint, quantity)
@@ -116,143 +136,173 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft 
                         for one in error.faults
                     ]
         values[quantity] = array
-    times = np.array([point.at for point in given.points])
-    return _Draft(joints, times, values, path, lambda row: f"at {times[row]:g} s")
+    return _Draft(joints, np.array([point.at for point in points]), values, path)
 
 
 def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
     place = ("trajectory", "file")
     if source.table is None:
-        return None  # reported where files are sought
+        raise ValueError("a spec whose table is not found is not resolved")
+
+    def refuse(message: str, **more: str | None) -> None:
+        problems.append(source.document.problem(place, message, **more))
+
     table = read_table(source.table)
     for message, found, allowed in table.wrong:
-        problems.append(source.document.problem(place, message, found=found, allowed=allowed))
-    if problems:
+        refuse(message, found=found, allowed=allowed)
+    if table.wrong:
         return None
-    _known_joints(
-        world,
-        table.joints,
-        lambda _, message, more: problems.append(source.document.problem(place, message, **more)),
-    )
+    for _, message, more in _unusable(world, table.joints):
+        refuse(message, **more)
     later = np.flatnonzero(np.diff(table.times) <= 0.0)
     if len(later):
         row = int(later[0]) + 1
-        found = f"row {row + 1}: {table.times[row]:g} s after {table.times[row - 1]:g} s"
-        problems.append(source.document.problem(place, "times must increase", found=found))
+        refuse("times must increase", found=f"{table.times[row]:g} s after {table.times[row - 1]:g} s in row {row + 1}")
     if table.times[0] < 0.0:
-        problems.append(source.document.problem(place, "times begin at 0 or later", found=f"{table.times[0]:g} s"))
-    _needed(source, table.values, problems)
+        refuse("times begin at 0 or later", found=f"{table.times[0]:g} s")
+    interpolation = source.file.trajectory.interpolation
+    given = {name for name in ("velocities", "accelerations") if name in table.values}
+    allowed = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
+    for name in sorted(given - allowed):
+        refuse(f"{name} mean nothing with interpolation {interpolation}")
+    if interpolation == "quintic" and len(given) == 1:
+        refuse("quintic wants velocities and accelerations, or neither")
     return _Draft(
         table.joints,
         table.times,
         table.values,
         lambda row, joint: place,
-        lambda row: f"in row {row + 1}, at {table.times[row]:g} s",
+        lambda row: f", in row {row + 1} of the table",
     )
 
 
-def _needed(source: Source, values: Mapping[str, Any], problems: list[Problem]) -> None:
-    """What an interpolation makes nothing of, in a table."""
-    interpolation = source.file.trajectory.interpolation
-    given = {name for name in ("velocities", "accelerations") if name in values}
-    allowed = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
-    for name in sorted(given - allowed):
-        message = f"{name} mean nothing with interpolation {interpolation}"
-        problems.append(source.document.problem(("trajectory", "file"), message))
-    if interpolation == "quintic" and len(given) == 1:
-        message = "quintic wants velocities and accelerations, or neither"
-        problems.append(source.document.problem(("trajectory", "file"), message))
+def _of_program(source: Source, world: World, known: Mapping[str, Grasp], problems: list[Problem]) -> _Draft | None:
+    from simspec.resolve.moves import Program
 
-
-def _of_program(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
-    try:
-        from simspec.resolve.moves import Program, tables
-
-        program = Program(source, world)
-        rows = program.solve()
-    except ModuleNotFoundError as error:
-        message = f"a program of moves needs a library that is not installed ({error.name})"
-        hint = "pip install 'simspec[pin]'"
-        problems.append(source.document.problem(("trajectory", "program"), message, key=True, hint=hint))
-        return None
+    program = Program(source, world, known)
+    rows = program.solve()
     problems += program.problems
     if rows is None:
         return None
-    values = dict(tables(rows))
+    values = {"positions": np.array(rows.positions), "efforts": np.array(rows.efforts)}
     if not values["efforts"].any():
         del values["efforts"]
     return _Draft(
-        rows.joints,
-        np.array(rows.times),
-        values,
-        lambda row, joint: ("trajectory", "program", rows.steps[row]),
-        lambda row: f"at {rows.times[row]:.4g} s",
+        rows.joints, np.array(rows.times), values, lambda row, joint: ("trajectory", "program", rows.steps[row])
     )
 
 
+# --- what must hold ------------------------------------------------------------------------------------------------
+
+
 class _Check:
-    """What must hold of a trajectory as it will be followed, between its points too."""
+    """What must hold of a trajectory: at its points, and between them as it will be followed."""
 
     def __init__(self, source: Source, world: World, draft: _Draft, made: Trajectory):
+        self._source, self._draft, self._made = source, draft, made
+        by_name = {body.joint.name: body.joint for body in world.bodies}
+        self._joints = [by_name[name] for name in made.joints]
+        bounds = [joint.position_limits or (-np.inf, np.inf) for joint in self._joints]
+        self._low, self._high = (np.array(side) for side in zip(*bounds, strict=True))
+        self._times, self._values = np.array(made.times), np.array(made.positions)
+
+    def points(self) -> list[Problem]:
+        """Times that are too near to each other, positions outside of their joints' limits."""
+        found = []
+        close = np.flatnonzero(np.diff(self._times) < SHORTEST)
+        if len(close):
+            row = int(close[0]) + 1
+            gap = f"{self._times[row] - self._times[row - 1]:.3g} s before {self._times[row]:g} s"
+            allowed = f"at least {SHORTEST:g} s apart"
+            found.append(self._problem(row, 0, "points too near to each other", found=gap, allowed=allowed))
+        beyond = np.maximum(self._low - self._values, self._values - self._high)
+        for column in np.flatnonzero(beyond.max(axis=0) > EDGE)[:MOST_REPORTED]:
+            row = int(beyond[:, column].argmax())
+            found.append(self._outside(row, int(column), self._times[row], self._values[row, column]))
+        return found
+
+    def between(self, velocity_limits: Mapping[str, float]) -> list[Problem]:
+        """Positions and speeds beyond the joints' limits between points. A trajectory that is held from point to point
+        jumps, and has no speed."""
+        if len(self._times) == 1:
+            return []
+        slow = [velocity_limits.get(joint.name, np.inf) for joint in self._joints]
+        fastest = np.array(slow) * (1.0 + SLACK) if self._made.interpolation != "hold" else np.full(len(slow), np.inf)
+        swing = SWING * np.ptp(self._values, axis=0)
+        outside, fast = _Worst(len(slow)), _Worst(len(slow))
+        for times, positions, speeds in self._followed():
+            if not (np.isfinite(positions).all() and np.isfinite(speeds).all()):
+                row = self._row(times[0])
+                return [self._problem(row, 0, "the numbers leave what can be computed with, from here on")]
+            outside.look(np.maximum(self._low - positions, positions - self._high) - swing, times, positions)
+            fast.look(np.abs(speeds) - fastest, times, speeds)
+        found = []
+        for column in np.flatnonzero(outside.excess > 0.0)[:MOST_REPORTED]:
+            time = outside.times[column]
+            found.append(self._outside(self._row(time), int(column), time, outside.values[column]))
+        for column in np.flatnonzero(fast.excess > 0.0)[:MOST_REPORTED]:
+            found.append(self._too_fast(int(column), fast.times[column], abs(fast.values[column]), slow[column]))
+        return found
+
+    def _followed(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Times, positions and velocities on the way, some points' worth together."""
         from simspec.control.reference import positions
 
-        self._source, self._world, self._draft = source, world, draft
-        self.problems: list[Problem] = []
-        self._times = np.concatenate(
-            [first + BETWEEN * (last - first) for first, last in zip(draft.times, draft.times[1:], strict=False)]
-            or [draft.times]
+        course = positions(self._made)
+        begins, lasting = self._times[:-1], np.diff(self._times)
+        together = max(1, AT_ONCE // (len(BETWEEN) * len(self._joints)))
+        for first in range(0, len(begins), together):
+            part = slice(first, first + together)
+            times = (begins[part, None] + BETWEEN * lasting[part, None]).ravel()
+            yield times, *course.at(times, 1)
+
+    def _row(self, time: float) -> int:
+        """The point that the trajectory is on its way to."""
+        return min(int(np.searchsorted(self._times, time, side="left")), len(self._times) - 1)
+
+    def _outside(self, row: int, column: int, time: float, value: float) -> Problem:
+        joint = self._joints[column]
+        allowed = f"{self._low[column]:g} to {self._high[column]:g} {_UNITS[joint.kind][0]}"
+        return self._problem(
+            row,
+            column,
+            f"{joint.name} goes beyond its limits at {time:.4g} s{self._draft.label(row)}",
+            found=f"{value:.6g} {_UNITS[joint.kind][0]}",
+            allowed=allowed,
         )
-        self._row = np.minimum(np.arange(len(self._times)) // len(BETWEEN) + 1, len(draft.times) - 1)
-        self._positions, self._speeds = positions(made).at(self._times, 1)
 
-    def _report(self, exceeded: np.ndarray, message: Callable[[int, int], Mapping[str, str]]) -> None:
-        """One problem for each joint that exceeds something, at its worst place; ``exceeded`` (times, joints), ≤ 0: it does
-        not."""
-        columns = np.flatnonzero((exceeded > 0.0).any(axis=0))
-        for column in columns[:MOST_REPORTED]:
-            worst = int(exceeded[:, column].argmax())
-            row = int(self._row[worst])
-            text = dict(message(worst, int(column)))
-            path = self._draft.place(row, self._draft.joints[column])
-            self.problems.append(self._source.document.problem(path, text.pop("message"), **text))
+    def _too_fast(self, column: int, time: float, speed: float, limit: float) -> Problem:
+        joint, row = self._joints[column], self._row(time)
+        unit = _UNITS[joint.kind][1]
+        return self._problem(
+            row,
+            column,
+            f"{joint.name} is faster than it may at {time:.4g} s{self._draft.label(row)}",
+            found=f"{speed:.4g} {unit}, {speed / limit:.3g} times its limit" if limit else f"{speed:.4g} {unit}",
+            allowed=f"up to {limit:g} {unit}",
+            hint="more time, or a shorter way",
+        )
 
-    def limits(self) -> None:
-        """Positions beyond the joints' limits, also between points."""
-        by_name = {body.joint.name: body.joint for body in self._world.bodies}
-        bounds = [by_name[name].position_limits or (-np.inf, np.inf) for name in self._draft.joints]
-        low, high = (np.array(side) for side in zip(*bounds, strict=True))
-        beyond = np.maximum(low - self._positions, self._positions - high)
-        # a spline swings over a point that stands at a limit by about a thousandth of its way
-        swing = 1e-3 * np.ptp(self._positions, axis=0) if len(self._draft.times) > 1 else 0.0
+    def _problem(self, row: int, column: int, message: str, **more: str) -> Problem:
+        return self._source.document.problem(self._draft.place(row, self._made.joints[column]), message, **more)
 
-        def message(at: int, column: int) -> dict[str, str]:
-            name, value = self._draft.joints[column], self._positions[at, column]
-            return {
-                "message": f"{name} goes beyond its limits {self._when(at)}",
-                "found": f"{value:.6g}",
-                "allowed": f"{low[column]:g} to {high[column]:g}",
-            }
 
-        self._report(beyond - swing, message)
+_UNITS = {"hinge": ("rad", "rad/s"), "slide": ("m", "m/s")}
 
-    def speeds(self, limits: Mapping[str, float]) -> None:
-        """Speeds above the joints' limits."""
-        if self._draft.values and self._source.file.trajectory.interpolation == "hold":
-            return  # a jump has no speed; the controller sees its whole error at once
-        allowed = np.array([limits.get(name, np.inf) for name in self._draft.joints])
 
-        def message(at: int, column: int) -> dict[str, str]:
-            name, value = self._draft.joints[column], abs(self._speeds[at, column])
-            return {
-                "message": f"{name} is faster than its velocity limit {self._when(at)}",
-                "found": f"{value:.4g}",
-                "allowed": f"up to {allowed[column]:g}",
-                "hint": "more time, or a shorter way",
-            }
+class _Worst:
+    """The largest excess of each joint so far, when, and the value there."""
 
-        self._report(np.abs(self._speeds) - allowed * (1.0 + SLACK), message)
+    def __init__(self, count: int):
+        self.excess, self.times, self.values = np.full(count, -np.inf), np.zeros(count), np.zeros(count)
 
-    def _when(self, at: int) -> str:
-        if self._source.file.trajectory.file is not None:
-            return self._draft.where(int(self._row[at]))
-        return f"at {self._times[at]:.4g} s"
+    def look(self, excess: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
+        """Take some more rows into account."""
+        rows, columns = excess.argmax(axis=0), np.arange(excess.shape[1])
+        worse = excess[rows, columns] > self.excess
+        for name, found in (
+            ("excess", excess[rows, columns]),
+            ("times", times[rows]),
+            ("values", values[rows, columns]),
+        ):
+            setattr(self, name, np.where(worse, found, getattr(self, name)))
