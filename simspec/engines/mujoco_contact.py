@@ -145,6 +145,18 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
         friction_cone="pyramid-inscribed",
     ),
     *_rows(
+        "push-oblong",
+        _NATIVE,
+        {
+            0.0005: {0.15: 0.04, 0.4: 0.14, 0.9: 0.18, 1.25: 0.24},
+            0.004: {0.4: 0.19, 0.9: 0.29, 1.25: 0.39},
+            0.008: {0.9: 0.43, 1.25: 0.94},
+            0.016: {0.15: 0.1, 0.9: 1.0},
+        },
+        hardness="native",
+    ),
+    *_rows("stop-oblong", _NATIVE, {0.0005: {0.9: 0.05, 1.25: 0.075}}, hardness="native"),
+    *_rows(
         "stop-oblong",
         f"{_LATE}; {_HOP}",
         {

@@ -101,7 +101,7 @@ _BY_STEP: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
 that slides at 16 ms too: no deviation covers that."""
 _SHARES: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
     "push-oblong": {
-        0.0005: (0.01, 0.01, 0.11, 0.11),
+        0.0005: (0.01, 0.01, 0.11, 0.13),
         0.001: (0.01, 0.01, 0.11, 0.5),
         0.002: (0.022, 0.28, 0.41, 0.61),
         0.004: (0.27, 0.35, 0.41, 0.61),
@@ -113,6 +113,11 @@ _SHARES: Mapping[str, Mapping[float, tuple[float, float, float, float]]] = {
         0.002: (0.022, 0.12, 0.3, 0.55),
         0.004: (0.08, 0.22, 0.3, 0.55),
         0.008: (0.15, 0.22, 0.65, 0.8),
+    },
+    "stop-oblong": {
+        0.004: (0.015, 0.015, 0.021, 0.022),
+        0.008: (0.021, 0.021, 0.054, 0.08),
+        0.016: (0.052, 0.066, 0.131, 0.2),
     },
     "stop": {0.004: (0.015, 0.015, 0.015, 0.02), 0.008: (0.06, 0.06, 0.06, 0.46), 0.016: (0.06, 0.06, 0.06, 1.1)},
 }
@@ -135,7 +140,7 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     *_rows(_SHARES, relative=True),
     Deviation("push-oblong", 0.24, _ASIDE, friction_cone="elliptic"),
     Deviation("stop-oblong", 0.33, _ASIDE, friction_cone="elliptic"),
-    Deviation("stop-oblong", 0.47, _HOPS, timestep=0.0072, restitution=0.81),
+    Deviation("stop-oblong", 0.47, f"{_HOPS}; {_ASIDE}", True, 0.0, 0.0072, 0.81, "elliptic"),
     Deviation("restitution", 0.1, _LATE, relative=False, timestep=0.0072, restitution=0.3),
     Deviation("rolling", 0.08, _ROLLING, timestep=0.0072),
     Deviation("stick", 2e-3, _SQUARE, False, friction=0.9, timestep=0.0144, friction_cone="pyramid-circumscribed"),

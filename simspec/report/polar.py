@@ -17,7 +17,7 @@ from simspec.proof.contact.probe import Figure
 PROBE = "push-oblong"
 """The oblong slider's: that friction has the right size and direction does not follow from a square one."""
 ASIDE = 0.02
-"""Of μ: what is further from the required force than this is joined to it by a stroke."""
+"""Of μ: what is further from the required force than this is joined to it by a stroke, and told."""
 MARKERS = ("o", "x", "+", "s", "^", "d")
 """One per engine, in order: readable on top of each other, and without colours."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -93,6 +93,7 @@ def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Se
     axis.plot(
         required[:, 0], required[:, 1], color="0.6", linewidth=2, label=f"required: {cone} ({SHAPES[cone]})", zorder=1
     )
+    off: list[str] = []
     for index, engine in enumerate(engines):
         if engine in by_engine:
             points = by_engine[engine].points
@@ -106,18 +107,27 @@ def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Se
                 zorder=2 + index,
                 **_colours(index),
             )
-            _strokes(axis, points, friction, cone, COLOURS[index % len(COLOURS)])
+            worst = _strokes(axis, points, friction, cone, COLOURS[index % len(COLOURS)])
+            if worst > ASIDE:
+                off.append(f"{engine}: {100 * worst:.2g} % of μ off")
+    axis.text(0.03, 0.03, "\n".join(off), transform=axis.transAxes, fontsize=6, va="bottom")
     axis.set_title(f"{subject}   μ = {friction:.4g}")
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)
     axis.axvline(0, color="0.85", linewidth=0.6, zorder=0)
 
 
-def _strokes(axis: Any, points: Sequence[tuple[float, ...]], friction: float, cone: str, colour: str) -> None:
-    """From the force that a direction requires to the one that was measured: on a circle, all points look right."""
+def _strokes(axis: Any, points: Sequence[tuple[float, ...]], friction: float, cone: str, colour: str) -> float:
+    """From the force that a direction requires to the one that was measured: on a circle, all points look right.
+
+    Returns the largest distance, over μ."""
+    worst = 0.0
     for angle, *measured in points:
         required = _required(angle, friction, cone)
-        if math.dist(required, measured) > ASIDE * friction:
-            axis.plot(*zip(required, measured, strict=True), color=colour, linewidth=0.7, zorder=1)
+        off = math.dist(required, measured) / friction
+        worst = max(worst, off)
+        if off > ASIDE:
+            axis.plot(*zip(required, measured, strict=True), color=colour, linewidth=1.6, zorder=1.5)
+    return worst
 
 
 def _required(angle: float, friction: float, cone: str) -> tuple[float, float]:

@@ -87,13 +87,16 @@ def test_a_force_of_the_right_size_and_the_wrong_direction_is_drawn_as_wrong(tmp
             strokes.append((x, y))
         return real(self, x, y, **more)
 
+    told = []
+    monkeypatch.setattr(Axes, "text", lambda self, x, y, text, **more: told.append(text))
     monkeypatch.setattr(Axes, "plot", plot)
     polar.polar_plot({"one": [push()]}, "elliptic", tmp_path / "right")
-    assert strokes == []
+    assert (strokes, told) == ([], [""])
     turn = complex(math.cos(0.3), math.sin(0.3))
     turned = [(angle, (complex(x, y) * turn).real, (complex(x, y) * turn).imag) for angle, x, y in push().points]
     polar.polar_plot({"one": [dataclasses.replace(push(), points=tuple(turned))]}, "elliptic", tmp_path / "turned")
     assert len(strokes) == 24
+    assert told[1] == "one: 30 % of μ off"  # 2 sin(0.15)
     for (x, y), point, wrong in zip(strokes, push().points, turned, strict=True):
         assert (x[0], y[0]) == pytest.approx(point[1:])
         assert (x[1], y[1]) == pytest.approx(wrong[1:])
