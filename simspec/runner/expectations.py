@@ -61,7 +61,7 @@ def _evaluate(run: Run, expectation: Expectation) -> Outcome:
     parameters = dict(expectation.parameters)
     measure = MEASURES[expectation.kind]
     bound = float(
-        next((parameters[key] for key in ("tolerance", "depth", "speed", "at_least") if key in parameters), 0.0)
+        next((parameters[key] for key in ("tolerance", "depth", "speed", "at_least", "distance") if key in parameters), 0.0)
     )
     if run.failed is not None or not run.recorded:
         return Outcome(expectation.kind, False, None, bound, "", f"the run failed: {run.failed}")
@@ -249,6 +249,19 @@ def _stays_within(run: Run, given: Parameters) -> Measured:
     return Measured(max(0.0, float(out[row])), 0.0, "m", f"{given['body']} at {_point(path[row])} {_at(run, row)}")
 
 
+def _keeps_place(run: Run, given: Parameters) -> Measured:
+    """The largest distance of a body from the place that it had in another body's frame at a time."""
+    first = _row(run, given["after"])
+    last = _row(run, given["until"]) if given.get("until") is not None else len(run.time) - 1
+    path, other = _path(run, given["body"])[first : last + 1], _path(run, given["within"])[first : last + 1]
+    turns = metrics.rotation_matrices(run.arrays["pose"][first : last + 1, run.index[given["within"]], 3:7])
+    places = np.einsum("tji,tj->ti", turns, path - other)
+    away = np.linalg.norm(places - places[0], axis=1)
+    row = int(away.argmax())
+    detail = f"{given['body']} {1e3 * away[row]:.4g} mm from its place in {given['within']} {_at(run, first + row)}"
+    return Measured(float(away[row]), given["distance"], "m", detail)
+
+
 def _bodies_apart(run: Run, given: Parameters) -> Measured:
     """The smallest distance of two bodies' origins."""
     apart = np.linalg.norm(_path(run, given["first"]) - _path(run, given["second"]), axis=1)
@@ -273,6 +286,7 @@ MEASURES: Mapping[str, Measure] = {
     "apex_height": _apex_height,
     "angular_speed": _angular_speed,
     "stays_within": _stays_within,
+    "keeps_place": _keeps_place,
     "bodies_apart": _bodies_apart,
 }
 """How each kind of expectation is measured. The language offers exactly these."""

@@ -180,6 +180,16 @@ KINDS: Mapping[str, Kind] = {
             "upper": Parameter(_POINT, "Corner of the largest coordinates"),
         },
     ),
+    "keeps_place": Kind(
+        "A body's frame keeps its place in another body's frame: what is held does not slip",
+        {
+            "body": _BODY,
+            "within": Parameter(Name(path=True), "Full name of the other body"),
+            "after": Parameter(_TIME, "Its place at this time is the one to keep"),
+            "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
+            "distance": Parameter(_LENGTH, "Largest distance from that place"),
+        },
+    ),
     "bodies_apart": Kind(
         "The origins of two bodies' frames never come closer than a distance",
         {
@@ -191,7 +201,7 @@ KINDS: Mapping[str, Kind] = {
 }
 """Every kind of expectation."""
 
-BODIES = ("body", "first", "second")
+BODIES = ("body", "first", "second", "within")
 """Parameters that name a body."""
 TIMES = ("at", "before", "until", "after")
 """Parameters that are times of the run."""

@@ -188,6 +188,45 @@ def test_a_target_whose_body_is_lost_is_missed():
     assert "no body 'x'" in unknown.detail
 
 
+def held(slip: float):
+    """A hand that travels and turns by half a turn a second, and what it holds, 0.1 m off, slipping after half a second."""
+
+    def of(t):
+        hand = np.stack([t, 0 * t, 0 * t, np.cos(np.pi * t / 2), 0 * t, 0 * t, np.sin(np.pi * t / 2)], axis=-1)
+        reach = 0.1 + slip * np.maximum(t - 0.5, 0.0) * 2.0
+        load = np.stack([t + reach * np.cos(np.pi * t), reach * np.sin(np.pi * t), 0 * t], axis=-1)
+        return hand, load
+
+    names = ("hand", "load")
+    found = run(world(*(free_body(name) for name in names)))
+    hand, load = of(found.time)
+    pose = found.arrays["pose"].copy()
+    pose[:, 0], pose[:, 1, :3] = hand, load
+    return dataclasses.replace(found, arrays={**found.arrays, "pose": pose})
+
+
+@pytest.mark.parametrize(
+    ("slip", "more", "distance", "passed"),
+    [
+        (0.0, {"after": 0.0}, 1e-12, True),
+        (0.004, {"after": 0.0}, 0.0041, True),
+        (0.004, {"after": 0.0}, 0.0039, False),
+        (0.004, {"after": 0.0, "until": 0.5}, 1e-12, True),
+        (0.004, {"after": 0.8}, 0.0017, True),
+        (0.004, {"after": 0.8}, 0.0015, False),
+    ],
+)
+def test_keeps_place(slip, more, distance, passed):
+    of = held(slip)
+    asked = expect("keeps_place", body="load", within="hand", distance=distance, **more)
+    (found,) = evaluate(dataclasses.replace(of, world=dataclasses.replace(of.world, expectations=(asked,))))
+    assert found.passed is passed
+    assert found.bound == distance
+    if not passed:
+        assert "load" in found.detail
+        assert "at 1 s" in found.detail
+
+
 def test_the_oracles_motion_is_not_that_of_what_is_driven():
     of = world(free_body("ball"), expect=(expect("follows_oracle", tolerance=1e9),))
     (found,) = evaluate(run(dataclasses.replace(of, controllers=(Controller("robot", ("elbow",)),))))
