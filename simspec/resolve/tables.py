@@ -4,21 +4,40 @@ from __future__ import annotations
 
 import csv
 import math
+import re
+import tokenize
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from simspec.errors import SpecError
-from simspec.spec.document import read_text
+from simspec.spec.document import LARGEST_FILE, read_text
 from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
+from simspec.spec.units import LARGEST
 
 LARGEST_NPZ = 64_000_000
-"""Bytes of all arrays together once unpacked: eight for each of the most numbers, in four arrays, and some more."""
+"""Bytes of the file, and of all its arrays together once unpacked: eight for each of the most numbers, in four arrays, and
+some more."""
+MOST_ARRAYS = 20
+"""Arrays of a file; six mean something."""
+NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,4})?")
+"""What a CSV may say; what Python reads besides (1_000, inf, digits of other scripts) is no number there."""
 SUFFIXES = {"": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "efforts"}
 """What stands behind the colon in a CSV's header, and what it is."""
 QUANTITIES = tuple(SUFFIXES.values())
+_UNREADABLE = (
+    *(OSError, ValueError, EOFError, KeyError, TypeError, SyntaxError, OverflowError),
+    *(
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+        tokenize.TokenError,
+    ),  # encrypted; damaged; headers that are no Python
+)
+"""What damaged and wicked archives raise within zipfile and numpy."""
 
 
 @dataclass
@@ -39,20 +58,26 @@ class Table:
 
 def read_table(path: Path) -> Table:
     """Read a table by its name's ending."""
-    if path.suffix == ".csv":
-        return _read_csv(path)
-    if path.suffix == ".npz":
-        return _read_npz(path)
-    return Table().refuse("no table that can be read", path.name, "a file that ends in .csv or .npz")
+    readers = {".csv": _read_csv, ".npz": _read_npz}
+    if path.suffix not in readers:
+        return Table().refuse("no table that can be read", path.name, "a file that ends in .csv or .npz")
+    try:
+        return readers[path.suffix](path)
+    except OSError as error:
+        return Table().refuse(f"cannot be read: {error.strerror}", path.name)
 
 
 def _read_csv(path: Path) -> Table:
     table = Table()
+    if path.stat().st_size > LARGEST_FILE:
+        found, allowed = f"{path.stat().st_size / 1e6:.1f} MB", f"{LARGEST_FILE / 1e6:g} MB"
+        return table.refuse("too large a table", found, allowed)
     try:
         text = read_text(path, path.name)
     except SpecError as error:
         for problem in error.problems:
-            table.refuse(str(problem))
+            where = f" in line {problem.location.line}" if problem.location else ""
+            table.refuse(f"{problem.message}{where}", problem.found, problem.allowed)
         return table
     lines = csv.reader(text.splitlines())
     try:
@@ -77,7 +102,7 @@ def _read_csv(path: Path) -> Table:
             if None in row:
                 at = row.index(None)
                 found = f"{fields[at].strip()[:40]!r} in line {lines.line_num}, column {header[at]}"
-                return table.refuse("a value is no finite number", found, "SI numbers alone, without units")
+                return table.refuse("a value is no usable number", found, "SI numbers alone, without units")
             rows.append([value for value in row if value is not None])
             if len(rows) > MOST_POINTS or len(rows) * len(header) > MOST_NUMBERS:
                 return table.refuse("too long a table", None, f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
@@ -120,25 +145,45 @@ def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
 
 
 def _number(text: str) -> float | None:
-    """A finite number, None for anything else."""
-    try:
-        value = float(text)
-    except ValueError:
+    """A number that may be used, None for anything else."""
+    if not NUMBER.fullmatch(text.strip()):
         return None
-    return value if math.isfinite(value) else None
+    value = float(text)
+    return value if abs(value) <= LARGEST else None
+
+
+def _npz_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an NPZ, whose headers are looked at before anything is unpacked. Raises ValueError with the reason."""
+    if path.stat().st_size > LARGEST_NPZ:
+        raise ValueError(f"more than {LARGEST_NPZ / 1e6:g} MB")
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        if len(entries) > MOST_ARRAYS:
+            raise ValueError(f"{len(entries)} arrays, more than {MOST_ARRAYS}")
+        total = 0
+        for entry in entries:
+            with archive.open(entry) as stream:
+                version = np.lib.format.read_magic(stream)
+                headers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                if version not in headers:
+                    raise ValueError(f"{entry.filename}: a format of version {version}")
+                shape, _, dtype = headers[version](stream)
+            if dtype.hasobject:
+                raise ValueError(f"{entry.filename} holds Python objects")
+            total += max(entry.file_size, math.prod(shape) * dtype.itemsize)
+            if total > LARGEST_NPZ:
+                raise ValueError(f"more than {LARGEST_NPZ / 1e6:g} MB unpacked")
+    with np.load(path, allow_pickle=False) as archive:
+        return {name: archive[name] for name in archive.files}
 
 
 def _read_npz(path: Path) -> Table:
     table = Table()
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST_NPZ:
-            return table.refuse("too large a table", f"{size / 1e6:.0f} MB unpacked", f"{LARGEST_NPZ / 1e6:g} MB")
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        return table.refuse(f"this NPZ cannot be read: {str(error)[:120]}", None, "arrays of numbers, no objects")
+        arrays = _npz_arrays(path)
+    except _UNREADABLE as error:
+        why = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
+        return table.refuse(f"this NPZ cannot be read: {why}", None, "arrays of numbers, no objects")
     unknown = sorted(arrays.keys() - {"time", "joints", *QUANTITIES})
     if unknown:
         table.refuse("arrays that mean nothing", ", ".join(unknown[:6]), f"time, joints, {', '.join(QUANTITIES)}")
@@ -159,14 +204,16 @@ def _read_npz(path: Path) -> Table:
         if values.dtype.kind not in "fiu" or values.shape != wanted or not len(values):
             found = f"{values.dtype} of shape {values.shape}"
             table.refuse(f"{name} has the wrong shape or kind", found, f"numbers of shape {wanted}")
-        elif not np.isfinite(values).all():
-            row = int(np.argwhere(~np.isfinite(values))[0][0])
-            table.refuse("a value is no finite number", f"in {name}, row {row}")
+        elif not (usable := np.abs(values.astype(float)) <= LARGEST).all():
+            place = np.argwhere(~usable)[0]
+            found = f"{values[tuple(place)]!s} in {name}, row {place[0] + 1}"
+            table.refuse("a value is no usable number", found, f"finite, of magnitude up to {LARGEST:g}")
     if shape[0] > MOST_POINTS or shape[0] * shape[1] > MOST_NUMBERS:
         table.refuse("too long a table", f"{shape[0]} rows", f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
     names = tuple(map(str, joints))
     if len(set(names)) != len(names):
         table.refuse("a joint is there twice", ", ".join(sorted({name for name in names if names.count(name) > 1})[:6]))
-    table.times, table.joints = time.astype(float), names
-    table.values = {name: values.astype(float) for name, values in arrays.items()}
+    if not table.wrong:
+        table.times, table.joints = time.astype(float), names
+        table.values = {name: values.astype(float) for name, values in arrays.items()}
     return table

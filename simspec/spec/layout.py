@@ -19,6 +19,7 @@ BLOCK_FIELDS = frozenset(
     (
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
         *("models", "positions", "velocities", "model", "control", "expect", "engines"),
+        *("grasps", "open", "closed", "forces", "trajectory", "points", "program"),
     )
 )
 """Fields that are always written over several lines, one entry each."""
