@@ -120,10 +120,19 @@ class MuJoCo(Engine):
         ),
         "friction_rate": Setting(
             100.0,
-            "Rate (1/s) at which friction takes back slip that it could stop at once, at most 0.3 a step. Higher: sliders "
-            "are thrown up (at μ = 1 and 5 m/s by 3.6 mm at 100, 29 mm at 300; 1 ms); lower: they stop too late (at 30 by "
-            "13 % of a 50 mm slide; at 100 by 1 %).",
+            "Rate (1/s) at which friction takes back slip that it could stop at once, at most friction_share a step. Higher: "
+            "sliders are thrown up (at μ = 1 and 5 m/s by 3.6 mm at 100, 29 mm at 300; 1 ms); lower: they stop too late (at "
+            "30 by 13 % of a 50 mm slide; at 100 by 1 %).",
             minimum=1e-3,
+        ),
+        "friction_share": Setting(
+            0.3,
+            "Most of a slip that friction takes back in one step. MuJoCo's cone is associated: where friction cannot stop a "
+            "slip, the normal velocity rises by μ times what was asked for. At 1, which stops a slip at once, a box of μ = 1 "
+            "that slides at 5 m/s hops 319 mm; at 0.3, 29 mm; at 0.1, 3.6 mm. What is held and carried, and never slides, "
+            "slips the less the higher it is: a hand that turns asks for a new direction in every step (measured).",
+            minimum=1e-3,
+            maximum=1.0,
         ),
         "friction_cushion": Setting(
             1e-4,

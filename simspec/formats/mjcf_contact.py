@@ -18,10 +18,6 @@ from simspec.world.types import Body, Hardness, PairContact, Surface, World
 MATERIAL_CLASS = "material/"
 """Prefix of the class of a material; shapes that only show are of class ``visual``."""
 VISUAL_CLASS = "visual"
-LARGEST_FRICTION_RATE = 0.3
-"""Share of a slip that friction's reference may take back in one step. MuJoCo's friction cone is associated: where friction
-cannot stop the slip, the normal velocity rises by μ times what the reference asked for. At 1, which stops a slip in
-one step, a box of μ = 1 sliding at 5 m/s hops 319 mm; at 0.3, 29 mm; at 0.1, 3.6 mm (measured)."""
 SPRING_IMPEDANCE = 1e-4
 """MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load beside its reference: at 1e-4 it is a spring-damper
 that gives way to all of it, whatever the number of points that share it."""
@@ -120,7 +116,7 @@ def friction_reference(world: World, target: Target, kind: str) -> tuple[float, 
     """
     if kind == "native":
         return (0.0, 0.0)
-    fastest = LARGEST_FRICTION_RATE / world.physics.timestep
+    fastest = float(target.settings["friction_share"]) / world.physics.timestep
     if kind in COMPLIANT:
         return (0.0, 0.0 - fastest * SPRING_IMPEDANCE)
     return (0.0, 0.0 - min(float(target.settings["friction_rate"]), fastest))
