@@ -18,9 +18,9 @@ from simspec.spec.trajectory import BY_JOINT
 from simspec.world.control import Trajectory
 from simspec.world.types import World
 
-BETWEEN = np.linspace(0.0, 1.0, 17)
+BETWEEN = np.linspace(0.0, 1.0 - 1e-9, 17)
 """Where between two points positions and speeds are looked at. A cubic's speed is a parabola, a quintic's of fourth degree:
-a thousandth of the largest can be missed."""
+a thousandth of the largest can be missed. The end itself belongs to what follows, or to rest."""
 AT_ONCE = 500_000
 """Numbers that are looked at together."""
 SHORTEST = 1e-9
@@ -258,7 +258,7 @@ class _Check:
 
     def _row(self, time: float) -> int:
         """The point that the trajectory is on its way to."""
-        return min(int(np.searchsorted(self._times, time, side="left")), len(self._times) - 1)
+        return min(int(np.searchsorted(self._times, time, side="right")), len(self._times) - 1)
 
     def _outside(self, row: int, column: int, time: float, value: float) -> Problem:
         joint = self._joints[column]
