@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from simspec.control.native import fed_forward
 from simspec.engines.base import Engine, check_settings, engines, find_engine, resolve_settings
 from simspec.errors import Location, Problem, SpecError, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
@@ -65,7 +66,7 @@ def compile_world(
     Raises UnsupportedError with every problem of every target together.
     """
     found: dict[str, Compiled] = {}
-    problems: list[Problem] = check_options(world, locate)
+    problems: list[Problem] = [*check_options(world, locate), *check_control(world, locate)]
     for name in _engine_names(targets):
         try:
             found[name] = _compile_engine(world, find_engine(name), locate, (plans or {}).get(name))
@@ -171,6 +172,23 @@ def check_options(world: World, locate: Callable[[str], Location | None] = _nowh
                         )
                     )
     return [dataclasses.replace(problem, location=locate(problem.path)) for problem in problems]
+
+
+def check_control(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:
+    """The problems of engines' own controllers that no engine can solve: one for each controller."""
+    fed: dict[str, list[str]] = {}
+    for controller, joint in fed_forward(world):
+        fed.setdefault(controller, []).append(joint)
+    return [
+        Problem(
+            "an engine's own controller takes no feed-forward efforts, and the trajectory has some for its joints",
+            f"control.{name}",
+            locate(f"control.{name}"),
+            found=", ".join(joints),
+            hint="law: pd takes them; or leave efforts (and a grasp's squeeze) out of the trajectory",
+        )
+        for name, joints in fed.items()
+    ]
 
 
 def write_folder(files: Mapping[str, str], folder: Path) -> None:

@@ -67,6 +67,8 @@ class Feature(StrEnum):
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
     COLLISION_GROUPS = "contact.groups"
     EXCLUDED_PAIRS = "contact.exclude"
+    CONTROL = "control"
+    CONTROL_NATIVE = "control.native"
     GRAVITY = "physics.gravity"
     TIMESTEP = "physics.timestep"
 
@@ -119,6 +121,8 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
     Feature.COLLISION_GROUPS: "collision groups that ignore each other",
     Feature.EXCLUDED_PAIRS: "pairs of bodies that do not touch",
+    Feature.CONTROL: "control laws, written once and given as efforts",
+    Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",
     Feature.GRAVITY: "gravity, any direction",
     Feature.TIMESTEP: "the length of one step",
 }
@@ -141,8 +145,8 @@ _ORDER = list(Level)
 class Support:
     """One declaration: the level, how (or why not), and tests of the world.
 
-    ``only_if``, for OUTSIDE, takes the world and gives None, or the reason why this world is not covered (then the feature
-    counts as unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
+    ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
+    unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
     difference (then it counts as VIA_API, and needs no acceptance), or None.
     """
 
@@ -269,6 +273,8 @@ def needs(world: World) -> list[Need]:
     for root, bodies in trees(world).items():
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")
+    for controller in world.controllers:
+        note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
     _contact_needs(world, note)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
@@ -329,7 +335,7 @@ def negotiate(
     for need in [*needs(world), *extra_needs]:
         support = table[need.feature]
         level, how = support.level, support.how
-        if level is Level.OUTSIDE and support.only_if is not None and (reason := support.only_if(world)):
+        if support.only_if is not None and (reason := support.only_if(world)):
             level, how = Level.UNSUPPORTED, reason
         if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
             level, how = Level.VIA_API, reason

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simspec.control.native import Aims, Native, natives
 from simspec.control.reference import Reference
 from simspec.errors import SimspecError
 from simspec.world.control import Controller
@@ -61,12 +62,12 @@ class _Rows:
 def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
     """The laws of ``joints``, as acceleration or effort = (A − stiffness q − damping v) / divisor, A from the reference."""
     count, dt = len(joints), world.physics.timestep
-    place = {name: index for index, name in enumerate(reference.joints)}
+    law = {name: (one, index) for one in world.controllers for index, name in enumerate(one.joints)}
+    place = {name: index for index, name in enumerate(reference.joints) if name in law}
     columns = np.array([place.get(name, -1) for name in joints], dtype=int)
     implicit, torque, gravity = (np.zeros(count, dtype=bool) for _ in range(3))
     stiffness, damping, divisor = np.zeros(count), np.zeros(count), np.ones(count)
     limit = np.full(count, np.inf)
-    law = {name: (one, index) for one in world.controllers for index, name in enumerate(one.joints)}
     for row, name in enumerate(joints):
         if name not in law:
             continue
@@ -90,7 +91,7 @@ class _Group:
     """The driven joints of one tree; with dynamics, all its joints, in Pinocchio's order."""
 
     def __init__(self, world: World, bodies: tuple[Body, ...], reference: Reference):
-        driven = set(reference.joints)
+        driven = {name for one in world.controllers for name in one.joints}
         movers = [body for body in bodies if body.joint.kind != "fixed"]
         self._timestep = world.physics.timestep
         self._tree: Any = None
@@ -184,16 +185,19 @@ def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -
 
 
 class Control:
-    """All effort-giving controllers of a world at work.
+    """All controllers of a world at work.
 
     ``q_places`` and ``v_places``: where the joints that it reads and drives stand in the world's generalised coordinates;
-    ``joints``: their names. Give it the live joints in this order with :meth:`drive`.
+    ``joints``: their names. Give it the live joints in this order with :meth:`advance`. ``native``: those of them that the
+    engine's own controllers drive (None: no such joint), at ``native_places`` among ``joints``; their efforts are given as
+    zero, and in ``applied`` they are NaN: only the engine knows them.
     Raises ControlError where a law cannot work.
     """
 
     def __init__(self, world: World, reference: Reference):
         lawful = tuple(one for one in world.controllers if one.law != "native")
         given = {name for one in lawful for name in one.joints}
+        self.native = Native(world, reference) if natives(world) else None
         world = dataclasses.replace(world, controllers=lawful)
         self._groups = [
             _Group(world, bodies, reference)
@@ -204,13 +208,23 @@ class Control:
         index = {body.name: number for number, body in enumerate(world.bodies)}
         order = [index[name] for group in self._groups for name in group.bodies]
         self.joints = [name for group in self._groups for name in group.joints]
-        self.q_places = np.array([where.position[number].start for number in order], dtype=int)
-        self.v_places = np.array([where.velocity[number].start for number in order], dtype=int)
         limits = [group.rows.limit for group in self._groups]
-        self._limit = np.concatenate(limits) if limits else np.zeros(0)
-        self.driven = np.concatenate([group.rows.driven for group in self._groups]) if limits else np.zeros(0, bool)
+        driven = [group.rows.driven for group in self._groups]
         sizes = np.cumsum([0, *(len(group.joints) for group in self._groups)])
         self._slices = [slice(first, last) for first, last in itertools.pairwise(sizes)]
+        own = self.native
+        if own is not None:  # some may be there already: laws with dynamics read all joints of their trees
+            more = [k for k, name in enumerate(own.joints) if name not in set(self.joints)]
+            order += [index[own.bodies[k]] for k in more]
+            self.joints += [own.joints[k] for k in more]
+            limits.append(np.full(len(more), np.inf))
+            driven.append(np.ones(len(more), dtype=bool))
+        self.native_places = np.array([self.joints.index(name) for name in own.joints] if own else [], dtype=int)
+        self.q_places = np.array([where.position[number].start for number in order], dtype=int)
+        self.v_places = np.array([where.velocity[number].start for number in order], dtype=int)
+        self._limit = np.concatenate(limits) if limits else np.zeros(0)
+        self.driven = np.concatenate(driven) if limits else np.zeros(0, bool)
+        self.driven[self.native_places] = True
         count = len(order)
         self.target, self.applied = np.zeros(count), np.zeros(count)
         """q* at the end of the last step, and the efforts of that step."""
@@ -220,10 +234,14 @@ class Control:
         """Steps in which an effort was clipped, by joint."""
         self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0}
 
-    def advance(self, joints: Joints, first: int, count: int) -> None:
-        """Do steps ``first`` … ``first + count − 1`` of the run."""
+    def advance(self, joints: Joints, first: int, count: int, servos: Aims | None = None) -> None:
+        """Do steps ``first`` … ``first + count − 1`` of the run; with ``native`` joints, ``servos`` are told where to go."""
+        if (self.native is None) != (servos is None):
+            raise ControlError(
+                "an engine's own controllers are told where to go where the world has such, and nowhere else"
+            )
         for start in range(first, first + count, CHUNK):
-            self._chunk(joints, start, min(CHUNK, first + count - start))
+            self._chunk(joints, start, min(CHUNK, first + count - start), servos)
 
     def follow(self, joints: Joints, steps: int, every: int) -> np.ndarray:
         """Do ``steps`` steps; returns the positions (n, driven joints in the world's order) before them and after every
@@ -235,14 +253,20 @@ class Control:
             rows.append(joints.read()[0][order])
         return np.array(rows)
 
-    def _chunk(self, joints: Joints, first: int, count: int) -> None:
+    def _chunk(self, joints: Joints, first: int, count: int, servos: Aims | None) -> None:
         begun = time.perf_counter()
-        targets = np.concatenate([group.prepare(first, count) for group in self._groups], axis=1)
+        targets = np.zeros((count, len(self.joints)))
+        for group, part in zip(self._groups, self._slices, strict=True):
+            targets[:, part] = group.prepare(first, count)
+        if self.native is not None:
+            positions, velocities, targets[:, self.native_places] = self.native.prepare(first, count)
+        aim = None if servos is None else servos.aim
         seen, given = np.empty_like(targets), np.empty_like(targets)
         read, step, limit = joints.read, joints.step, self._limit
         lowest = -limit
         pairs = list(zip(self._groups, self._slices, strict=True))
-        alone = self._groups[0].effort if len(pairs) == 1 else None
+        alone = self._groups[0].effort if len(pairs) == 1 and len(self._groups[0].joints) == len(self.joints) else None
+        wanted = np.zeros(len(self.joints))
         clock, cpu_clock, minimum, maximum = time.perf_counter, time.process_time, np.minimum, np.maximum
         stepped = cpu = 0.0
         for k in range(count):
@@ -252,7 +276,10 @@ class Control:
             if alone is not None:
                 wanted = alone(k, q, v)
             else:
-                wanted = np.concatenate([group.effort(k, q[part], v[part]) for group, part in pairs])
+                for group, part in pairs:
+                    wanted[part] = group.effort(k, q[part], v[part])
+            if aim is not None:
+                aim(positions[k], velocities[k])
             given[k] = wanted
             effort = maximum(minimum(wanted, limit), lowest)
             start, cpu_start = clock(), cpu_clock()
@@ -265,6 +292,7 @@ class Control:
         self.clipped += (np.abs(given) > limit).sum(axis=0)
         self.target = targets[-1]
         self.applied = np.clip(given[-1], lowest, limit)
+        self.applied[self.native_places] = np.nan
         self.seconds["step"] += stepped
         self.seconds["cpu"] += cpu
         self.seconds["control"] += time.perf_counter() - begun - stepped

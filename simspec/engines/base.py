@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -162,6 +162,14 @@ class Engine:
         """Quick access to some hinges and slides, at the places ``q`` and ``v`` (n,) of their coordinates."""
         return Actuation(self, q, v)
 
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        """Let the engine's own controllers drive some hinges and slides, at the places ``q`` and ``v`` (n,) of their
+        coordinates, until it is loaded again. ``stiffness`` (n,), 0 for control of velocity, ``damping`` (n,), ``limit`` (n,):
+        the largest effort, infinite for none. What becomes of them is declared under ``control.native``."""
+        raise EngineError(self.NAME, "has no controller of its own")
+
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
         raise NotImplementedError
@@ -209,6 +217,28 @@ class Actuation:
             raise RuntimeError("read first")
         self._effort[self._v] = effort
         self._engine.step(1, self._effort)
+
+
+class Servos(Protocol):
+    """An engine's own controllers at work."""
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Where the joints should be and how fast, each (n,), for the next step; to be called before every step."""
+
+
+def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:
+    """How fast (1/s) a motor that sets velocities takes back an error: kp / (kd + dt kp); 0 without kp.
+
+    Such a motor makes v' = v* + rate (q* − q). That is the law kp (q* − q) + kd (v* − v) at the end of the step, of a joint
+    whose inertia is nothing beside kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
+    """
+    divisor = damping + timestep * stiffness
+    return np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+
+
+def motor_limit(stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The largest effort of such motors: none where a joint has neither kp nor kd."""
+    return np.where((stiffness > 0.0) | (damping > 0.0), limit, 0.0)
 
 
 def empty_contacts() -> dict[str, np.ndarray]:

@@ -12,13 +12,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
-from simspec.engines.dart_actuation import JointArrays
+from simspec.engines.base import Actuation, Deviation, Engine, Servos, Setting, empty_contacts, restore_velocities
+from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules
-from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
@@ -61,6 +61,9 @@ def _armature_covered(world: World) -> str | None:
         armed = [body.name for body in bodies if body.joint.armature]
         if not armed:
             continue
+        served = natively_driven(bodies, world)
+        if served:
+            return f"{served[0]!r} has DART's own controller, whose impulses would not feel the armature"
         for body in bodies:
             if body.joint.dry_friction or body.joint.position_limits is not None:
                 return f"{body.name!r} has dry friction or position limits, whose impulses would not feel the armature"
@@ -132,6 +135,8 @@ class Dart(Engine):
         ),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
         Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
     }
@@ -196,6 +201,7 @@ class Dart(Engine):
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",
         "shape.name": "DART makes up its own names of shapes",
+        "control.native": "DART's own controllers are switched on when a run begins",
         "collision_group": "DART does not list its filter; it is probed instead",
     }
 
@@ -252,6 +258,11 @@ class Dart(Engine):
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         quick = JointArrays.suits(self._simulation)
         return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        return JointServos(self._simulation, v, stiffness, damping, limit)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation

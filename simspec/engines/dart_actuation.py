@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from simspec.engines.base import Actuation, Engine
+from simspec.engines.base import Actuation, Engine, motor_limit, motor_rate
 from simspec.engines.dart_simulation import Simulation
+from simspec.world.kinematics import natively_driven
+from simspec.world.types import World
+
+NATIVE = (
+    "DART's servo, a motor for velocity that makes v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the "
+    "limit: errors vanish with the time constant kd/kp whatever the inertia, and do not sag under gravity; kp and kd count by "
+    "their ratio alone. The joint's damping is then DART's own, implicit in time"
+)
+
+
+def no_springs(world: World) -> str | None:
+    """None unless a natively driven joint has a spring."""
+    sprung = [body.name for body in world.bodies if body.joint.spring_stiffness]
+    served = [name for name in natively_driven(world.bodies, world) if name in sprung]
+    return f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring" if served else None
 
 
 class JointArrays(Actuation):
@@ -41,3 +58,34 @@ class JointArrays(Actuation):
             total[dofs] = effort[rows]
             skeleton.setForces(total)
         self._sim.plain_step()
+
+
+class JointServos:
+    """Some hinges and slides with DART's actuator type SERVO."""
+
+    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+        self._rate = motor_rate(stiffness, damping, sim.timestep)
+        limit = motor_limit(stiffness, damping, limit)
+        order = {int(place): index for index, place in enumerate(v)}
+        kind = sim.dartpy.dynamics.ActuatorType.SERVO
+        self._trees: list[tuple[Any, list[int], np.ndarray]] = []
+        for tree in sim.coordinates.trees:
+            places = [(start, order[place]) for start, place in tree.straight if place in order]
+            if not places:
+                continue
+            dofs, rows = (np.array(part, dtype=int) for part in zip(*places, strict=True))
+            every = [tree.skeleton.getJoint(index) for index in range(tree.skeleton.getNumJoints())]
+            joints = {joint.getIndexInSkeleton(0): joint for joint in every if joint.getNumDofs() == 1}
+            for dof, row in places:
+                joint = joints[dof]
+                joint.setActuatorType(kind)
+                joint.setForceLowerLimit(0, -limit[row])
+                joint.setForceUpperLimit(0, limit[row])
+                # DART drops the efforts that are set on a servo's joint, in which the joint's damping is otherwise
+                joint.setDampingCoefficient(0, sim.efforts.damping[tree.dofs][dof])
+            self._trees.append((tree.skeleton, dofs.tolist(), rows))
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        for skeleton, dofs, rows in self._trees:
+            away = position[rows] - skeleton.getPositions()[dofs]
+            skeleton.setCommands(dofs, velocity[rows] + self._rate[rows] * away)

@@ -14,11 +14,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import Actuation, Deviation, Engine, Servos, Setting, empty_contacts, restore_velocities
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
+from simspec.engines.mujoco_control import NATIVE, Drive, explicit_servos_hold
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
-from simspec.features import EXACT, Feature, Table, approximate, unsupported
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.formats.contact_plan import Rules
 from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
@@ -57,6 +58,8 @@ class MuJoCo(Engine):
         Feature.TREE_DEPTH: unsupported(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, explicit_servos_hold),
         **CONTACT_SUPPORT,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
@@ -192,6 +195,8 @@ class MuJoCo(Engine):
         except (ValueError, mujoco.FatalError) as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
         self._check_flags()
+        # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self._sidecar = sidecar
         self.data = mujoco.MjData(self.model)
         self._probe = mujoco.MjData(self.model)
@@ -312,6 +317,12 @@ class MuJoCo(Engine):
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         return _Actuation(self, self._q[q], self._v[v])
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        self.model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        return Drive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
 
     def energy(self) -> tuple[float, float]:
         mujoco, probe = self._mujoco, self._at_state()

@@ -17,6 +17,7 @@ from simspec.world.types import (
     VELOCITY_SIZE,
     Body,
     HeldPair,
+    HeldServo,
     Inertial,
     Joint,
     Pose,
@@ -43,6 +44,8 @@ HALVED = {
     "plane": (),
 }
 """Which numbers of a geom's size are half lengths."""
+SERVO = (0, 0, 0, 1)
+"""MuJoCo's numbers of an actuator on a joint, without dynamics, with a fixed gain and an affine bias."""
 CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
 GROUP_IS_VISUAL = {0: True, 2: True, 3: False, 4: False}
@@ -103,6 +106,7 @@ class _ReadBack:
             CONE_NAMES[int(option.cone)],
             dict(UNREADABLE),
             self._pairs(),
+            self._servos(),
         )
 
     def _body(self, index: int, name: str, model_name: str) -> Body:
@@ -188,6 +192,29 @@ class _ReadBack:
             (red, green, blue, alpha),
             surfaces,
         )
+
+    def _servos(self) -> tuple[HeldServo, ...]:
+        """The actuators, of which each must be a position or velocity controller of one joint."""
+        model = self._model
+        found = []
+        for index in range(model.nu):
+            joint = self._names["JOINT"][int(model.actuator_trnid[index, 0])]
+            kinds = (model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype, model.actuator_biastype)
+            gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
+            kp, kd = -float(bias[1]) + 0.0, -float(bias[2]) + 0.0
+            plain = (
+                tuple(int(kind[index]) for kind in kinds) == SERVO
+                and model.actuator_gear[index].tolist() == [1.0] + [0.0] * 5
+            )
+            if not plain or model.actuator_ctrllimited[index] or bias[0] or gain[0] != (kp or kd) or gain[1:].any():
+                raise EngineError("mujoco", f"the actuator of {joint!r} is no position or velocity controller")
+            limit = None
+            if model.actuator_forcelimited[index]:
+                lower, limit = model.actuator_forcerange[index].tolist()
+                if lower != -limit:
+                    raise EngineError("mujoco", f"the effort limit of {joint!r}'s actuator is not the same both ways")
+            found.append(HeldServo(joint, kp, kd, limit))
+        return tuple(found)
 
     def _pairs(self) -> tuple[HeldPair, ...]:
         """The explicit pairs, sorted; MuJoCo's own inverse masses turn its accelerations back into forces."""

@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, restore_velocities
-from simspec.engines.pybullet_actuation import JointArrays
+from simspec.engines.base import Actuation, Engine, Servos, Setting, empty_contacts, restore_velocities
+from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts
 from simspec.engines.pybullet_probe import Probe
@@ -26,7 +26,7 @@ from simspec.engines.pybullet_readback import read_back
 from simspec.engines.pybullet_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules
-from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
 _NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
@@ -42,6 +42,9 @@ def _armature_covered(world: World) -> str | None:
         armed = [body.name for body in bodies if body.joint.armature]
         if not armed:
             continue
+        served = natively_driven(bodies, world)
+        if served:
+            return f"{served[0]!r} has PyBullet's own controller, whose impulses would not feel the armature"
         kinds = {body.joint.kind for body in bodies}
         if not kinds <= {"fixed", "hinge", "slide"}:
             return f"the tree of {armed[0]!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
@@ -126,6 +129,8 @@ class PyBullet(Engine):
             "PyBullet has the elliptic cone and the circumscribed pyramid only"
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_dry_friction),
         Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
         Feature.GRAVITY: via_api("setGravity"),
@@ -181,6 +186,7 @@ class PyBullet(Engine):
         "friction_cone": "PyBullet does not give back its contact settings",
         "shape.name": "PyBullet does not keep the names of shapes",
         "shape.colour": "PyBullet keeps colours in single precision",
+        "control.native": "PyBullet's own controllers are switched on when a run begins",
         "collision_group": "PyBullet does not give back its collision masks; the filter is probed instead",
     }
 
@@ -258,6 +264,11 @@ class PyBullet(Engine):
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         quick = not self._outside.needed
         return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        return JointServos(self._simulation, v, stiffness, damping, limit)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation

@@ -4,8 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Engine
-from simspec.engines.pybullet_simulation import Simulation
+from simspec.engines.base import Actuation, Engine, motor_limit, motor_rate
+from simspec.engines.pybullet_simulation import UNCLAMPED, Simulation
+from simspec.world.kinematics import natively_driven
+from simspec.world.types import World
+
+NATIVE = (
+    "POSITION_CONTROL with positionGain kp dt/(kd + dt kp) and velocityGain 1, a motor for velocity that makes "
+    "v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the limit: errors vanish with the time constant kd/kp "
+    "whatever the inertia, and do not sag under gravity; kp and kd count by their ratio alone"
+)
+
+
+def no_dry_friction(world: World) -> str | None:
+    """None unless a natively driven joint has dry friction."""
+    rough = [body.name for body in world.bodies if body.joint.dry_friction]
+    served = [name for name in natively_driven(world.bodies, world) if name in rough]
+    return f"PyBullet has one motor a joint, which is {served[0]!r}'s dry friction" if served else None
 
 
 class JointArrays(Actuation):
@@ -40,3 +55,33 @@ class JointArrays(Actuation):
             forces = (effort if rows is None else effort[rows]).tolist()
             p.setJointMotorControlArray(uid, links, p.TORQUE_CONTROL, forces=forces, physicsClientId=sim.client)
         sim.advance(1)
+
+
+class JointServos:
+    """Some hinges and slides with PyBullet's own position controller."""
+
+    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+        self._sim = sim
+        gain = motor_rate(stiffness, damping, sim.sidecar["timestep"]) * sim.sidecar["timestep"]
+        limit = np.minimum(motor_limit(stiffness, damping, limit), UNCLAMPED)
+        order = {int(place): index for index, place in enumerate(v)}
+        self._trees = []
+        for tree in sim.trees:
+            links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
+            if links:
+                rows = np.array([order[link.v.start] for link in links], dtype=int)
+                fixed = {
+                    "positionGains": gain[rows].tolist(),
+                    "velocityGains": [1.0] * len(links),
+                    "forces": limit[rows].tolist(),
+                    "physicsClientId": sim.client,
+                }
+                self._trees.append((tree.uid, [link.link for link in links], rows, fixed))
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        p = self._sim.bullet
+        for uid, links, rows, fixed in self._trees:
+            where, speed = position[rows].tolist(), velocity[rows].tolist()
+            p.setJointMotorControlArray(
+                uid, links, p.POSITION_CONTROL, targetPositions=where, targetVelocities=speed, **fixed
+            )

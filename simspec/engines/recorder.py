@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.control.law import Control
 from simspec.control.request import from_request
-from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine
+from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine, Servos
 
 
 class _Stepper:
@@ -19,12 +19,17 @@ class _Stepper:
         self._engine, self.control = engine, control
         self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0} if control is None else control.seconds
         self._joints: Actuation | None = None
+        self._servos: Servos | None = None
         if control is not None:
             self._joints = engine.actuate(control.q_places, control.v_places)
+            own, at = control.native, control.native_places
+            if own is not None:
+                places = control.q_places[at], control.v_places[at]
+                self._servos = engine.track(*places, own.stiffness, own.damping, own.limit)
 
     def advance(self, done: int, count: int) -> None:
         if self.control is not None and self._joints is not None:
-            self.control.advance(self._joints, done, count)
+            self.control.advance(self._joints, done, count, self._servos)
             return
         cpu = time.process_time()
         wall = time.perf_counter()
@@ -41,7 +46,8 @@ def record(
     ``arrays`` may hold q and v (another initial state), and with ``operation["control"]`` the references of the controllers
     (see ``control/request.py``). Row k of every array is the state *after* step ``step[k]``, the initial state first. Contacts
     are ragged: ``contact.row`` says to which row each belongs. ``control.target`` and ``control.effort`` (rows, joints): q* at
-    the row's time, and the efforts of the step before it (zero in the first row), of the result's ``control.joints``.
+    the row's time, and the efforts of the step before it (zero in the first row; NaN for what the engine's own controllers
+    drive), of the result's ``control.joints``.
 
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),

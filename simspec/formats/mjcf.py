@@ -114,6 +114,11 @@ GEOM_DEFAULTS: Attributes = (
     ("mass", "0"),
     ("rgba", "0.7 0.7 0.7 1"),
 )
+ACTUATOR: Attributes = (
+    ("ctrllimited", "false"),
+    ("gear", "1 0 0 0 0 0"),  # gains are on the joint's side
+)
+"""Of position and velocity actuators, the engine's own controllers (law ``native``)."""
 DEFAULT_COLOUR = (0.7, 0.7, 0.7, 1.0)
 
 CONES = {"elliptic": "elliptic", "pyramid-inscribed": "pyramidal"}
@@ -156,6 +161,7 @@ class Mjcf(Format):
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
         Feature.RESTITUTION: approximate("a reference velocity of the contact constraint, −e times the approach speed"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
     }
@@ -179,6 +185,7 @@ class Mjcf(Format):
             "classes": classes(world, target),
             "events": _events(order, masks),
             "pairs": pairs,
+            "actuators": _actuators(world),
             "excludes": [
                 (file_name(a), file_name(b)) for a, b in sorted({*excluded_pairs_to_write(moved), *group_excludes})
             ],
@@ -230,6 +237,18 @@ def _check(world: World) -> None:
         for body in world.bodies
         if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
     ]
+    problems.extend(
+        Problem(
+            "MuJoCo has no actuator whose largest effort is zero",
+            f"control.{one.name}.effort_limit",
+            found=joint,
+            hint="leave the joint out of the controller, or give it an effort limit above zero",
+        )
+        for one in world.controllers
+        if one.law == "native"
+        for joint, limit in zip(one.joints, one.effort_limits, strict=True)
+        if limit == 0.0
+    )
     problems.extend(check_laws(world))
     if problems:
         raise UnsupportedError(problems)
@@ -300,6 +319,23 @@ def _joint(joint: Joint) -> dict[str, Any]:
     if ratings != (None, None):
         more.append(("user", numbers(NO_RATING if rating is None else rating for rating in ratings)))
     return {"name": joint.name, "type": joint.kind, "more": more}
+
+
+def _actuators(world: World) -> list[dict[str, Any]]:
+    """A position actuator for each natively driven joint; without kp a velocity actuator."""
+    found = []
+    for controller in world.controllers:
+        if controller.law != "native":
+            continue
+        for name, kp, kd, limit in zip(
+            controller.joints, controller.kp, controller.kd, controller.effort_limits, strict=True
+        ):
+            more: list[tuple[str, str]] = [("kp", number(kp))] if kp else []
+            more += [("kv", number(kd)), *ACTUATOR, ("forcelimited", "false" if limit is None else "true")]
+            if limit is not None:
+                more.append(("forcerange", numbers((-limit, limit))))
+            found.append({"type": "position" if kp else "velocity", "name": name, "joint": name, "more": more})
+    return found
 
 
 def _geom(shape: Shape, mask: Attributes) -> dict[str, Any]:

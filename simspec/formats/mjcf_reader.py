@@ -22,6 +22,7 @@ from simspec.world.types import (
     VELOCITY_SIZE,
     Body,
     HeldPair,
+    HeldServo,
     Inertial,
     Joint,
     Pose,
@@ -69,6 +70,7 @@ def read_folder(folder: Path) -> ReadBack:
         CONE_NAMES[option["cone"]],
         dict(UNREADABLE),
         reader.pairs(),
+        reader.servos(),
     )
 
 
@@ -237,6 +239,27 @@ class _Reader:
             held = self._surface(given, (one, torsion, roll), inverse[first] + inverse[second])
             found.append(HeldPair(first, second, held))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))
+
+    def servos(self) -> tuple[HeldServo, ...]:
+        """The actuators: position with kp and kv, velocity with kv; all on one joint, without gear."""
+        if self._root.find("actuator") is None:
+            return ()
+        found = []
+        for element in self.section("actuator"):
+            given = element.attrib
+            if element.tag not in ("position", "velocity") or given["ctrllimited"] != "false":
+                raise ValueError(f"the actuator {given['name']!r} is not one that is read")
+            if _floats(given["gear"]) != (1.0, 0.0, 0.0, 0.0, 0.0, 0.0) or ("kp" in given) != (
+                element.tag == "position"
+            ):
+                raise ValueError(f"the actuator {given['name']!r} has a gear, or no or needless kp")
+            limit = None
+            if given["forcelimited"] == "true":
+                lower, limit = _floats(given["forcerange"])
+                if lower != -limit:
+                    raise ValueError(f"the effort limit of the actuator {given['name']!r} is not the same both ways")
+            found.append(HeldServo(given["joint"], float(given.get("kp", "0")), float(given["kv"]), limit))
+        return tuple(found)
 
     def _inverse_masses(self) -> dict[str, float]:
         """1/m of the body of each geom; 0 of bodies without a joint up to the world."""

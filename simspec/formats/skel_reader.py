@@ -29,7 +29,10 @@ SIZES: Mapping[str, tuple[tuple[str, ...], float]] = {
 }
 """Of each geometry the elements that give the size, and their factor."""
 
-UNREADABLE = {"collision_group": "the files carry what touches what, not the names of groups"}
+UNREADABLE = {
+    "collision_group": "the files carry what touches what, not the names of groups",
+    "control.native": "the engine's own controllers are switched on when a run begins",
+}
 
 
 def _text(element: ElementTree.Element, path: str) -> str:

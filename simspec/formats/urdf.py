@@ -116,6 +116,8 @@ class Urdf(Format):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+        Feature.CONTROL: EXACT,
+        Feature.CONTROL_NATIVE: EXACT,
         Feature.GRAVITY: via_api(_SIDECAR),
         Feature.TIMESTEP: via_api(_SIDECAR),
     }

@@ -33,7 +33,10 @@ from simspec.world.types import (
 
 KINDS = {"fixed": "fixed", "revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
 
-UNREADABLE = {"collision_group": "the files carry what touches what, not the names of groups"}
+UNREADABLE = {
+    "collision_group": "the files carry what touches what, not the names of groups",
+    "control.native": "the engine's own controllers are switched on when a run begins",
+}
 
 
 @dataclass(slots=True)

@@ -110,6 +110,8 @@ class _Comparison:
                         f"bodies.{name}.collision_group",
                     )
         self.pairs()
+        if self.readable("control.native"):
+            self.servos()
         physics = self.world.physics
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
@@ -167,6 +169,26 @@ class _Comparison:
         if self.readable("joint.velocity"):
             speed = max(1.0, math.sqrt(sum(x * x for x in one.velocity)))
             self.vector("joint", "initial velocity", one.velocity, other.velocity, f"{where}.velocity", speed)
+
+    def servos(self) -> None:
+        """The engine's own controllers: one for each natively driven joint, with its gains and limit."""
+        rows = {
+            name: (one, index)
+            for one in self.world.controllers
+            if one.law == "native"
+            for index, name in enumerate(one.joints)
+        }
+        names = sorted(servo.joint for servo in self.held.servos)  # a joint held twice counts twice
+        if rows or names:
+            self.tally.equal(self.levels["joint"], "controllers", sorted(rows), names, "control")
+        for servo in self.held.servos:
+            if servo.joint not in rows:
+                continue
+            one, index = rows[servo.joint]
+            at = f"control.{one.name}"
+            for name, values in (("kp", one.kp), ("kd", one.kd), ("effort_limit", one.effort_limits)):
+                found = getattr(servo, name)
+                self.number("joint", f"controller's {name.replace('_', ' ')}", values[index], found, f"{at}.{name}")
 
     def limits(self, one: Joint, other: Joint, where: str) -> None:
         at = f"{where}.limits.position"

@@ -112,6 +112,12 @@ def rigid_groups(world: World) -> dict[str, str]:
     return group
 
 
+def natively_driven(bodies: Sequence[Body], world: World) -> list[str]:
+    """The names of those of ``bodies`` whose joint is driven by the engine's own controller."""
+    driven = {joint for one in world.controllers if one.law == "native" for joint in one.joints}
+    return [body.name for body in bodies if body.joint.name in driven]
+
+
 def trees(world: World) -> dict[str, tuple[Body, ...]]:
     """The bodies of each tree, by the name of its root body, in the world's order."""
     root: dict[str, str] = {}

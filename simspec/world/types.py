@@ -290,6 +290,17 @@ class HeldPair:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldServo:
+    """A position or velocity controller of its own that an engine holds for a joint: gains as in
+    :class:`simspec.world.control.Controller`, and the largest effort (None: unlimited)."""
+
+    joint: str
+    kp: float
+    kd: float
+    effort_limit: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class ReadBack:
     """The world as an engine (or an independent reader of a file) says it holds it, in the world's frames and order.
 
@@ -303,3 +314,4 @@ class ReadBack:
     friction_cone: str = "elliptic"
     unreadable: dict[str, str] = field(default_factory=dict)
     pairs: tuple[HeldPair, ...] = ()
+    servos: tuple[HeldServo, ...] = ()

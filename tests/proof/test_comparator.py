@@ -15,6 +15,7 @@ from simspec.world.types import (
     Contact,
     Hardness,
     HeldPair,
+    HeldServo,
     Inertial,
     Joint,
     Material,
@@ -310,7 +311,8 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
             *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
         },
-        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable", "pairs"},
+        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable", "pairs", "servos"},
+        HeldServo: {"joint", "kp", "kd", "effort_limit"},
     }
     for kind, fields in named.items():
         assert {field.name for field in dataclasses.fields(kind)} == fields

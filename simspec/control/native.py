@@ -1,0 +1,65 @@
+"""Joints that an engine's own controllers drive (law ``native``): what those are told, and what they cannot have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+
+from simspec.control.reference import Reference
+from simspec.world.control import Controller
+from simspec.world.types import World
+
+
+class Aims(Protocol):
+    """An engine's own controllers at work."""
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Where the joints should be and how fast, each (n,), in the next step."""
+
+
+def natives(world: World) -> tuple[Controller, ...]:
+    """The controllers that are the engine's own."""
+    return tuple(one for one in world.controllers if one.law == "native")
+
+
+def fed_forward(world: World) -> Iterator[tuple[str, str]]:
+    """(controller, joint) of those natively driven joints for which the trajectory has feed-forward efforts.
+
+    An engine's own controller takes none: it would lose them, or take them back.
+    """
+    trajectory = world.trajectory
+    if trajectory is None or not trajectory.efforts:
+        return
+    fed = {
+        name
+        for name, column in zip(trajectory.joints, zip(*trajectory.efforts, strict=True), strict=True)
+        if any(column)
+    }
+    for one in natives(world):
+        for name in one.joints:
+            if name in fed:
+                yield one.name, name
+
+
+class Native:
+    """The natively driven joints of a world: ``joints`` in the order of the world's bodies, with their gains."""
+
+    def __init__(self, world: World, reference: Reference):
+        rows = {name: (one, index) for one in natives(world) for index, name in enumerate(one.joints)}
+        self.bodies = [body.name for body in world.bodies if body.joint.name in rows]
+        self.joints = [body.joint.name for body in world.bodies if body.joint.name in rows]
+        given = [rows[name] for name in self.joints]
+        self.stiffness = np.array([one.kp[index] for one, index in given], dtype=float)
+        self.damping = np.array([one.kd[index] for one, index in given], dtype=float)
+        limits = [one.effort_limits[index] for one, index in given]
+        self.limit = np.array([np.inf if limit is None else limit for limit in limits], dtype=float)
+        self._columns = np.array([reference.joints.index(name) for name in self.joints], dtype=int)
+        self._position = reference.position
+        self._timestep = world.physics.timestep
+
+    def prepare(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q* and v* (count, n) at the beginning of ``count`` steps from step ``first`` on, and q* at their ends."""
+        position, velocity = self._position.at((first + np.arange(count + 1)) * self._timestep, 1)
+        return position[:-1, self._columns], velocity[:-1, self._columns], position[1:, self._columns]
