@@ -171,6 +171,7 @@ class Simulation:
             numSolverIterations=given["iterations"],
             solverResidualThreshold=given["residual_threshold"],
             erp=given["joint_erp"],
+            frictionERP=given["friction_erp"],
             restitutionVelocityThreshold=sidecar["restitution_threshold"],
             contactBreakingThreshold=given["contact_breaking_threshold"],
             enableConeFriction=int(sidecar["friction_cone"] == "elliptic"),
@@ -236,6 +237,7 @@ class Simulation:
     def _quieten(self, tree: Tree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
         p, client = self.bullet, self.client
+        anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
         for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
             p.changeDynamics(
                 tree.uid,
@@ -245,6 +247,7 @@ class Simulation:
                 maxJointVelocity=UNCLAMPED,
                 contactProcessingThreshold=self.settings["contact_processing_threshold"],
                 collisionMargin=self.settings["collision_margin"],
+                **anchor,
                 physicsClientId=client,
             )
         for link in tree.movers:
