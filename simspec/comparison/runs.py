@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -271,6 +272,9 @@ QUANTITIES = (
     ("contact force, mean", "N"),
     ("speed at the end", "m/s"),
     ("spread at the end", "m"),
+    ("largest error of a driven hinge", "rad"),
+    ("largest error of a driven slide", "m"),
+    ("efforts clipped, most steps of a joint", ""),
 )
 """What runs are summarised by: name and unit."""
 
@@ -290,7 +294,25 @@ def _values(run: Run, last: int) -> dict[str, float]:
         found["deepest penetration"] = metrics.deepest_penetration(run.world, run.arrays).depth
         found["contacts, mean"] = metrics.contact_counts(run.arrays)[: last + 1].mean()
         found["contact force, mean"] = metrics.contact_force(run.arrays)[: last + 1].mean()
-    return {name: float(value) for name, value in found.items()}
+    return {name: float(value) for name, value in found.items()} | _control(run)
+
+
+def _control(run: Run) -> dict[str, float]:
+    """How driven joints were followed in the whole run; nothing where none is driven."""
+    about = run.provenance.get("control")
+    if about is None:
+        return {}
+    kinds = {body.joint.name: body.joint.kind for body in run.world.bodies}
+    found = {"efforts clipped, most steps of a joint": float(max(about["clipped"], default=0))}
+    for kind in ("hinge", "slide"):
+        errors = [
+            math.inf if error is None else error
+            for name, error in zip(about["joints"], about["error"], strict=True)
+            if kinds[name] == kind
+        ]
+        if errors:
+            found[f"largest error of a driven {kind}"] = max(errors)
+    return found
 
 
 def summary(run: Run) -> dict[str, float]:

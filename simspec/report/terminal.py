@@ -135,10 +135,18 @@ def results(runs: Mapping[str, Run]) -> Table:
         ("real-time factor end to end", lambda run: run.end_to_end_factor),
     ):
         found.add_row(name, *(number(get(run)) for run in shown))
+    if any("control" in run.provenance for run in shown):
+        found.add_row("control, µs per step", *(number(_per_step(run, "control")) for run in shown))
     failures = [run.failed for run in shown]
     if any(failures):
         found.add_row("failed", *(Text(_shorten(why), style="bold red") if why else "" for why in failures))
     return found
+
+
+def _per_step(run: Run, part: str) -> float | None:
+    """Microseconds that a part of a run took for each step."""
+    seconds, steps = run.provenance.get("seconds", {}).get(part), run.provenance.get("steps")
+    return 1e6 * seconds / steps if seconds is not None and steps else None
 
 
 def _shorten(text: str, limit: int = 200) -> str:
