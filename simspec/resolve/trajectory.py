@@ -25,8 +25,8 @@ AT_ONCE = 500_000
 """Numbers that are looked at together."""
 SHORTEST = 1e-9
 """Seconds between two points: far below every timestep, far above round-off of times of some hours."""
-EDGE = 1e-9
-"""rad or m that a point may stand beyond a limit: round-off of degrees."""
+EDGE = 1e-8
+"""rad or m that a point may stand beyond a limit: round-off of degrees, and of a program's points."""
 SWING = 1e-3
 """How far a curve may swing beyond a limit between its points, as a share of the joint's whole way: what a spline does behind
 a point that stands at the limit."""
