@@ -182,11 +182,11 @@ def test_a_controllers_speed_limit_counts(limits):
     assert spec({"points": ramp, "interpolation": "linear"}, **numbers).resolve().trajectory is not None
 
 
-@given(st.floats(0.1, 10), st.floats(0.1, 2.5))
+@given(st.floats(0.1, 10), st.floats(0.1, 2.5) | st.floats(-2.5, -0.1))
 def test_the_fastest_moment_of_a_cubic_is_found(lasting, way):
     """From rest to rest it is half way through, at 1.5 times the mean speed; the limit is 3 rad/s."""
     points = [{"at": 0, "positions": {"arm/shoulder": 0}}, {"at": lasting, "positions": {"arm/shoulder": way}}]
-    fastest = 1.5 * way / lasting
+    fastest = 1.5 * abs(way) / lasting
     if fastest <= 3.0:
         assert spec({"points": points}).resolve().trajectory.times == (0.0, lasting)
         return
@@ -303,6 +303,20 @@ def test_what_a_move_leaves_out_stays():
     tool = poses[:, :2] + 0.1 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
     assert tool[times <= 2] == pytest.approx(np.tile(tool[0], (sum(times <= 2), 1)), abs=3e-8)
     assert tool[-1] == pytest.approx([0.5, 0.4], abs=3e-8)
+
+
+def test_a_way_past_a_singular_pose_is_refused():
+    """Two links of half a metre, past their pivot at 2 mm: the shoulder turns by half a turn within a point or two."""
+    data = {"tool": {**TOOL, "pose": {"xyz": [0.5, 0, 0]}}}
+    ready = {"move": {"xyz": [0.4, 0.002, 0], "free_orientation": True}, "in": 3, "straight": False}
+    past = {"move": {"xyz": [-0.4, 0.002, 0], "free_orientation": True}, "in": 3}
+    with pytest.raises(SpecError) as caught:
+        spec({**data, "program": [ready, past]}).resolve()
+    (one,) = caught.value.problems
+    assert one.path == "trajectory.program.1.move"
+    assert one.message.startswith("arm/shoulder jumps by ")
+    assert one.message.endswith(" between two points of this move 1.5 s into it")
+    assert spec({**data, "program": [ready, {**past, "straight": False}]}).resolve().trajectory.times[-1] == 6.0
 
 
 def test_a_wait_is_still():
