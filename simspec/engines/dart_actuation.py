@@ -14,7 +14,8 @@ from simspec.world.types import World
 NATIVE = (
     "DART's servo, a motor for velocity that makes v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the "
     "limit: errors vanish with the time constant kd/kp whatever the inertia, and do not sag under gravity; kp and kd count by "
-    "their ratio alone. The joint's damping is then DART's own, implicit in time"
+    "their ratio alone. To its solver's tolerance (a wheel of 0.02 kg m² 4e-7 rad, measured). At the limit the joint's damping "
+    "d is weaker by 1 + dt d / I, being DART's own"
 )
 
 

@@ -20,7 +20,7 @@ def no_dry_friction(world: World) -> str | None:
     """None unless a natively driven joint has dry friction."""
     rough = [body.name for body in world.bodies if body.joint.dry_friction]
     served = [name for name in natively_driven(world.bodies, world) if name in rough]
-    return f"PyBullet has one motor a joint, which is {served[0]!r}'s dry friction" if served else None
+    return f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction" if served else None
 
 
 class JointArrays(Actuation):
