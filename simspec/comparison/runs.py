@@ -303,7 +303,8 @@ def _control(run: Run) -> dict[str, float]:
     if about is None:
         return {}
     kinds = {body.joint.name: body.joint.kind for body in run.world.bodies}
-    found = {"efforts clipped, most steps of a joint": float(max(about["clipped"], default=0))}
+    clipped = [count for count in about["clipped"] if count is not None]  # of its own controllers only the engine knows
+    found = {"efforts clipped, most steps of a joint": float(max(clipped))} if clipped else {}
     for kind in ("hinge", "slide"):
         errors = [
             math.inf if error is None else error

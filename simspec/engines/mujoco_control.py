@@ -21,11 +21,7 @@ def explicit_servos_hold(world: World) -> str | None:
     """None when MuJoCo's explicit actuators are stable in this world, else the reason why not."""
     from simspec.control.stability import unstable
 
-    given = tuple(
-        dataclasses.replace(one, law="pd", discretisation="explicit")
-        for one in world.controllers
-        if one.law == "native"
-    )
+    given = tuple(dataclasses.replace(one, law="pd") if one.law == "native" else one for one in world.controllers)
     try:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:

@@ -51,8 +51,8 @@ def record(
 
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
-    ``control``: joints, largest tracking error and number of clipped steps by joint, and ``failed``: None, or what went wrong
-    and when (the state stopped being finite); and the arrays.
+    ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
+    ``failed``: None, or what went wrong and when (the state stopped being finite); and the arrays.
     """
     if "q" in arrays:
         engine.set_state(arrays["q"], arrays["v"])
@@ -105,9 +105,10 @@ def record(
         "failed": failed,
     }
     if control is not None:
+        native = np.isin(np.arange(len(control.joints)), control.native_places)
         result["control"] = {
             "joints": control.joints,
             "error": [float(value) if np.isfinite(value) else None for value in control.error],
-            "clipped": [int(count) for count in control.clipped],
+            "clipped": [None if own else int(count) for own, count in zip(native, control.clipped, strict=True)],
         }
     return result, found

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import simspec
+from simspec.comparison.runs import summary
 from simspec.compiler import compile_world, write_folder
 from simspec.control.law import Control, ControlError
 from simspec.control.native import fed_forward
@@ -205,7 +206,9 @@ def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
     assert np.isfinite(found.arrays["control.effort"][1:, ~own]).all()
     # MuJoCo's joints sag by what their weight is of kp, and pull the others along; motors lag by a fraction of a mm
     assert max(about["error"]) < (0.2 if name in EXPLICIT else 0.05)
-    assert about["clipped"] == [0] * 4
+    assert [about["clipped"][k] for k in np.flatnonzero(own)] == [None, None]
+    assert [about["clipped"][k] for k in np.flatnonzero(~own)] == [0, 0]
+    assert "efforts clipped, most steps of a joint" in summary(found)
 
 
 def test_the_same_run_twice_gives_the_same_bits(name):
@@ -262,8 +265,8 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
     about = found.provenance["control"]
     lag = dict(zip(reference(world).joints, declared_lag(name, world), strict=True))
     for joint, error in zip(about["joints"], about["error"], strict=True):
-        # a spring begins without its effort and swings through: twice the sag at the most
-        assert error < 2.0 * lag[joint] + 1e-6, joint
+        # joints pull each other along, and a spring swings into its sag; DART leaves what is below its solver's tolerance
+        assert error < 1.1 * lag[joint] + 1e-6, joint
     q = found.arrays["q"][-1]
     held = np.abs(q - np.array(world.trajectory.positions[-1]))
     if name in EXPLICIT:
