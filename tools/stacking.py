@@ -75,13 +75,15 @@ def _mujoco(timestep: float) -> dict[str, Any]:
 
 
 def _pybullet(timestep: float) -> dict[str, Any]:
-    if timestep <= 0.004:
+    if timestep <= 0.002:
         return {}
     return {
         "collision_margin": 0.001,
+        "contact_breaking_threshold": 0.02,
         "contact_erp": 0.2,
         "contact_processing_threshold": 1e30,
         "friction_erp": 0.2,
+        "iterations": 50 if timestep <= 0.004 else 200,
         "residual_threshold": 1e-7,
     }
 
