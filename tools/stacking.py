@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SPEC = ROOT / "specs" / "stack-cylinders.yaml"
 RESULTS = ROOT / "docs" / "stacking.json"
 PAGE = ROOT / "docs" / "stacking.md"
+PICTURE = ROOT / "docs" / "images" / "stacking.png"
 
 TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
 """ms: those of Körber et al. 2021."""
@@ -333,7 +334,10 @@ def tables(known: Mapping[str, dict[str, Any]]) -> dict[str, str]:
                 row = known.get(key(name, step, seed))
                 if row is not None and row["failure"]:
                     failures.append(f"| {name} {step} ms, seed {seed} | {row['failure']} |")
-    speeds = ["| engine | RTF | RTF by processor time | engine | law and joints | recording |", "|---|---|---|---|---|---|"]
+    speeds = [
+        "| engine | RTF | RTF by processor time | engine | law and joints | recording |",
+        "|---|---|---|---|---|---|",
+    ]
     for name in names:
         row = known.get(key(name, 1.0, 0, "speed"))
         if row is not None:
@@ -361,6 +365,47 @@ def page(known: Mapping[str, dict[str, Any]], text: str) -> str:
     return text
 
 
+def picture(known: Mapping[str, dict[str, Any]]) -> None:
+    """The largest deviation by timestep, a line for each engine, seeds as points; what fails stands at the top."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    axes = figure.subplots()
+    top = 40.0
+    for name, marker in zip(engines(), "osD^v", strict=False):
+        for seed in SEEDS:
+            rows = [(step, known.get(key(name, step, seed))) for step in TIMESTEPS]
+            there = [(step, row) for step, row in rows if row is not None]
+            x = [step for step, _ in there]
+            y = [top if row["failure"] else 1e3 * row["worst"] for _, row in there]
+            colour = COLOURS.get(name, "black")
+            label = name if seed == SEEDS[0] else None
+            axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.7, label=label)
+        means = [
+            (step, [known[key(name, step, seed)] for seed in SEEDS if key(name, step, seed) in known])
+            for step in TIMESTEPS
+        ]
+        line = [
+            (step, max(1e3 * row["worst"] for row in found))
+            for step, found in means
+            if found and not any(row["failure"] for row in found)
+        ]
+        axes.plot(*zip(*line, strict=True), color=COLOURS.get(name, "black"), linewidth=1) if line else None
+    axes.axhline(10.0, color="grey", linewidth=1, linestyle="--")
+    axes.text(1.0, 10.6, "1 cm: the study's bound", color="grey", fontsize=8)
+    axes.text(1.0, top * 1.05, "fails", color="grey", fontsize=8)
+    axes.set(xscale="log", yscale="log", xlabel="timestep (ms)", ylabel="largest deviation (mm)", ylim=(0.05, 60.0))
+    ticks = [1, 2, 4, 8, 16, 32, 64]
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    figure.savefig(PICTURE, dpi=120, metadata={"Software": None})
+
+
+COLOURS = dict(zip(engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
+"""A colour for each engine."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """See the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -386,6 +431,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not (given.page or given.speed or given.control):
         sweep(given.only, given.timesteps, given.seeds, given.jobs, given.again)
     PAGE.write_text(page(load(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    picture(load())
     return 0
 
 
