@@ -338,6 +338,7 @@ def _pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
     return abs(frames.dot(axis, apart)), turned
 
 
-def not_checked(unreadable: Mapping[str, str]) -> dict[str, str]:
-    """What a read-back could not tell, with the reasons, sorted."""
-    return dict(sorted(unreadable.items()))
+def not_checked(world: World, unreadable: Mapping[str, str]) -> dict[str, str]:
+    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers only where the world has some."""
+    own = any(one.law == "native" for one in world.controllers)
+    return {field: why for field, why in sorted(unreadable.items()) if own or field != "control.native"}

@@ -217,7 +217,7 @@ def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Ch
         checks += motion_checks(world, probes.motion, answers[4].arrays)
     if probes.response is not None:
         checks += control_checks(probes.response, answers[-1].arrays)
-    return sorted(checks, key=lambda check: check.level), held.unreadable
+    return sorted(checks, key=lambda check: check.level), not_checked(world, held.unreadable)
 
 
 def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None):
@@ -230,7 +230,7 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
     texts = {str(path.relative_to(folder).as_posix()): path.read_text(encoding="utf-8") for path in _files(folder)}
     on_disk = Compiled(compiled.engine, compiled.format, texts, ())
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
-    return EngineProof(version, on_disk.sha256, tuple(checks), approximations, not_checked(unreadable), seconds)
+    return EngineProof(version, on_disk.sha256, tuple(checks), approximations, unreadable, seconds)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -307,6 +307,8 @@ def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):
                 assert counts[level, f"controller's {number}"] == 4
     else:
         assert "control.native" in proof.not_checked
+        law = dataclasses.replace(world, controllers=())
+        assert "control.native" not in verify(law, [name], levels=["L1"]).engines[name].not_checked
 
 
 WRONG = {
