@@ -84,7 +84,7 @@ def _pybullet(timestep: float) -> dict[str, Any]:
         "contact_erp": 0.2,
         "contact_processing_threshold": 1e30,
         "friction_erp": 0.2,
-        "iterations": 50 if timestep <= 0.004 else 200,
+        "iterations": 50 if timestep <= 0.008 else 200,
         "residual_threshold": 1e-7,
     }
 

@@ -247,6 +247,7 @@ def gap_world(feature: Feature) -> World | None:
         return worlds.shapes_world((shapes[feature],))
     if feature.value.startswith("contact.cone."):
         world = worlds.with_options(worlds.shapes_world(), "pybullet", accept=())
+        world = worlds.with_options(world, "dart", accept=(), settings=(("contact_solver", "dantzig"),))
         cone = feature.value.removeprefix("contact.cone.")
         return dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
     if feature in worlds.CONTACT_GAPS:

@@ -537,6 +537,7 @@ def test_every_setting_reaches_the_engine(load):
         "contact_error_reduction": 0.02,
         "contact_impedance": 0.99,
         "friction_rate": 50.0,
+        "friction_share": 0.5,
         "friction_cushion": 2e-4,
         "limit_error_reduction": 0.03,
         "limit_impedance": 0.98,
@@ -563,3 +564,5 @@ def test_every_setting_reaches_the_engine(load):
     np.testing.assert_allclose(joints.jnt_solref[0], (-30000.0, -1000.0))
     assert joints.jnt_solimp[0][0] == 0.98
     assert joints.dof_solimp[0][0] == 0.97
+    slow = worlds.with_options(block(0.5, 0.0, 0.001), "mujoco", settings=(("friction_share", 0.02),))
+    np.testing.assert_allclose(load(slow).model.pair_solreffriction[0], (0.0, -20.0))

@@ -323,11 +323,12 @@ def test_what_cannot_be_had_is_refused_by_name():
 def test_a_solver_setting_changes_the_cone_only_where_that_is_accepted():
     dantzig = (("contact_solver", "dantzig"),)
     pyramid, elliptic = with_cone("pyramid-circumscribed"), with_cone("elliptic")
-    compile_world(worlds.with_options(pyramid, "dart", settings=dantzig), ["dart"])
-    compile_world(worlds.with_options(elliptic, "dart"), ["dart"])
+    shapes, cone = ("shape.capsule", "shape.cylinder"), "contact.cone.elliptic"
+    compile_world(worlds.with_options(pyramid, "dart", settings=dantzig, accept=shapes), ["dart"])
+    compile_world(worlds.with_options(elliptic, "dart", accept=shapes), ["dart"])
     with pytest.raises(UnsupportedError, match=r"accept: \[contact\.cone\.elliptic\]"):
-        compile_world(worlds.with_options(elliptic, "dart", settings=dantzig), ["dart"])
-    compile_world(worlds.with_options(elliptic, "dart", settings=dantzig, accept=("contact.cone.elliptic",)), ["dart"])
+        compile_world(worlds.with_options(elliptic, "dart", settings=dantzig, accept=shapes), ["dart"])
+    compile_world(worlds.with_options(elliptic, "dart", settings=dantzig, accept=(*shapes, cone)), ["dart"])
 
 
 def test_surfaces_invert_darts_rules(tmp_path):
