@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simspec.errors import Problem
-from simspec.spec.control import DRIVEN, PER_JOINT
+from simspec.spec.control import PER_JOINT
 from simspec.spec.control import Controller as SpecController
 from simspec.spec.document import Key
 from simspec.spec.joint_names import chosen
+from simspec.spec.joints import DRIVEN
 from simspec.spec.sources import Source
 from simspec.spec.strict import Faults, near
 from simspec.spec.units import LARGEST, article

@@ -10,9 +10,10 @@ import numpy as np
 from simspec.errors import Problem
 from simspec.resolve.bodies import elements
 from simspec.spec.document import Key
+from simspec.spec.joints import DRIVEN
 from simspec.spec.sources import Source
 from simspec.spec.strict import Faults, near
-from simspec.spec.trajectory import BY_JOINT, DRIVEN
+from simspec.spec.trajectory import BY_JOINT
 from simspec.spec.trajectory import Grasp as SpecGrasp
 from simspec.spec.trees import model_of, placed
 from simspec.world.types import Body, Pose, World

@@ -10,15 +10,13 @@ from pydantic import Field
 
 from simspec.spec.document import INVALID
 from simspec.spec.joint_names import PATTERN, JointNames, read_pattern, too_many
-from simspec.spec.joints import DIMENSION
+from simspec.spec.joints import DIMENSION, DRIVEN, check_suits_driven
 from simspec.spec.quantities import Flag, Number, Reader, Word
 from simspec.spec.strict import Fault, Faults, Strict, fault, misspelt, replace_loc, show
 
 LAWS = ("pd", "computed-torque", "native")
 DISCRETISATIONS = ("explicit", "implicit")
 ACTUATORS = ("position", "velocity", "effort")
-DRIVEN = ("hinge", "slide")
-"""Types of joints that a controller drives."""
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6
 """Ratios beyond this (or below its inverse) are no gear; their squares would make numbers that no engine holds."""
@@ -66,7 +64,7 @@ class PerJoint(Reader):
 
     def read(self, value: Any) -> Any:
         if not isinstance(value, Mapping):
-            self._check(value)
+            check_suits_driven(self.number, value)
             return value
         if not value:
             raise fault("names no joint", "{}", "a number, or {JOINT: number, ...}")
@@ -79,25 +77,12 @@ class PerJoint(Reader):
                 if item is INVALID:
                     faults.append(Fault((name,), "", reported=True))
                 else:
-                    self._check(item)
+                    check_suits_driven(self.number, item)
             except Faults as error:
                 faults.extend(replace_loc(error.faults, (str(name),)))
         if faults:
             raise Faults(faults)
         return dict(value)
-
-    def _check(self, value: Any) -> None:
-        """Raise Faults where no type of joint can have this number."""
-        refused = None
-        for kind in DRIVEN:
-            try:
-                self.number(kind).read(value)
-            except Faults as error:
-                refused = refused or error
-            else:
-                return
-        if refused is not None:
-            raise refused
 
     def unit(self) -> str:
         return self.unit_text

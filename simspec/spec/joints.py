@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, ValidationError
@@ -13,6 +13,8 @@ from simspec.spec.shapes import NameOf, Orientation, Pose
 from simspec.spec.strict import Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
 
 JOINT_TYPES = ("fixed", "hinge", "slide", "ball", "free")
+DRIVEN = ("hinge", "slide")
+"""Types of joints that a controller drives, and a trajectory moves."""
 
 DIMENSION: Mapping[str, Mapping[str, str]] = {
     "fixed": {},
@@ -59,6 +61,20 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     },
 }
 """Fields that mean nothing on a type of joint, and why."""
+
+
+def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
+    """Raise Faults where a value is the ``number`` of no type of driven joint (those of the first type)."""
+    refused = None
+    for kind in DRIVEN:
+        try:
+            number(kind).read(value)
+        except Faults as error:
+            refused = refused or error
+        else:
+            return
+    if refused is not None:
+        raise refused
 
 
 class Limits(Strict):

@@ -10,13 +10,12 @@ from pydantic import Field, create_model
 
 from simspec.spec.document import INVALID
 from simspec.spec.joint_names import JointNames
-from simspec.spec.joints import DIMENSION
+from simspec.spec.joints import DIMENSION, check_suits_driven
 from simspec.spec.quantities import Flag, Name, Number, Reader, Text, Vector, Word
 from simspec.spec.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
 from simspec.spec.strict import Fault, Faults, Strict, fault, replace_loc, show
 
 INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
-DRIVEN = ("hinge", "slide")
 MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""
 MOST_NUMBERS = 1_000_000
@@ -51,24 +50,12 @@ class ByJoint(Reader):
                 continue
             try:
                 Name(path=True).read(name)
-                self._check(item)
+                check_suits_driven(self.number, item)
             except Faults as error:
                 faults.extend(replace_loc(error.faults, (str(name),)))
         if faults:
             raise Faults(faults)
         return dict(value)
-
-    def _check(self, value: Any) -> None:
-        refused = None
-        for kind in DRIVEN:
-            try:
-                self.number(kind).read(value)
-            except Faults as error:
-                refused = refused or error
-            else:
-                return
-        if refused is not None:
-            raise refused
 
     def unit(self) -> str:
         return self.unit_text
