@@ -165,6 +165,7 @@ def _run_each(
                 python=(pythons or {}).get(name),
                 deadline=deadline,
                 source=source,
+                progress=lambda share, name=name: progress(f"running {name}: {share:.0%}"),
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error)

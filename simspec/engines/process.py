@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +27,10 @@ from simspec.errors import EngineError
 
 DEADLINE = 600.0
 """Seconds that one engine process may take when the caller does not say: ten minutes, more than any library scenario."""
+PROGRESS_FILE = "progress.txt"
+"""Where an operation may write the share of its work that is done, in the process's own folder."""
+LOOK_EVERY = 0.5
+"""s between two looks at it."""
 LOG_TAIL = 2000
 """Characters of the engine's own output that an error quotes."""
 
@@ -140,8 +144,15 @@ class Running:
                 start_new_session=True,
             )
 
-    def wait(self) -> Reply:
-        """Wait for the result. Raises EngineError."""
+    def wait(self, progress: Callable[[float], None] | None = None) -> Reply:
+        """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``).
+        Raises EngineError."""
+        while progress is not None and self._ends - time.perf_counter() > LOOK_EVERY:
+            try:
+                self._process.wait(timeout=LOOK_EVERY)
+                break
+            except subprocess.TimeoutExpired:
+                self._tell(progress)
         try:
             code = self._process.wait(timeout=max(0.0, self._ends - time.perf_counter()))
         except subprocess.TimeoutExpired:
@@ -168,6 +179,12 @@ class Running:
             answers.append(Answer(entry["result"], own, entry["load_seconds"], entry["seconds"], entry["log"]))
         names = ("engine_version", "python_version", "numpy_version", "platform", "machine")
         return Reply(answers, {name: str(result[name]) for name in names}, wall, self._output())
+
+    def _tell(self, progress: Callable[[float], None]) -> None:
+        try:
+            progress(float((self._folder / PROGRESS_FILE).read_text(encoding="ascii")))
+        except (FileNotFoundError, ValueError):
+            return  # nothing said yet, or a word half written: the next look will find it
 
     def kill(self) -> None:
         """End the process and everything it started."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,9 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.request import from_request
 from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine, Servos
+
+TELL_EVERY = 1.0
+"""s between two words on how far a run is."""
 
 
 class _Stepper:
@@ -49,6 +53,8 @@ def record(
     the row's time, and the efforts of the step before it (zero in the first row; NaN for what the engine's own controllers
     drive), of the result's ``control.joints``.
 
+    ``operation["progress"]`` may name a file, to which the share that is done is written about once a second.
+
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
     ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
@@ -65,6 +71,7 @@ def record(
     contacts: list[tuple[int, dict[str, np.ndarray]]] = []
     done, failed = 0, None
     begun = time.perf_counter()
+    told = begun if "progress" in operation else None
     recording = 0.0
     while True:
         started = time.perf_counter()
@@ -85,6 +92,9 @@ def record(
             break
         if done >= steps:
             break
+        if told is not None and time.perf_counter() - told >= TELL_EVERY:
+            told = time.perf_counter()
+            Path(operation["progress"]).write_text(f"{done / steps:.6f}", encoding="ascii")
         count = min(every, steps - done)
         stepper.advance(done, count)
         done += count

@@ -18,7 +18,7 @@ import numpy as np
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
 from simspec.engines.base import find_engine, resolve_settings
-from simspec.engines.process import DEADLINE, Operation, Reply, Running, start
+from simspec.engines.process import DEADLINE, PROGRESS_FILE, Operation, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
 from simspec.world.canonical import sha256
@@ -161,6 +161,7 @@ def start_run(
     """
     record = record or world.record
     parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
+    parameters["progress"] = PROGRESS_FILE
     asked, arrays = to_request(world)
     parameters |= asked
     if perturb:
@@ -193,9 +194,10 @@ class PendingRun:
     running: Running
     facts: Mapping[str, Any]
 
-    def wait(self) -> Run:
-        """The run, when it has ended. Raises EngineError when the process crashed, hung or refused."""
-        reply = self.running.wait()
+    def wait(self, progress: Callable[[float], None] | None = None) -> Run:
+        """The run, when it has ended; ``progress`` is told the share that is done. Raises EngineError when the process crashed,
+        hung or refused."""
+        reply = self.running.wait(progress)
         return _finish(self.world, self.engine, self.facts, reply)
 
 
@@ -233,6 +235,7 @@ def run(
     perturb: float = 0.0,
     record: Record | None = None,
     source: Mapping[str, Any] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Run ``world`` in ``engine``, in a process of its own.
 
@@ -244,6 +247,7 @@ def run(
     perturb   relative change of the initial state, for the noise floor (1e-15)
     record    what to record, in place of the world's own ``record``
     source    where the world came from (file, hash, overrides): kept in the provenance as ``spec``
+    progress  called about twice a second with the share of the steps that is done
 
     A state that stops being finite is the run's result (``Run.failed``). Raises EngineError when the engine is missing,
     crashes or hangs, and UnsupportedError when the world cannot be compiled for it.
@@ -254,7 +258,7 @@ def run(
             world, engine, folder, python=python, deadline=deadline, perturb=perturb, record=record, source=source
         ) as pending,
     ):
-        return pending.wait()
+        return pending.wait(progress)
 
 
 def failed_run(world: World, engine: str, error: EngineError) -> Run:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import ClassVar
@@ -17,6 +18,8 @@ from simspec.errors import EngineError
 from simspec.features import EXACT, Feature
 from simspec.formats.base import SIDECAR
 from simspec.formats.contact_plan import Rules
+from simspec.runner.run import run
+from tests import worlds
 
 STUB = """
 import os, time
@@ -123,3 +126,20 @@ def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded():
     assert result["failed"] == "the state is not finite after step 3"
     assert result["steps"] == 3
     assert arrays["step"].tolist() == [0, 1, 2, 3]
+
+
+def test_a_long_run_says_how_far_it_is(monkeypatch):
+    """The share that is done is told while it runs, and grows."""
+    monkeypatch.setattr(process, "LOOK_EVERY", 0.1)
+    world = worlds.damped_springs()
+    world = dataclasses.replace(
+        world,
+        physics=dataclasses.replace(world.physics, steps=400_000),
+        record=dataclasses.replace(world.record, every_steps=2_000, channels=()),
+    )
+    said: list[float] = []
+    done = run(world, "mujoco", progress=said.append)
+    assert done.failed is None
+    assert said == sorted(said)
+    assert said
+    assert all(0.0 < share < 1.0 for share in said)
