@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.control.native import fed_forward
-from simspec.engines.base import Engine, check_settings, engines, find_engine, resolve_settings
+from simspec.engines.base import Engine, check_settings, engines, find_engine, written_settings
 from simspec.errors import Location, Problem, SpecError, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Format, Target, formats
@@ -135,7 +135,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
 def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = None) -> Target:
     """What a format must know to write ``world`` for ``engine``; ``plan`` where another than the world's own is wanted."""
     plan = plan or contact_plan(world, engine.RULES, engine.LAYERS)
-    return Target(engine.NAME, engine.RULES, plan, resolve_settings(engine, world))
+    return Target(engine.NAME, engine.RULES, plan, written_settings(engine, world))
 
 
 def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:

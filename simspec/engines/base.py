@@ -43,6 +43,9 @@ class Setting:
     choices: tuple[str, ...] = ()
     minimum: float | None = None
     maximum: float | None = None
+    only_with: str = ""
+    """The switch (a setting, or itself) without which it means nothing and is not written: files of worlds that do not ask for
+    it stay as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +260,12 @@ def resolve_settings(engine: type[Engine], world: World) -> dict[str, bool | int
     return {name: setting.default for name, setting in engine.SETTINGS.items()} | dict(
         world.options(engine.NAME).settings
     )
+
+
+def written_settings(engine: type[Engine], world: World) -> dict[str, bool | int | float | str]:
+    """The settings that stand in files: those of :func:`resolve_settings` but for those whose switch is off."""
+    found = resolve_settings(engine, world)
+    return {name: value for name, value in found.items() if found.get(engine.SETTINGS[name].only_with, True)}
 
 
 def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:

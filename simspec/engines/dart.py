@@ -173,6 +173,11 @@ class Dart(Engine):
             "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
             ("error", "log"),
         ),
+        "sleeping": Setting(
+            False,
+            "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation).",
+            only_with="sleeping",
+        ),
         "exact_rotation": Setting(
             "auto",
             "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "

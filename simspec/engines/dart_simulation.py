@@ -106,7 +106,8 @@ class Simulation:
     def _set_solver(self) -> None:
         dartpy, world, given = self.dartpy, self.world, self.settings
         options = world.getDeactivationOptions()
-        options.mEnabled = False  # on by default: resting bodies would be taken out of the simulation
+        # on by default; the setting is not there when off
+        options.mEnabled = bool(given.get("sleeping", False))
         world.setDeactivationOptions(options)
         world.setNumSimulationThreads(1)
         kinds = dartpy.simulation.CollisionDetectorType

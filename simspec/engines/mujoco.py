@@ -107,6 +107,18 @@ class MuJoCo(Engine):
             False,
             "Solve groups of bodies that do not touch each other apart. Off: MuJoCo versions differ in what they make of it.",
         ),
+        "sleeping": Setting(
+            False,
+            "Take free rigid bodies that rest out of the simulation until something touches them (MuJoCo 4; switches island "
+            "on).",
+            only_with="sleeping",
+        ),
+        "sleep_tolerance": Setting(
+            1e-5,
+            "With sleeping: the speed (m/s, angular times length) below which a body falls asleep after ten steps.",
+            minimum=0.0,
+            only_with="sleeping",
+        ),
         "contact_error_reduction": Setting(
             0.01,
             "Share β of an overlap that is taken back in each step: the law that the core engines can share. Higher values "
@@ -194,10 +206,10 @@ class MuJoCo(Engine):
             self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
         except (ValueError, mujoco.FatalError) as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+        self._sidecar = sidecar
         self._check_flags()
         # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        self._sidecar = sidecar
         self.data = mujoco.MjData(self.model)
         self._probe = mujoco.MjData(self.model)
         self._index(sidecar["bodies"])
@@ -210,6 +222,8 @@ class MuJoCo(Engine):
         """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
         bits = self._mujoco.mjtEnableBit.__members__
         asked = {f"mjENBL_{name.upper()}" for name, value in FLAGS if value == "enable"} | {"mjENBL_MULTICCD"}
+        if self._sidecar["settings"].get("sleeping", False):  # not there when off
+            asked.add("mjENBL_SLEEP")
         on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
         if on:
             raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")

@@ -186,6 +186,12 @@ class PyBullet(Engine):
             "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
             minimum=0.0,
         ),
+        "sleeping": Setting(
+            False,
+            "Take free rigid bodies that rest (below 1 mm/s for PyBullet's 2 s) out of the simulation until something moving "
+            "touches them.",
+            only_with="sleeping",
+        ),
         "deterministic_pairs": Setting(
             True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
         ),

@@ -102,6 +102,9 @@ class Efforts:
     def apply(self, effort: np.ndarray) -> None:
         """Give ``effort`` (nv,) to the joints for the next step."""
         p, client = self._sim.bullet, self._sim.client
+        for uid, root in self._free:
+            if effort[root.v].any():
+                self._sim.keep_awake(uid)  # PyBullet drops efforts on what sleeps
         for uid, singles, places, balls in self._movers:
             if singles:
                 p.setJointMotorControlArray(

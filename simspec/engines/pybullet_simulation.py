@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.pybullet_sleeping import Sleepers
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
@@ -152,6 +153,13 @@ class Simulation:
         self._free_q = np.array([range(link.q.start, link.q.stop) for link in free], dtype=int)
         self._free_v = np.array([range(link.v.start, link.v.stop) for link in free], dtype=int)
         self._seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        # the sidecar names no sleepers when the setting is off
+        may_sleep = set(sidecar.get("sleepers", ()))
+        self._sleepers = Sleepers(
+            self.bullet,
+            self.client,
+            (tree.uid for tree in self.trees if self.names[tree.links[0].index] in may_sleep),
+        )
         self._set_filter(sidecar["collision_filter"])
 
     def _lay_out(self) -> None:
@@ -355,6 +363,7 @@ class Simulation:
         p, client = self.bullet, self.client
         q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
         self._seen = None
+        self._sleepers.wake()
         for tree in self.trees:
             root = tree.links[0]
             if root.kind == "free":
@@ -403,10 +412,18 @@ class Simulation:
                     q[link.q], v[link.v] = state[0], state[1]
         return q, v
 
+    def keep_awake(self, uid: int) -> None:
+        """Let the tree ``uid`` sleep no more. Costs a step and setting the state anew where it could have slept."""
+        if uid in self._sleepers:
+            q, v = self.get_state()
+            self._sleepers.forbid(uid)
+            self.set_state(q, v)
+
     def advance(self, count: int) -> None:
         """Step ``count`` times."""
         self._seen = None
         self._forgotten = False
+        self._sleepers.stepped()
         step, client = self.bullet.stepSimulation, self.client
         for _ in range(count):
             step(client)

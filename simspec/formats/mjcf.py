@@ -28,6 +28,7 @@ from simspec.formats.mjcf_contact import (
 from simspec.formats.mjcf_filter import Attributes, Kind, collision_masks
 from simspec.formats.passes import excluded_pairs_to_write, principal_axes, recentre_free_roots
 from simspec.world import frames
+from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Pose, ReadBack, Shape, Surface, World
 
 MODEL = "model.xml"
@@ -71,7 +72,7 @@ FLAGS: Attributes = (
     ("invdiscrete", "disable"),
 )
 """Flags that every supported version knows; ``warmstart``, ``island`` and ``multiccd`` are settings. Newer versions have
-further flags, all off unless asked for; the engine's module checks them after loading."""
+further flags, all off unless asked for (``sleep``, by ``sleeping``); the engine's module checks them after loading."""
 OPTION: Attributes = (
     ("integrator", "Euler"),  # semi-implicit: what all engines do
     ("jacobian", "auto"),
@@ -183,7 +184,7 @@ class Mjcf(Format):
             "geom_defaults": (*GEOM_DEFAULTS, *contact_reference(world, target, Surface())),
             "pair_defaults": pair_defaults(world, target),
             "classes": classes(world, target),
-            "events": _events(order, masks),
+            "events": _events(order, masks, _restless(world) if _sleeping(target) else frozenset()),
             "pairs": pairs,
             "actuators": _actuators(world),
             "excludes": [
@@ -194,6 +195,8 @@ class Mjcf(Format):
         }
         # the settings in force: impratio is one number for the world, and which one follows from its laws
         in_force = {**target.settings, "impratio": friction_hardness(world, target)}
+        if _sleeping(target):
+            in_force["island"] = True
         beside = sidecar(
             self.NAME,
             world,
@@ -269,11 +272,13 @@ def depth_first(world: World) -> list[tuple[Body, int, int]]:
     return [(body, depth, depth + 1 - after) for (body, depth), after in zip(found, following, strict=True)]
 
 
-def _events(order: list[tuple[Body, int, int]], masks: Mapping[Kind, Attributes]) -> Iterator[tuple[str, Any]]:
+def _events(
+    order: list[tuple[Body, int, int]], masks: Mapping[Kind, Attributes], restless: frozenset[str]
+) -> Iterator[tuple[str, Any]]:
     """Opening and closing of bodies, in the order of the file: (indent, body row), or (indent, None) to close."""
     indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
     for body, depth, closing in order:
-        yield indents[min(depth, DEEPEST_INDENT - 1)], _body(body, masks)
+        yield indents[min(depth, DEEPEST_INDENT - 1)], {**_body(body, masks), "restless": body.name in restless}
         for level in range(depth, depth - closing, -1):
             yield indents[min(level, DEEPEST_INDENT - 1)], None
 
@@ -381,11 +386,34 @@ def _option(world: World, target: Target) -> Attributes:
         *((name, str(settings[name])) for name in ("iterations", "ls_iterations", "noslip_iterations")),
         *((name, number(float(settings[name]))) for name in ("tolerance", "ls_tolerance")),
         ("impratio", number(friction_hardness(world, target))),
+        *((("sleep_tolerance", number(float(settings["sleep_tolerance"]))),) if _sleeping(target) else ()),
         *OPTION,
     )
 
 
 def _flag_settings(target: Target) -> Attributes:
-    return tuple(
-        (name, "enable" if target.settings[name] else "disable") for name in ("warmstart", "island", "multiccd")
+    # nothing sleeps where groups of touching bodies are not solved apart (measured)
+    on = {**target.settings, "sleep": _sleeping(target), "island": target.settings["island"] or _sleeping(target)}
+    names = ("warmstart", "island", "multiccd", *(("sleep",) if _sleeping(target) else ()))
+    return tuple((name, "enable" if on[name] else "disable") for name in names)
+
+
+def _sleeping(target: Target) -> bool:
+    return bool(target.settings.get("sleeping", False))  # not there when off
+
+
+def _restless(world: World) -> frozenset[str]:
+    """The topmost moving body of each of MuJoCo's trees that must stay awake: all but single free bodies.
+
+    A joint that nobody drives may stand still for ten steps and go on (a pendulum where it turns), and efforts of zero do not
+    keep a tree awake.
+    """
+    allowed, groups = free_rigid(world), rigid_groups(world)
+    return frozenset(
+        body.name
+        for body in world.bodies
+        if groups[body.name] == body.name != "world"
+        and (body.joint.parent is None or groups[body.joint.parent] == "world")
+        and body.joint.kind != "fixed"
+        and body.name not in allowed
     )

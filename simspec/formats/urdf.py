@@ -27,7 +27,7 @@ from simspec.formats.urdf_contact import (
     split,
 )
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.kinematics import free_rigid, initial_state, layout, trees
 from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World
 
 JOINT_TYPES = {"fixed": "fixed", "hinge": "continuous", "slide": "prismatic", "ball": "spherical"}
@@ -158,6 +158,7 @@ class Urdf(Format):
             collision_filter=collision_filter(world, target.plan),
             restitution_threshold=restitution_threshold(world),
             native_contact=native_contact(world),
+            **({"sleepers": sorted(free_rigid(world))} if target.settings.get("sleeping", False) else {}),
         )
         files[SIDECAR] = sidecar_text(content)
         return files

@@ -128,6 +128,15 @@ def trees(world: World) -> dict[str, tuple[Body, ...]]:
     return {name: tuple(bodies) for name, bodies in found.items()}
 
 
+def free_rigid(world: World) -> frozenset[str]:
+    """The root bodies of the trees that are one free rigid body: a free joint, and below it fixed ones alone."""
+    return frozenset(
+        name
+        for name, (root, *others) in trees(world).items()
+        if root.joint.kind == "free" and all(body.joint.kind == "fixed" for body in others)
+    )
+
+
 class CollisionFilter:
     """Which bodies may touch, by the world's rules (see :class:`simspec.world.types.Contact`)."""
 

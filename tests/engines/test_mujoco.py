@@ -534,6 +534,8 @@ def test_every_setting_reaches_the_engine(load):
         "multiccd": False,
         "warmstart": False,
         "island": True,
+        "sleeping": True,
+        "sleep_tolerance": 1e-3,
         "contact_error_reduction": 0.02,
         "contact_impedance": 0.99,
         "friction_rate": 50.0,
@@ -552,8 +554,20 @@ def test_every_setting_reaches_the_engine(load):
     model, joints = load(world).model, load(arm).model
     option = model.opt
     assert option.solver == mujoco.mjtSolver.mjSOL_PGS
-    for name in ("iterations", "ls_iterations", "tolerance", "ls_tolerance", "impratio", "noslip_iterations"):
+    for name in (
+        "iterations",
+        "ls_iterations",
+        "tolerance",
+        "ls_tolerance",
+        "impratio",
+        "noslip_iterations",
+        "sleep_tolerance",
+    ):
         assert getattr(option, name) == settings[name]
+    assert option.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    policy = mujoco.mjtSleepPolicy
+    assert model.tree_sleep_policy.tolist() == [int(policy.mjSLEEP_AUTO_ALLOWED)]
+    assert load(arm).model.tree_sleep_policy.tolist() == [int(policy.mjSLEEP_NEVER)]
     off = mujoco.mjtDisableBit
     for bit, disabled in ((off.mjDSBL_WARMSTART, True), (off.mjDSBL_ISLAND, False), (off.mjDSBL_EULERDAMP, True)):
         assert bool(option.disableflags & int(bit)) is disabled
