@@ -61,7 +61,10 @@ def _evaluate(run: Run, expectation: Expectation) -> Outcome:
     parameters = dict(expectation.parameters)
     measure = MEASURES[expectation.kind]
     bound = float(
-        next((parameters[key] for key in ("tolerance", "depth", "speed", "at_least", "distance") if key in parameters), 0.0)
+        next(
+            (parameters[key] for key in ("tolerance", "depth", "speed", "at_least", "distance") if key in parameters),
+            0.0,
+        )
     )
     if run.failed is not None or not run.recorded:
         return Outcome(expectation.kind, False, None, bound, "", f"the run failed: {run.failed}")

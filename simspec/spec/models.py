@@ -253,7 +253,9 @@ class File(Strict):
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
     model: Model = Field(None, description="The model of a model file; excludes `bodies` and `models`")
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
-    trajectory: Trajectory = Field(None, description="What the driven joints should do; none: they stay where they begin")
+    trajectory: Trajectory = Field(
+        None, description="What the driven joints should do; none: they stay where they begin"
+    )
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")

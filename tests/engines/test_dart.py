@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.dynamics.oracle import Oracle
 from simspec.engines.dart import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.formats.skel import WORLD
-from simspec.dynamics.oracle import Oracle
 from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape

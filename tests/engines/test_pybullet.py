@@ -9,12 +9,12 @@ import random
 import numpy as np
 import pytest
 
+from simspec.dynamics.oracle import Oracle
 from simspec.engines.pybullet import PyBullet
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Feature, combine, negotiate
 from simspec.formats.base import read_sidecar
 from simspec.formats.urdf import Urdf
-from simspec.dynamics.oracle import Oracle
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, initial_state, layout
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape

@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof import motion, touch
 from simspec.dynamics.oracle import Oracle
+from simspec.proof import motion, touch
 from simspec.proof.probes import dynamics_checks, kinematics_checks, random_states, rotation_error
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
