@@ -27,12 +27,14 @@ LIMIT = 0.01
 def tool():
     spec = importlib.util.spec_from_file_location("stacking", ROOT / "tools" / "stacking.py")
     module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(ROOT / "tools"))  # as it is for a script that is called
     sys.modules["stacking"] = module
     spec.loader.exec_module(module)
     return module
 
 
 stacking = tool()
+stacking_page = sys.modules["stacking_page"]
 
 
 @pytest.fixture(scope="module")
@@ -157,22 +159,48 @@ def test_the_page_is_made_of_the_results():
     row |= {"control_us": 11.0, "record_us": 0.5}
     lost = row | {"worst": None, "failure": "cylinder_3_1 100 mm off at 13 s: slip: not lifted"}
     name = ENGINES[0]
-    known = {stacking.key(name, 4, seed): row for seed in (0, 1)} | {stacking.key(name, 4, 2): row | {"worst": 0.0034}}
-    known |= {stacking.key(name, 16, 0): row, stacking.key(name, 16, 1): lost}
-    made = stacking.tables(known)
+    known = {stacking_page.key(name, 4, seed): row for seed in (0, 1)}
+    known[stacking_page.key(name, 4, 2)] = row | {"worst": 0.0034}
+    known |= {stacking_page.key(name, 16, 0): row, stacking_page.key(name, 16, 1): lost}
+    pace = {
+        "quiet": {"step": 50.0, "control": 11.0, "record": 0.5},
+        "median": {"step": 80.0, "control": 14.0, "record": 0.6},
+    }
+    known[stacking_page.key(name, 1, 0, "speed")] = pace
+    known[stacking_page.key(name, 4, 0, "asleep")] = lost
+    made = stacking_page.tables(known)
+    assert f"| {name} | 20.0 | 12.5 | 50.0 µs | 11.0 µs | 0.5 µs |" in made["speed"]
+    assert next(line for line in made["asleep"].splitlines() if name in line).split(" | ")[3] == lost["failure"]
     lines = made["limits"].splitlines()
     assert next(line for line in lines if line.startswith("| 4 ms")).split(" | ")[1] == "3.4"
     assert "fails** (1 of 2)" in next(line for line in lines if line.startswith("| 16 ms"))
     assert "slip: not lifted" in made["failures"]
     text = "".join(f"x <!-- {part} -->old<!-- /{part} --> y\n" for part in made)
-    page = stacking.page(known, text)
+    page = stacking_page.page(known, text)
     assert "old" not in page
-    assert stacking.page(known, page) == page
+    assert stacking_page.page(known, page) == page
     with pytest.raises(ValueError, match="limits"):
-        stacking.page(known, "no marks")
+        stacking_page.page(known, "no marks")
 
 
 def test_results_without_a_number_are_kept_as_nothing():
     found = stacking.Result(math.inf, "no result: x", 0.0, 0.0, 0.0, 0.0, 0.0)
     assert stacking.as_data(found)["worst"] is None
     assert dataclasses.asdict(found)["failure"]
+
+
+def test_the_pace_of_a_scenario_is_that_of_its_fastest_rounds(world):
+    """Of every second and part the fastest round, so never more than the median one."""
+    pace = sys.modules["pace"]
+    short = dataclasses.replace(
+        part("trajectory.until=2s"),
+        expectations=(),
+        physics=dataclasses.replace(world.physics, timestep=2e-3, steps=1000),
+    )
+    found = pace.measure(short, ["mujoco"], 2)["mujoco"]
+    assert found.timestep == 2e-3
+    assert all(0.0 < found.quiet[name] <= found.median[name] for name in pace.PARTS)
+    assert found.real_time_factor() >= found.real_time_factor("median") > 0.0
+    slow = pace.with_settings(short, "dart", {"sleeping": True})
+    assert dict(slow.options("dart").settings)["sleeping"] is True
+    assert slow.options("mujoco") == short.options("mujoco")

@@ -3,7 +3,8 @@
     python tools/stacking.py                                    all engines, 20 timesteps, three seeds, then the table
     python tools/stacking.py --only dart --timesteps 16 24      some of it; what is known already is kept
     python tools/stacking.py --page                             the page again, from docs/stacking.json
-    python tools/stacking.py --speed --control                  real-time factors (nothing else must run), slippery fingers
+    python tools/stacking.py --speed                            real-time factors at 1 ms (nothing else must run)
+    python tools/stacking.py --sleeping --control               with bodies that rest asleep; with slippery fingers
 
 A run is valid when every placement and every final place is within 1 cm, as the scenario's own expectations say. Seed 0 is the
 scenario as it is written; other seeds move every cylinder by up to 0.1 mm along x and y.
@@ -14,32 +15,25 @@ from __future__ import annotations
 import argparse
 import concurrent.futures
 import dataclasses
-import json
 import math
 import random
 import sys
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pace import measure, table, with_settings
+from stacking_page import ASLEEP, PAGE, ROOT, SEEDS, TIMESTEPS, keep, key, load, page, picture
 
 import simspec
 from simspec.engines.base import engines
 from simspec.errors import EngineError
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run, run
-from simspec.world.types import EngineOptions, Expectation, World
+from simspec.world.types import Expectation, World
 
-ROOT = Path(__file__).resolve().parent.parent
 SPEC = ROOT / "specs" / "stack-cylinders.yaml"
-RESULTS = ROOT / "docs" / "stacking.json"
-PAGE = ROOT / "docs" / "stacking.md"
-PICTURE = ROOT / "docs" / "images" / "stacking.png"
 
-TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
-"""ms: those of Körber et al. 2021."""
-SEEDS = (0, 1, 2)
 JITTER = 1e-4
 """m, along x and y."""
 EVERY = 0.25
@@ -106,7 +100,7 @@ class Result:
     record_us: float
 
 
-def scenario(timestep: float, seed: int, slippery: bool = False) -> World:
+def scenario(timestep: float, seed: int) -> World:
     """The world at a timestep (s). Times that are no whole number of steps go to the next step."""
     world = simspec.load(SPEC).resolve()
     end = world.physics.steps * world.physics.timestep
@@ -115,16 +109,16 @@ def scenario(timestep: float, seed: int, slippery: bool = False) -> World:
     draw = random.Random(seed).uniform
     bodies = tuple(_moved(body, draw) if seed and body.name.startswith("cylinder") else body for body in world.bodies)
     asked = tuple(_at_a_record(one, timestep, steps, every) for one in world.expectations)
-    if slippery:
-        world = _slippery(world)
-    return dataclasses.replace(
+    world = dataclasses.replace(
         world,
         bodies=bodies,
         physics=dataclasses.replace(world.physics, timestep=timestep, steps=steps),
         record=dataclasses.replace(world.record, every_steps=every),
         expectations=asked,
-        engines=tuple(_by_rule(options, timestep) for options in world.engines),
     )
+    for engine in RULES:
+        world = with_settings(world, engine, rule(engine, timestep))
+    return world
 
 
 def _moved(body, draw):
@@ -141,9 +135,10 @@ def _at_a_record(one: Expectation, timestep: float, steps: int, every: int) -> E
     return dataclasses.replace(one, parameters=tuple(sorted(given.items())))
 
 
-def _by_rule(options: EngineOptions, timestep: float) -> EngineOptions:
-    settings = dict(options.settings) | rule(options.engine, timestep)
-    return dataclasses.replace(options, settings=tuple(sorted(settings.items())))
+def _asleep(world: World) -> World:
+    for engine in engines():
+        world = with_settings(world, engine, {"sleeping": True})
+    return world
 
 
 def _slippery(world: World) -> World:
@@ -155,9 +150,9 @@ def _slippery(world: World) -> World:
     return dataclasses.replace(world, contact=dataclasses.replace(contact, pairs=pairs))
 
 
-def one(engine: str, milliseconds: float, seed: int, slippery: bool = False) -> Result:
+def one(engine: str, milliseconds: float, seed: int, changed: Callable[[World], World] = lambda world: world) -> Result:
     """Run the scenario once."""
-    world = scenario(milliseconds * 1e-3, seed, slippery)
+    world = changed(scenario(milliseconds * 1e-3, seed))
     try:
         done = run(world, engine, deadline=DEADLINE)
     except EngineError as error:
@@ -231,25 +226,6 @@ def _overlap(done: Run, name: str, begin: int, row: int) -> float:
     return float(-done.arrays["contact.distance"][mine].min(initial=0.0))
 
 
-# --- what is known ------------------------------------------------------------------------------------------------
-
-
-def key(engine: str, milliseconds: float, seed: int, kind: str = "run") -> str:
-    """The name of a result among those kept."""
-    return f"{kind} {engine} {milliseconds:g} {seed}"
-
-
-def load() -> dict[str, dict[str, Any]]:
-    """Results that are kept."""
-    return json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
-
-
-def keep(known: dict[str, dict[str, Any]]) -> None:
-    """Write the results, sorted."""
-    text = json.dumps(dict(sorted(known.items())), indent=1, ensure_ascii=False)
-    RESULTS.write_text(text + "\n", encoding="utf-8")
-
-
 def as_data(found: Result) -> dict[str, Any]:
     """A result as JSON holds it: no number that is not finite, and no more digits than mean something."""
     data = dataclasses.asdict(found)
@@ -286,124 +262,38 @@ def say(what: str, found: Result) -> None:
     print(f"{what}: {1e3 * found.worst:.2f} mm, {speed}: {verdict}", flush=True)
 
 
-def speed(chosen: Sequence[str]) -> None:
-    """Real-time factors at 1 ms, one run at a time."""
+def speed(chosen: Sequence[str], rounds: int) -> None:
+    """Real-time factors at 1 ms, awake and with sleeping; engines take turns."""
+    known = load()
+    awake = simspec.load(SPEC).resolve()
+    for kind, variant in (("speed", awake), ("speed-asleep", _asleep(awake))):
+        for engine, found in measure(variant, chosen, rounds).items():
+            parts = {"quiet": found.quiet, "median": found.median}
+            rounded = {of: {name: float(f"{value:.4g}") for name, value in row.items()} for of, row in parts.items()}
+            known[key(engine, 1.0, 0, kind)] = rounded
+            keep(known)
+            print(f"{kind}\n{table({engine: found})}", flush=True)
+
+
+def sleeping(chosen: Sequence[str]) -> None:
+    """The scenario with sleeping, at some timesteps."""
     known = load()
     for engine in chosen:
-        found = one(engine, 1.0, 0)
-        known[key(engine, 1.0, 0, "speed")] = as_data(found)
-        keep(known)
-        say(f"{engine} 1 ms alone", found)
+        for milliseconds in ASLEEP:
+            found = one(engine, milliseconds, 0, _asleep)
+            known[key(engine, milliseconds, 0, "asleep")] = as_data(found)
+            keep(known)
+            say(f"{engine} {milliseconds:g} ms, sleeping", found)
 
 
 def control(chosen: Sequence[str]) -> None:
     """The negative control: slippery fingers, at 2 ms."""
     known = load()
     for engine in chosen:
-        found = one(engine, 2.0, 0, True)
+        found = one(engine, 2.0, 0, _slippery)
         known[key(engine, 2.0, 0, "slippery")] = as_data(found)
         keep(known)
         say(f"{engine} with fingers of μ = {SLIPPERY}", found)
-
-
-# --- the page -----------------------------------------------------------------------------------------------------
-
-
-def cell(rows: Sequence[dict[str, Any] | None]) -> str:
-    """All seeds of one engine at one timestep: the worst deviation (mm), or how many seeds fail."""
-    there = [row for row in rows if row is not None]
-    if not there:
-        return ""
-    failed = [row for row in there if row["failure"]]
-    if failed:
-        return f"**fails** ({len(failed)} of {len(there)})"
-    return f"{1e3 * max(row['worst'] for row in there):.1f}"
-
-
-def tables(known: Mapping[str, dict[str, Any]]) -> dict[str, str]:
-    """The generated parts of the page, by name."""
-    names = list(engines())
-    lines = [f"| timestep | {' | '.join(names)} |", f"|---|{'---|' * len(names)}"]
-    for step in TIMESTEPS:
-        cells = [cell([known.get(key(name, step, seed)) for seed in SEEDS]) for name in names]
-        lines.append(f"| {step} ms | {' | '.join(cells)} |")
-    failures = ["| run | what happened first |", "|---|---|"]
-    for step in TIMESTEPS:
-        for name in names:
-            for seed in SEEDS:
-                row = known.get(key(name, step, seed))
-                if row is not None and row["failure"]:
-                    failures.append(f"| {name} {step} ms, seed {seed} | {row['failure']} |")
-    speeds = [
-        "| engine | RTF | RTF by processor time | engine | law and joints | recording |",
-        "|---|---|---|---|---|---|",
-    ]
-    for name in names:
-        row = known.get(key(name, 1.0, 0, "speed"))
-        if row is not None:
-            parts = [f"{row[part]:.1f}" for part in ("real_time_factor", "cpu_factor")]
-            parts += [f"{row[part]:.1f} µs" for part in ("step_us", "control_us", "record_us")]
-            speeds.append(f"| {name} | {' | '.join(parts)} |")
-    slippery = ["| engine | verdict |", "|---|---|"]
-    for name in names:
-        row = known.get(key(name, 2.0, 0, "slippery"))
-        if row is not None:
-            slippery.append(f"| {name} | {row['failure'] or 'valid'} |")
-    parts = {"limits": lines, "failures": failures, "speed": speeds, "slippery": slippery}
-    return {name: "\n".join(rows) for name, rows in parts.items()}
-
-
-def page(known: Mapping[str, dict[str, Any]], text: str) -> str:
-    """The page with its generated parts made anew."""
-    for name, table in tables(known).items():
-        begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        before, _, rest = text.partition(begin)
-        _, _, after = rest.partition(end)
-        if not rest:
-            raise ValueError(f"{PAGE.name} has no {begin}")
-        text = f"{before}{begin}\n{table}\n{end}{after}"
-    return text
-
-
-def picture(known: Mapping[str, dict[str, Any]]) -> None:
-    """The largest deviation by timestep, a line for each engine, seeds as points; what fails stands at the top."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    axes = figure.subplots()
-    top = 40.0
-    for name, marker in zip(engines(), "osD^v", strict=False):
-        for seed in SEEDS:
-            rows = [(step, known.get(key(name, step, seed))) for step in TIMESTEPS]
-            there = [(step, row) for step, row in rows if row is not None]
-            x = [step for step, _ in there]
-            y = [top if row["failure"] else 1e3 * row["worst"] for _, row in there]
-            colour = COLOURS.get(name, "black")
-            label = name if seed == SEEDS[0] else None
-            axes.plot(x, y, marker, color=colour, markersize=4, alpha=0.7, label=label)
-        means = [
-            (step, [known[key(name, step, seed)] for seed in SEEDS if key(name, step, seed) in known])
-            for step in TIMESTEPS
-        ]
-        line = [
-            (step, max(1e3 * row["worst"] for row in found))
-            for step, found in means
-            if found and not any(row["failure"] for row in found)
-        ]
-        axes.plot(*zip(*line, strict=True), color=COLOURS.get(name, "black"), linewidth=1) if line else None
-    axes.axhline(10.0, color="grey", linewidth=1, linestyle="--")
-    axes.text(1.0, 10.6, "1 cm: the study's bound", color="grey", fontsize=8)
-    axes.text(1.0, top * 1.05, "fails", color="grey", fontsize=8)
-    axes.set(xscale="log", yscale="log", xlabel="timestep (ms)", ylabel="largest deviation (mm)", ylim=(0.05, 60.0))
-    ticks = [1, 2, 4, 8, 16, 32, 64]
-    axes.set_xticks(ticks, [str(tick) for tick in ticks])
-    axes.minorticks_off()
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
-    figure.savefig(PICTURE, dpi=120, metadata={"Software": None})
-
-
-COLOURS = dict(zip(engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
-"""A colour for each engine."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -415,6 +305,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="runs at once")
     parser.add_argument("--again", action="store_true", help="also what is known already")
     parser.add_argument("--speed", action="store_true", help="real-time factors at 1 ms, one run at a time")
+    parser.add_argument("--rounds", type=int, default=3, help="of --speed")
+    parser.add_argument("--sleeping", action="store_true", help="with bodies that rest asleep")
     parser.add_argument("--control", action="store_true", help="the negative control, with slippery fingers")
     parser.add_argument("--page", action="store_true", help="the page alone")
     parser.add_argument("--check", action="store_true", help="whether the page is what the results make of it")
@@ -425,10 +317,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{PAGE.relative_to(ROOT)} is {'stale: python tools/stacking.py --page' if stale else 'current'}")
         return int(stale)
     if given.speed:
-        speed(given.only)
+        speed(given.only, given.rounds)
+    if given.sleeping:
+        sleeping(given.only)
     if given.control:
         control(given.only)
-    if not (given.page or given.speed or given.control):
+    if not (given.page or given.speed or given.sleeping or given.control):
         sweep(given.only, given.timesteps, given.seeds, given.jobs, given.again)
     PAGE.write_text(page(load(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     picture(load())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,12 @@ TELL_EVERY = 1.0
 """s between two words on how far a run is."""
 
 
-class _Stepper:
-    """Steps an engine, with the controllers at work between the steps."""
+class Stepper:
+    """Steps an engine, with the controllers at work between the steps.
+
+    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and wall time of the
+    laws and of passing states and efforts (``control``).
+    """
 
     def __init__(self, engine: Engine, control: Control | None):
         self._engine, self.control = engine, control
@@ -32,6 +37,7 @@ class _Stepper:
                 self._servos = engine.track(*places, own.stiffness, own.damping, own.limit)
 
     def advance(self, done: int, count: int) -> None:
+        """Do steps ``done`` … ``done + count − 1`` of the run."""
         if self.control is not None and self._joints is not None:
             self.control.advance(self._joints, done, count, self._servos)
             return
@@ -40,6 +46,47 @@ class _Stepper:
         self._engine.step(count)
         self.seconds["step"] += time.perf_counter() - wall
         self.seconds["cpu"] += time.process_time() - cpu
+
+
+class Recording:
+    """What a run leaves behind: rows of the named channels, taken one by one; see :func:`record` for their meaning."""
+
+    def __init__(self, engine: Engine, channels: Iterable[str], control: Control | None):
+        self._engine, self._control, self._channels = engine, control, frozenset(channels)
+        names = ("step", "q", "v", "pose", "velocity", "energy", "control.target", "control.effort")
+        self._rows: dict[str, list[Any]] = {name: [] for name in names}
+        self._contacts: list[tuple[int, dict[str, np.ndarray]]] = []
+        self.seconds = 0.0
+        """Wall time of all rows."""
+
+    def take(self, done: int) -> bool:
+        """Add a row, after ``done`` steps. Returns whether the state is finite."""
+        started = time.perf_counter()
+        engine, control, rows = self._engine, self._control, self._rows
+        pose, velocity = engine.body_states()
+        q, v = engine.get_state()
+        for name, value in (("step", done), ("q", q), ("v", v), ("pose", pose), ("velocity", velocity)):
+            rows[name].append(value)
+        if "energy" in self._channels:
+            rows["energy"].append(engine.energy())
+        if "contacts" in self._channels and done:
+            self._contacts.append((len(rows["step"]) - 1, engine.contacts()))
+        if control is not None:
+            rows["control.target"].append(control.target if done else q[control.q_places])
+            rows["control.effort"].append(control.applied)
+        self.seconds += time.perf_counter() - started
+        return bool(np.isfinite(pose).all() and np.isfinite(velocity).all())
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All rows, by channel."""
+        found = {name: np.array(values) for name, values in self._rows.items() if values}
+        if "contacts" in self._channels:
+            lengths = [len(block["distance"]) for _, block in self._contacts]
+            found["contact.row"] = np.repeat([row for row, _ in self._contacts], lengths).astype(np.int64)
+            for name, shape in CONTACT_FIELDS.items():
+                blocks = [block[name] for _, block in self._contacts if len(block["distance"])]
+                found[f"contact.{name}"] = np.concatenate(blocks) if blocks else np.zeros((0, *shape))
+        return found
 
 
 def record(
@@ -62,32 +109,15 @@ def record(
     """
     if "q" in arrays:
         engine.set_state(arrays["q"], arrays["v"])
-    stepper = _Stepper(engine, from_request(operation, arrays))
+    stepper = Stepper(engine, from_request(operation, arrays))
     control = stepper.control
-    channels = set(operation["channels"])
+    recording = Recording(engine, operation["channels"], control)
     steps, every = operation["steps"], operation["every"]
-    names = ("step", "q", "v", "pose", "velocity", "energy", "control.target", "control.effort")
-    rows: dict[str, list[Any]] = {name: [] for name in names}
-    contacts: list[tuple[int, dict[str, np.ndarray]]] = []
     done, failed = 0, None
     begun = time.perf_counter()
     told = begun if "progress" in operation else None
-    recording = 0.0
     while True:
-        started = time.perf_counter()
-        pose, velocity = engine.body_states()
-        q, v = engine.get_state()
-        for name, value in (("step", done), ("q", q), ("v", v), ("pose", pose), ("velocity", velocity)):
-            rows[name].append(value)
-        if "energy" in channels:
-            rows["energy"].append(engine.energy())
-        if "contacts" in channels and done:
-            contacts.append((len(rows["step"]) - 1, engine.contacts()))
-        if control is not None:
-            rows["control.target"].append(control.target if done else q[control.q_places])
-            rows["control.effort"].append(control.applied)
-        recording += time.perf_counter() - started
-        if not (np.isfinite(pose).all() and np.isfinite(velocity).all()):
+        if not recording.take(done):
             failed = f"the state is not finite after step {done}"
             break
         if done >= steps:
@@ -98,19 +128,12 @@ def record(
         count = min(every, steps - done)
         stepper.advance(done, count)
         done += count
-    found = {name: np.array(values) for name, values in rows.items() if values}
-    if "contacts" in channels:
-        lengths = [len(block["distance"]) for _, block in contacts]
-        found["contact.row"] = np.repeat([row for row, _ in contacts], lengths).astype(np.int64)
-        for name, shape in CONTACT_FIELDS.items():
-            blocks = [block[name] for _, block in contacts if len(block["distance"])]
-            found[f"contact.{name}"] = np.concatenate(blocks) if blocks else np.zeros((0, *shape))
     result: dict[str, Any] = {
         "steps": done,
         "step_seconds": stepper.seconds["step"],
         "cpu_seconds": stepper.seconds["cpu"],
         "control_seconds": stepper.seconds["control"],
-        "record_seconds": recording,
+        "record_seconds": recording.seconds,
         "run_seconds": time.perf_counter() - begun,
         "failed": failed,
     }
@@ -121,4 +144,4 @@ def record(
             "error": [float(value) if np.isfinite(value) else None for value in control.error],
             "clipped": [None if own else int(count) for own, count in zip(native, control.clipped, strict=True)],
         }
-    return result, found
+    return result, recording.arrays()
