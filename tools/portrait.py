@@ -1,6 +1,6 @@
 """A picture of a scenario at some times, side by side: docs/images/stack-cylinders.png.
 
-    python tools/portrait.py specs/stack-cylinders.yaml --times 11 279 --timestep 0.004 --out docs/images/stack-cylinders.png
+    python tools/portrait.py specs/stack-cylinders.yaml --times 11 279 --out docs/images/stack-cylinders.png
 
 Runs it in the engine that has a renderer which needs no graphics card, and lets that draw.
 """
@@ -64,15 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("spec", type=Path)
     parser.add_argument("--times", nargs="+", type=float, required=True, help="s, ascending")
-    parser.add_argument("--timestep", type=float, help="s; the scenario's own without")
-    parser.add_argument("--eye", nargs=3, type=float, default=(2.1, 2.0, 1.4), metavar=("X", "Y", "Z"))
-    parser.add_argument("--target", nargs=3, type=float, default=(0.25, 0.6, 0.32), metavar=("X", "Y", "Z"))
+    parser.add_argument("--eye", nargs=3, type=float, default=(2.3, 2.15, 1.5), metavar=("X", "Y", "Z"))
+    parser.add_argument("--target", nargs=3, type=float, default=(0.25, 0.55, 0.42), metavar=("X", "Y", "Z"))
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args(arguments)
     world = simspec.load(given.spec).resolve()
-    timestep = given.timestep or world.physics.timestep
-    steps = math.ceil(max(given.times) / timestep - 1e-9)
-    physics = dataclasses.replace(world.physics, timestep=timestep, steps=steps)
+    physics = dataclasses.replace(world.physics, steps=math.ceil(max(given.times) / world.physics.timestep - 1e-9))
     world = dataclasses.replace(world, physics=physics, expectations=())
     Image.fromarray(np.hstack(pictures(world, given.times, given.eye, given.target))).save(given.out, optimize=True)
     return 0
