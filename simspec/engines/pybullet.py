@@ -145,7 +145,9 @@ class PyBullet(Engine):
         ),
         "residual_threshold": Setting(
             0.0,
-            "The solver stops early below this residual; 0: never, so that all steps are solved alike.",
+            "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 a body at "
+            "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
+            "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0.",
             minimum=0.0,
         ),
         "contact_erp": Setting(
