@@ -1,7 +1,7 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in three engines, then a robot arm
 # make test    what CI runs: lint, stale files, tests
-# make scenario-full   the robot scenario, 279 s in every engine at 2 ms: some minutes
+# make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
@@ -54,7 +54,7 @@ benchmarks: setup
 
 # the whole robot scenario; python tools/stacking.py is the sweep over timesteps
 scenario-full: setup
-	$(BIN)/simspec run specs/stack-cylinders.yaml --all-engines --no-repeats --deadline 3600 --set physics.timestep=2ms
+	$(BIN)/simspec run specs/stack-cylinders.yaml --all-engines --no-repeats --deadline 3600
 
 clean:
 	rm -rf .venv runs

@@ -70,7 +70,7 @@ def _mujoco(timestep: float) -> dict[str, Any]:
 
 
 def _pybullet(timestep: float) -> dict[str, Any]:
-    if timestep <= 0.002:
+    if timestep <= 0.001:
         return {}
     return {
         "collision_margin": 0.001,
@@ -263,16 +263,15 @@ def say(what: str, found: Result) -> None:
 
 
 def speed(chosen: Sequence[str], rounds: int) -> None:
-    """Real-time factors at 1 ms, awake and with sleeping; engines take turns."""
+    """Real-time factors at 1 ms; engines take turns."""
     known = load()
-    awake = simspec.load(SPEC).resolve()
-    for kind, variant in (("speed", awake), ("speed-asleep", _asleep(awake))):
-        for engine, found in measure(variant, chosen, rounds).items():
-            parts = {"quiet": found.quiet, "median": found.median}
-            rounded = {of: {name: float(f"{value:.4g}") for name, value in row.items()} for of, row in parts.items()}
-            known[key(engine, 1.0, 0, kind)] = rounded
-            keep(known)
-            print(f"{kind}\n{table({engine: found})}", flush=True)
+    paces = measure(simspec.load(SPEC).resolve(), chosen, rounds)
+    for engine, found in paces.items():
+        parts = {"quiet": found.quiet, "median": found.median}
+        rounded = {of: {name: float(f"{value:.4g}") for name, value in row.items()} for of, row in parts.items()}
+        known[key(engine, 1.0, 0, "speed")] = rounded
+        keep(known)
+    print(table(paces), flush=True)
 
 
 def sleeping(chosen: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ PICTURE = ROOT / "docs" / "images" / "stacking.png"
 TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
 """ms: those of Körber et al. 2021."""
 SEEDS = (0, 1, 2)
-ASLEEP = (1.0, 4.0)
+ASLEEP = (4.0,)
 """ms: timesteps of the runs with sleeping."""
 COLOURS = dict(zip(engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
 """A colour for each engine."""
@@ -72,24 +72,21 @@ def tables(known: Mapping[str, dict[str, Any]]) -> dict[str, str]:
                 if row is not None and row["failure"]:
                     failures.append(f"| {name} {step} ms, seed {seed} | {row['failure']} |")
     speeds = [
-        "| engine | RTF | median round | engine | law and joints | recording | RTF asleep |",
-        "|---|---|---|---|---|---|---|",
+        "| engine | RTF | median round | engine | law and joints | recording |",
+        "|---|---|---|---|---|---|",
     ]
     for name in names:
-        row, asleep = (known.get(key(name, 1.0, 0, kind)) for kind in ("speed", "speed-asleep"))
+        row = known.get(key(name, 1.0, 0, "speed"))
         if row is not None:
             parts = [f"{1e3 / row[of]['step']:.1f}" for of in ("quiet", "median")]
             parts += [f"{row['quiet'][part]:.1f} µs" for part in PARTS]
-            parts.append(f"{1e3 / asleep['quiet']['step']:.1f}" if asleep is not None else "")
             speeds.append(f"| {name} | {' | '.join(parts)} |")
-    asleep = [
-        f"| engine | {' | '.join(f'{step:g} ms | awake' for step in ASLEEP)} |",
-        f"|---|{'---|---|' * len(ASLEEP)}",
-    ]
+    asleep = ["| engine, timestep | awake | asleep | step awake | step asleep |", "|---|---|---|---|---|"]
     for name in names:
-        rows = [(known.get(key(name, step, 0, "asleep")), known.get(key(name, step, 0))) for step in ASLEEP]
-        cells = [_verdict(row) for pair in rows for row in pair]
-        asleep.append(f"| {name} | {' | '.join(cells)} |")
+        for step in ASLEEP:
+            rows = [known.get(key(name, step, 0, kind)) for kind in ("run", "asleep")]
+            costs = ["" if row is None else f"{row['step_us']:.0f} µs" for row in rows]
+            asleep.append(f"| {name}, {step:g} ms | {' | '.join([*map(_verdict, rows), *costs])} |")
     slippery = ["| engine | verdict |", "|---|---|"]
     for name in names:
         row = known.get(key(name, 2.0, 0, "slippery"))
