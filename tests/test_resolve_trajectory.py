@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import simspec
@@ -187,6 +187,7 @@ def test_the_fastest_moment_of_a_cubic_is_found(lasting, way):
     """From rest to rest it is half way through, at 1.5 times the mean speed; the limit is 3 rad/s."""
     points = [{"at": 0, "positions": {"arm/shoulder": 0}}, {"at": lasting, "positions": {"arm/shoulder": way}}]
     fastest = 1.5 * abs(way) / lasting
+    assume(abs(fastest - 3.0) > 1e-9)  # at the limit itself rounding decides
     if fastest <= 3.0:
         assert spec({"points": points}).resolve().trajectory.times == (0.0, lasting)
         return

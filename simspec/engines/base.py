@@ -263,9 +263,13 @@ def resolve_settings(engine: type[Engine], world: World) -> dict[str, bool | int
 
 
 def written_settings(engine: type[Engine], world: World) -> dict[str, bool | int | float | str]:
-    """The settings that stand in files: those of :func:`resolve_settings` but for those whose switch is off."""
+    """The settings that stand in files: those of :func:`resolve_settings` but for those whose switch is off.
+
+    Settings that the engine does not have stay, for it to refuse.
+    """
     found = resolve_settings(engine, world)
-    return {name: value for name, value in found.items() if found.get(engine.SETTINGS[name].only_with, True)}
+    off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
+    return {name: value for name, value in found.items() if name not in off}
 
 
 def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:

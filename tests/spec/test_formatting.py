@@ -104,7 +104,9 @@ def test_any_layout_leads_to_the_same(path, mangle):
         straight = json.dumps(data, ensure_ascii=False)
         assert format_text(untidy, "f") == format_text(straight, "f")
     elif mangle == "wide":
-        untidy = re.sub(r"(?m)^( *)(?=\S)", lambda match: match[1] * 3, text).replace("\n", "\n\n\n")
+        # the keys of a list's item stay below each other
+        untidy = re.sub(r"(?m)^( *)(- )?(?=\S)", lambda match: match[1] * 3 + ("-     " if match[2] else ""), text)
+        untidy = untidy.replace("\n", "\n\n\n")
         tidy = format_text(untidy, "f")
         assert [line for line in tidy.splitlines() if line] == [line for line in text.splitlines() if line]
     else:
