@@ -89,6 +89,13 @@ class Recording:
         return found
 
 
+def _tell(place: Path, share: float) -> None:
+    """Write the share that is done, whole: who looks meanwhile must not see half a number."""
+    beside = place.with_name(f"{place.name}.new")
+    beside.write_text(f"{share:.6f}", encoding="ascii")
+    beside.replace(place)
+
+
 def record(
     engine: Engine, arrays: dict[str, np.ndarray], operation: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -124,7 +131,7 @@ def record(
             break
         if told is not None and time.perf_counter() - told >= TELL_EVERY:
             told = time.perf_counter()
-            Path(operation["progress"]).write_text(f"{done / steps:.6f}", encoding="ascii")
+            _tell(Path(operation["progress"]), done / steps)
         count = min(every, steps - done)
         stepper.advance(done, count)
         done += count
