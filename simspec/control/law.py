@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simspec.control.native import Aims, Native, natives
+from simspec.control.native import Native, Servos, natives
 from simspec.control.reference import Reference
 from simspec.errors import SimspecError
 from simspec.world.control import Controller
@@ -214,7 +214,8 @@ class Control:
         self._slices = [slice(first, last) for first, last in itertools.pairwise(sizes)]
         own = self.native
         if own is not None:  # some may be there already: laws with dynamics read all joints of their trees
-            more = [k for k, name in enumerate(own.joints) if name not in set(self.joints)]
+            there = set(self.joints)
+            more = [k for k, name in enumerate(own.joints) if name not in there]
             order += [index[own.bodies[k]] for k in more]
             self.joints += [own.joints[k] for k in more]
             limits.append(np.full(len(more), np.inf))
@@ -234,7 +235,7 @@ class Control:
         """Steps in which an effort was clipped, by joint."""
         self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0}
 
-    def advance(self, joints: Joints, first: int, count: int, servos: Aims | None = None) -> None:
+    def advance(self, joints: Joints, first: int, count: int, servos: Servos | None = None) -> None:
         """Do steps ``first`` … ``first + count − 1`` of the run; with ``native`` joints, ``servos`` are told where to go."""
         if (self.native is None) != (servos is None):
             raise ControlError(
@@ -253,7 +254,7 @@ class Control:
             rows.append(joints.read()[0][order])
         return np.array(rows)
 
-    def _chunk(self, joints: Joints, first: int, count: int, servos: Aims | None) -> None:
+    def _chunk(self, joints: Joints, first: int, count: int, servos: Servos | None) -> None:
         begun = time.perf_counter()
         targets = np.zeros((count, len(self.joints)))
         for group, part in zip(self._groups, self._slices, strict=True):

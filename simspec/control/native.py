@@ -12,11 +12,11 @@ from simspec.world.control import Controller
 from simspec.world.types import World
 
 
-class Aims(Protocol):
+class Servos(Protocol):
     """An engine's own controllers at work."""
 
     def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Where the joints should be and how fast, each (n,), in the next step."""
+        """Where the joints should be and how fast, each (n,), for the next step; to be called before every step."""
 
 
 def natives(world: World) -> tuple[Controller, ...]:

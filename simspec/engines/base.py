@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.control.native import Servos
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
 from simspec.formats.contact_plan import Rules
@@ -220,13 +221,6 @@ class Actuation:
             raise RuntimeError("read first")
         self._effort[self._v] = effort
         self._engine.step(1, self._effort)
-
-
-class Servos(Protocol):
-    """An engine's own controllers at work."""
-
-    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Where the joints should be and how fast, each (n,), for the next step; to be called before every step."""
 
 
 def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:

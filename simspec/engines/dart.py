@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Deviation, Engine, Servos, Setting, empty_contacts, restore_velocities
+from simspec.control.native import Servos
+from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
 from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Deviation, Engine, Servos, Setting, empty_contacts, restore_velocities
+from simspec.control.native import Servos
+from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_control import NATIVE, Drive, explicit_servos_hold
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back

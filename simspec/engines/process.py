@@ -183,8 +183,8 @@ class Running:
     def _tell(self, progress: Callable[[float], None]) -> None:
         try:
             progress(float((self._folder / PROGRESS_FILE).read_text(encoding="ascii")))
-        except (FileNotFoundError, ValueError):
-            return  # nothing said yet, or a word half written: the next look will find it
+        except FileNotFoundError:
+            return  # nothing said yet: the next look will find it
 
     def kill(self) -> None:
         """End the process and everything it started."""

@@ -17,7 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.engines.base import Actuation, Engine, Servos, Setting, empty_contacts, restore_velocities
+from simspec.control.native import Servos
+from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, restore_velocities
 from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts

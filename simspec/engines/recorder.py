@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from simspec.control.law import Control
+from simspec.control.native import Servos
 from simspec.control.request import from_request
-from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine, Servos
+from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine
 
 TELL_EVERY = 1.0
 """s between two words on how far a run is."""

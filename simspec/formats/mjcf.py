@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from simspec.control.native import natives
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
 from simspec.formats.base import SIDECAR, Format, Target, environment, number, numbers, sidecar, sidecar_text
@@ -247,8 +248,7 @@ def _check(world: World) -> None:
             found=joint,
             hint="leave the joint out of the controller, or give it an effort limit above zero",
         )
-        for one in world.controllers
-        if one.law == "native"
+        for one in natives(world)
         for joint, limit in zip(one.joints, one.effort_limits, strict=True)
         if limit == 0.0
     )
@@ -329,9 +329,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
 def _actuators(world: World) -> list[dict[str, Any]]:
     """A position actuator for each natively driven joint; without kp a velocity actuator."""
     found = []
-    for controller in world.controllers:
-        if controller.law != "native":
-            continue
+    for controller in natives(world):
         for name, kp, kd, limit in zip(
             controller.joints, controller.kp, controller.kd, controller.effort_limits, strict=True
         ):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from simspec.control.native import natives
 from simspec.formats.contact_plan import QUANTITIES, Rules, combined, contact_plan, meeting_laws, shape_pairs
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
@@ -172,12 +173,7 @@ class _Comparison:
 
     def servos(self) -> None:
         """The engine's own controllers: one for each natively driven joint, with its gains and limit."""
-        rows = {
-            name: (one, index)
-            for one in self.world.controllers
-            if one.law == "native"
-            for index, name in enumerate(one.joints)
-        }
+        rows = {name: (one, index) for one in natives(self.world) for index, name in enumerate(one.joints)}
         names = sorted(servo.joint for servo in self.held.servos)  # a joint held twice counts twice
         if rows or names:
             self.tally.equal(self.levels["joint"], "controllers", sorted(rows), names, "control")
@@ -340,5 +336,5 @@ def _pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
 
 def not_checked(world: World, unreadable: Mapping[str, str]) -> dict[str, str]:
     """What a read-back could not tell, with the reasons, sorted; of engines' own controllers only where the world has some."""
-    own = any(one.law == "native" for one in world.controllers)
+    own = natives(world)
     return {field: why for field, why in sorted(unreadable.items()) if own or field != "control.native"}
