@@ -15,6 +15,8 @@ import argparse
 import concurrent.futures
 import dataclasses
 import json
+import multiprocessing
+import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -27,6 +29,7 @@ import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
 from simspec.engines.base import engines, find_engine
+from simspec.engines.process import ONE_THREAD
 from simspec.engines.recorder import Recording, Stepper
 from simspec.formats.base import read_sidecar
 from simspec.world.types import EngineOptions, World
@@ -76,9 +79,11 @@ def once(world: World, engine: str) -> np.ndarray:
 def measure(world: World, chosen: Sequence[str], rounds: int) -> dict[str, Pace]:
     """The pace of a world in engines, each run in a process of its own."""
     runs: dict[str, list[np.ndarray]] = {engine: [] for engine in chosen}
+    os.environ.update({**ONE_THREAD, **os.environ})  # as in a run; counts where a process is begun anew, not forked
+    begun_anew = multiprocessing.get_context("spawn")
     for _ in range(rounds):
         for engine in chosen:
-            with concurrent.futures.ProcessPoolExecutor(1) as pool:
+            with concurrent.futures.ProcessPoolExecutor(1, mp_context=begun_anew) as pool:
                 runs[engine].append(pool.submit(once, world, engine).result())
     scale = 1e6 / world.physics.steps
     return {

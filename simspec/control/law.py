@@ -34,8 +34,11 @@ class Joints(Protocol):
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (n,); valid until the next step."""
 
-    def step(self, effort: np.ndarray) -> None:
-        """One step under efforts (n,), and none on other joints."""
+    def give(self, effort: np.ndarray) -> None:
+        """Efforts (n,) for the next step; none on other joints."""
+
+    def step(self) -> None:
+        """One step under the efforts that were given."""
 
 
 def needs_dynamics(controller: Controller) -> bool:
@@ -263,7 +266,7 @@ class Control:
             positions, velocities, targets[:, self.native_places] = self.native.prepare(first, count)
         aim = None if servos is None else servos.aim
         seen, given = np.empty_like(targets), np.empty_like(targets)
-        read, step, limit = joints.read, joints.step, self._limit
+        read, give, step, limit = joints.read, joints.give, joints.step, self._limit
         lowest = -limit
         pairs = list(zip(self._groups, self._slices, strict=True))
         alone = self._groups[0].effort if len(pairs) == 1 and len(self._groups[0].joints) == len(self.joints) else None
@@ -282,11 +285,12 @@ class Control:
             if aim is not None:
                 aim(positions[k], velocities[k])
             given[k] = wanted
-            effort = maximum(minimum(wanted, limit), lowest)
-            start, cpu_start = clock(), cpu_clock()
-            step(effort)
-            cpu += cpu_clock() - cpu_start
+            give(maximum(minimum(wanted, limit), lowest))
+            cpu_start = cpu_clock()
+            start = clock()
+            step()
             stepped += clock() - start
+            cpu += cpu_clock() - cpu_start
         seen[count - 1] = joints.read()[0]
         away = np.where(self.driven, np.abs(targets - seen), 0.0)
         self.error = np.maximum(self.error, away.max(axis=0))

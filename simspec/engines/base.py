@@ -215,11 +215,14 @@ class Actuation:
             self._effort = np.zeros(len(v))
         return q[self._q], v[self._v]
 
-    def step(self, effort: np.ndarray) -> None:
-        """One step under efforts (n,) on the joints, and none on other coordinates. ``read`` must have been called."""
+    def give(self, effort: np.ndarray) -> None:
+        """Efforts (n,) on the joints for the next step, and none on other coordinates. ``read`` must have been called."""
         if self._effort is None:
             raise RuntimeError("read first")
         self._effort[self._v] = effort
+
+    def step(self) -> None:
+        """One step under the efforts that were given for it."""
         self._engine.step(1, self._effort)
 
 

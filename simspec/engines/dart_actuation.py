@@ -54,10 +54,12 @@ class JointArrays(Actuation):
             velocities[rows] = skeleton.getVelocities()[dofs]
         return positions, velocities
 
-    def step(self, effort: np.ndarray) -> None:
+    def give(self, effort: np.ndarray) -> None:
         for skeleton, dofs, rows, total in self._trees:
             total[dofs] = effort[rows]
             skeleton.setForces(total)
+
+    def step(self) -> None:
         self._sim.plain_step()
 
 

@@ -398,8 +398,10 @@ class _Actuation(Actuation):
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         return self._positions[self._q], self._velocities[self._v]
 
-    def step(self, effort: np.ndarray) -> None:
+    def give(self, effort: np.ndarray) -> None:
         self._forces[self._v] = effort
+
+    def step(self) -> None:
         self._advance(self._model, self._data)
 
 

@@ -49,12 +49,14 @@ class JointArrays(Actuation):
             velocities[at] = [state[1] for state in states]
         return positions, velocities
 
-    def step(self, effort: np.ndarray) -> None:
+    def give(self, effort: np.ndarray) -> None:
         sim, p = self._sim, self._sim.bullet
         for uid, links, rows in self._trees:
             forces = (effort if rows is None else effort[rows]).tolist()
             p.setJointMotorControlArray(uid, links, p.TORQUE_CONTROL, forces=forces, physicsClientId=sim.client)
-        sim.advance(1)
+
+    def step(self) -> None:
+        self._sim.advance(1)
 
 
 class JointServos:

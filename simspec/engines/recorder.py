@@ -14,9 +14,6 @@ from simspec.control.native import Servos
 from simspec.control.request import from_request
 from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine
 
-TELL_EVERY = 1.0
-"""s between two words on how far a run is."""
-
 
 class Stepper:
     """Steps an engine, with the controllers at work between the steps.
@@ -108,7 +105,7 @@ def record(
     the row's time, and the efforts of the step before it (zero in the first row; NaN for what the engine's own controllers
     drive), of the result's ``control.joints``.
 
-    ``operation["progress"]`` may name a file, to which the share that is done is written about once a second.
+    ``operation["progress"]`` may name a ``file``, to which the share that is done is written ``every`` so many seconds.
 
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
@@ -123,16 +120,17 @@ def record(
     steps, every = operation["steps"], operation["every"]
     done, failed = 0, None
     begun = time.perf_counter()
-    told = begun if "progress" in operation else None
+    progress = operation.get("progress")
+    told = begun
     while True:
         if not recording.take(done):
             failed = f"the state is not finite after step {done}"
             break
         if done >= steps:
             break
-        if told is not None and time.perf_counter() - told >= TELL_EVERY:
+        if progress is not None and time.perf_counter() - told >= progress["every"]:
             told = time.perf_counter()
-            _tell(Path(operation["progress"]), done / steps)
+            _tell(Path(progress["file"]), done / steps)
         count = min(every, steps - done)
         stepper.advance(done, count)
         done += count

@@ -77,8 +77,10 @@ class _OracleJoints:
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         return self._q[self._q_places], self._v[self._v_places]
 
-    def step(self, effort: np.ndarray) -> None:
+    def give(self, effort: np.ndarray) -> None:
         self._effort[self._v_places] = effort
+
+    def step(self) -> None:
         states, speeds = self._oracle.motion(self._q, self._v, self._effort, 1, 1)
         self._q, self._v = states[-1], speeds[-1]
 

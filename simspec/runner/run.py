@@ -17,6 +17,7 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
+from simspec.engines import process
 from simspec.engines.base import find_engine, resolve_settings
 from simspec.engines.process import DEADLINE, PROGRESS_FILE, Operation, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
@@ -161,7 +162,7 @@ def start_run(
     """
     record = record or world.record
     parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
-    parameters["progress"] = PROGRESS_FILE
+    parameters["progress"] = {"file": PROGRESS_FILE, "every": 2.0 * process.LOOK_EVERY}
     asked, arrays = to_request(world)
     parameters |= asked
     if perturb:

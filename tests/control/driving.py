@@ -54,13 +54,15 @@ class OracleJoints:
     def __init__(self, world: World, control: Control):
         self.oracle = Oracle(world)
         self.q, self.v = initial_state(world)
+        self._effort = np.zeros(self.oracle.nv)
         self._control = control
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         return self.q[self._control.q_places], self.v[self._control.v_places]
 
-    def step(self, effort: np.ndarray) -> None:
-        full = np.zeros(self.oracle.nv)
-        full[self._control.v_places] = effort
-        states, speeds = self.oracle.motion(self.q, self.v, full, 1, 1)
+    def give(self, effort: np.ndarray) -> None:
+        self._effort[self._control.v_places] = effort
+
+    def step(self) -> None:
+        states, speeds = self.oracle.motion(self.q, self.v, self._effort, 1, 1)
         self.q, self.v = states[-1], speeds[-1]

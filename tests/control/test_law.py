@@ -28,8 +28,11 @@ class Still:
     def read(self):
         return self._q, self._v
 
-    def step(self, effort: np.ndarray) -> None:
+    def give(self, effort: np.ndarray) -> None:
         self.given.append(effort.copy())
+
+    def step(self) -> None:
+        """Nothing moves."""
 
 
 def effort_at(world, q, v, steps: int = 1) -> dict[str, np.ndarray]:

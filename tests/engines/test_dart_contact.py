@@ -174,6 +174,21 @@ def test_distance_is_the_overlap_before_the_step(detector, load_dart):
     np.testing.assert_allclose(engine.contacts()["distance"], [-0.005], atol=2e-6)
 
 
+@pytest.mark.parametrize("floor", ["box", "plane"])
+@pytest.mark.parametrize(("detector", "margin"), [("ode", 0.0), ("bullet", 0.002)])
+def test_bullet_rounds_edges_by_a_tenth_of_the_smallest_half_size(detector, margin, floor, load_dart):
+    """A cylinder of radius 20 mm and length 100 mm tilted by 45° is found (√2 − 1) margins too late."""
+    world = scene(("cylinder", (0.02, 0.1)), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), floor=floor)
+    engine = load_dart(worlds.with_options(world, "dart", settings=(("collision_detector", detector),)))
+    q, v = engine.get_state()
+    q[3:] = math.cos(math.pi / 8.0), math.sin(math.pi / 8.0), 0.0, 0.0
+    meets = math.sqrt(0.5) * (0.02 + 0.05) - (math.sqrt(2.0) - 1.0) * margin
+    for height, touches in ((meets + 1e-5, False), (meets - 1e-5, True)):
+        q[2] = height
+        engine.set_state(q, v)
+        assert (len(engine.detect_contacts()) == 1) is touches
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_restitution(restitution, load_dart):
     engine = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 0.6), (0.0, 0.0, 0.0), 0.3, restitution))

@@ -130,7 +130,7 @@ def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded():
 
 def test_a_long_run_says_how_far_it_is(monkeypatch):
     """The share that is done is told while it runs, and grows."""
-    monkeypatch.setattr(process, "LOOK_EVERY", 0.1)
+    monkeypatch.setattr(process, "LOOK_EVERY", 0.01)
     world = worlds.damped_springs()
     world = dataclasses.replace(
         world,
