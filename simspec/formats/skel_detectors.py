@@ -20,7 +20,7 @@ Pairs = Mapping[tuple[str, str], str]
 
 _ONE = "one contact for a flat face or a long side: it sinks by"
 _ROUNDED = "edges and corners are rounded by a tenth of the smallest half-size"
-"""Bullet's margin, in pairs for which it has no way of its own: a cylinder on its edge at 45° is found (√2 − 1) margins too late
+"""Bullet's margin, in pairs without a way of their own: a cylinder on its edge at 45° is found (√2 − 1) margins late
 (measured to 1e-11 m, ``tests/engines/test_dart_contact.py``)."""
 _NO_CAPSULE = "capsules are taken for spheres of 0.1 m"
 
