@@ -176,7 +176,9 @@ class Dart(Engine):
         ),
         "sleeping": Setting(
             False,
-            "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation).",
+            "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation): what is slower "
+            "than 0.01 m/s and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move freely, and what bears them, stay "
+            "awake (measured).",
             only_with="sleeping",
         ),
         "exact_rotation": Setting(

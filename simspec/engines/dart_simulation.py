@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import re
 import sys
@@ -108,6 +109,8 @@ class Simulation:
         options = world.getDeactivationOptions()
         # on by default; the setting is not there when off
         options.mEnabled = bool(given.get("sleeping", False))
+        # DART looks at speeds before it solves contact: what rests has the speed of the step's fall (measured)
+        options.mLinearSpeedThreshold += math.dist((0.0, 0.0, 0.0), world.getGravity()) * world.getTimeStep()
         world.setDeactivationOptions(options)
         world.setNumSimulationThreads(1)
         kinds = dartpy.simulation.CollisionDetectorType

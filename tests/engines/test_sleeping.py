@@ -141,6 +141,15 @@ def test_what_sleeps_stays_to_the_last_bit_where_it_rested(asleep):
     np.testing.assert_allclose(places(engine), wanted, atol=2e-6)
 
 
+@pytest.mark.parametrize("timestep", [0.0005, 0.004, 0.008])
+def test_what_rests_sleeps_at_any_timestep(timestep, asleep):
+    world = scene(cylinder("one", 0.0), cylinder("other", 0.3))
+    world = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=timestep))
+    engine = asleep(world)
+    engine.step(round(1e-3 * SETTLED / timestep))
+    assert not engine.get_state()[1].any()
+
+
 def test_a_stack_stands_as_it_does_awake(asleep):
     world = scene(cylinder("low", 0.0), cylinder("high", 0.0, 1.5 * LENGTH))
     ends = []
