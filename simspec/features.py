@@ -147,13 +147,16 @@ class Support:
 
     ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
     unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
-    difference (then it counts as VIA_API, and needs no acceptance), or None.
+    difference (then it counts as VIA_API, and needs no acceptance), or None. ``accepted_in`` gives what is approximate in
+    this world because the spec accepts the feature by name, or None; it is for what depends on more than the feature (which
+    shapes may meet), and which the format refuses by itself where it is not accepted.
     """
 
     level: Level
     how: str = ""
     only_if: Callable[[World], str | None] | None = None
     exact_if: Callable[[World], str | None] | None = None
+    accepted_in: Callable[[World], str | None] | None = None
 
 
 EXACT = Support(Level.EXACT)
@@ -339,6 +342,8 @@ def negotiate(
             level, how = Level.UNSUPPORTED, reason
         if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
             level, how = Level.VIA_API, reason
+        if support.accepted_in is not None and (reason := support.accepted_in(world)):
+            level, how = Level.APPROXIMATE, reason
         name, path = need.feature.value, need.paths[0]
         more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""
         if level is Level.UNSUPPORTED:

@@ -19,7 +19,7 @@ PICTURE = ROOT / "docs" / "images" / "stacking.png"
 TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
 """ms: those of Körber et al. 2021."""
 SEEDS = (0, 1, 2)
-ASLEEP = (4.0,)
+ASLEEP = (1.0, 4.0)
 """ms: timesteps of the runs with sleeping."""
 COLOURS = dict(zip(engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
 """A colour for each engine."""

@@ -19,6 +19,7 @@ from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules
+from simspec.formats.skel_detectors import accepted_contact
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
@@ -52,6 +53,11 @@ _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted
 def _coulomb(world: World) -> str | None:
     """Why the elliptic cone is exact in this world, None where the spec asks for the solver that has only the pyramid."""
     return None if DANTZIG in world.options("dart").settings else "NsgsFrictionSolver, law Coulomb"
+
+
+def _shape(kind: str, how: str = "") -> Support:
+    """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
+    return Support(Level.EXACT, how, accepted_in=accepted_contact(kind, "dart"))
 
 
 def _armature_covered(world: World) -> str | None:
@@ -98,15 +104,17 @@ class Dart(Engine):
         Feature.BALL_SPRING: via_api(_COMPUTED),
         Feature.TREE_SIZE: Support(Level.EXACT, _SLOW_LOADING),
         Feature.TREE_DEPTH: Support(Level.EXACT, _SLOW_LOADING),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
+        Feature.SHAPE_SPHERE: _shape("sphere"),
+        Feature.SHAPE_BOX: _shape("box"),
+        Feature.SHAPE_CYLINDER: _shape(
+            "cylinder",
             "with detector ode, whose flat faces touch at the corners of the octagon around the circle: a flat disc that spins "
             "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R beside the "
             f"axis tips at 1.00 to 1.08 R, by how it is turned; {_DETECTORS}",
         ),
-        Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with detector dart, on planes with ode; {_DETECTORS}"),
-        Feature.SHAPE_ELLIPSOID: Support(Level.EXACT, f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, f"with detector ode, under spheres with any; {_DETECTORS}"),
+        Feature.SHAPE_CAPSULE: _shape("capsule", f"with detector dart, on planes with ode; {_DETECTORS}"),
+        Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
+        Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
         Feature.RESTITUTION: approximate(

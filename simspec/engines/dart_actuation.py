@@ -48,6 +48,7 @@ class JointArrays(Actuation):
         return not sim.efforts.driven and not (sim.exact_rotation and sim.coordinates.turners)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
+        self._sim.check_contact_cap()
         positions, velocities = self._positions, self._velocities
         for skeleton, dofs, rows, _ in self._trees:
             positions[rows] = skeleton.getPositions()[dofs]

@@ -83,6 +83,7 @@ class Simulation:
         self.efforts = Efforts(self.coordinates, joints, sidecar, self.timestep)
         self.nodes.set_surfaces()
         self._set_filter()
+        self.solver.getCollisionGroup().setAutomaticUpdate(False)  # no shape comes, goes or changes: 1 µs a step
         self._moves = [body.isReactive() for body in self.bodies]
         self._may_touch = any(moves and self.nodes.solid(index) for index, moves in enumerate(self._moves))
         choice = self.settings["exact_rotation"]
@@ -208,7 +209,8 @@ class Simulation:
         if self.settings["exact_rotation"] != "never":
             self.exact_rotation = True
 
-    def _check_contact_cap(self) -> None:
+    def check_contact_cap(self) -> None:
+        """Raises EngineError (or notes in the log) when the last step had more contacts than DART takes."""
         if self.world.getLastCollisionResult().getNumContacts() < CONTACT_CAP:
             return
         message = f"more than {CONTACT_CAP} contacts in a step: DART leaves the others out"
@@ -230,7 +232,7 @@ class Simulation:
             for _ in range(count):
                 step()
             if self._may_touch:
-                self._check_contact_cap()
+                self.check_contact_cap()
             return
         if self.exact_rotation:
             for one in turners:
@@ -252,16 +254,16 @@ class Simulation:
                 step()
                 for one in turners:
                     correct(one)
-        self._check_contact_cap()
+        self.check_contact_cap()
 
     def plain_step(self) -> None:
-        """One step under the forces that were set, where no rotation is to be corrected."""
+        """One step under the forces that were set, where no rotation is to be corrected. ``check_contact_cap`` is the
+        caller's to ask."""
         for one in self.coordinates.turners:
             if one.turn is None:
                 break  # all are set together and cleared together
             one.turn = None
         self.world.step()
-        self._check_contact_cap()
 
     def _correct(self, one: Turner) -> None:
         """Put a joint's rotation where the exponential of its velocity takes it.

@@ -19,7 +19,7 @@ from simspec.formats.base import SIDECAR, Format, Target, environment, sidecar, 
 from simspec.formats.contact_plan import ContactPlan
 from simspec.formats.passes import excluded_pairs_to_write, recentre_free_roots, solid_shapes
 from simspec.formats.skel_copies import Node, Nodes, class_name
-from simspec.formats.skel_detectors import TINY_FRICTION, choose, problems
+from simspec.formats.skel_detectors import TINY_FRICTION, detector_of, problems
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
@@ -151,9 +151,8 @@ def contact_solver(world: World, target: Target) -> str:
 
 
 def collision_detector(world: World, target: Target) -> str:
-    """The setting ``collision_detector``, with ``auto`` resolved by the collision shapes that may touch."""
-    chosen = str(target.settings["collision_detector"])
-    return choose(world, target.engine) if chosen == "auto" else chosen
+    """The setting ``collision_detector``, with ``auto`` resolved."""
+    return detector_of(world, target.engine, str(target.settings["collision_detector"]))
 
 
 def _check(world: World, target: Target) -> None:

@@ -12,6 +12,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.engines.dart import Dart
 from simspec.errors import EngineError, UnsupportedError
+from simspec.features import Level
 from simspec.formats import skel_detectors
 from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.formats.skel_detectors import LESSER_EVIL, ORDER, UNSOUND, choose, meeting_kinds
@@ -222,6 +223,25 @@ def test_what_is_refused_is_really_wrong(detector, floor, kind, turn, tmp_path):
     assert sunk(tmp_path, floor, kind, turn, **options) > 5e-3
 
 
+def test_what_is_accepted_of_a_detector_is_said():
+    """With the pair and the detector's fault; nothing where the detector in use has none, or is not accepted."""
+
+    def said(kind, **more):
+        world = scene(body("floor", "box"), body("b", kind, (0.0, 0.0, 1.0)), **more)
+        decisions = compile_world(world, ["dart"])["dart"].decisions
+        return {one.feature.value: one.how for one in decisions if one.level is Level.APPROXIMATE}
+
+    assert said("cylinder", accept=("shape.cylinder",)) == {}
+    found = said("cylinder", accept=("shape.cylinder",), collision_detector="bullet")
+    assert found.keys() == {"shape.cylinder"}
+    assert found["shape.cylinder"].startswith(
+        "with its collision detector bullet, box and cylinder: edges and corners are"
+    )
+    assert said("box", accept=("shape.box",), collision_detector="bullet") == {}
+    with pytest.raises(UnsupportedError, match="detector bullet: edges"):
+        said("cylinder", collision_detector="bullet")
+
+
 def test_friction_that_dart_takes_for_none_is_refused(tmp_path):
     slider = (body("floor", "box"), body("b", "box", (0.0, 0.0, 0.15)))
     with pytest.raises(UnsupportedError, match=r"0\.001 for none"):
@@ -249,3 +269,13 @@ def test_more_contacts_than_dart_takes_are_noticed(tmp_path):
     engine = load(scene(wide, *boxes[:249]), tmp_path)
     engine.step(2)
     assert engine.log() == []
+    wheel = dataclasses.replace(
+        body("wheel", "box", (0.0, 0.0, 0.0)), shapes=(), joint=Joint("axle", "hinge", position=(0.0,), velocity=(0.0,))
+    )
+    engine = load(scene(wide, wheel, *boxes), tmp_path)
+    driven = engine.actuate(np.array([0]), np.array([0]))
+    driven.read()
+    driven.give(np.zeros(1))
+    driven.step()
+    with pytest.raises(EngineError, match="1000 contacts"):
+        driven.read()
