@@ -160,7 +160,8 @@ class Dart(Engine):
         "collision_detector": Setting(
             "auto",
             "auto: the first of dart, ode, fcl that gets the fewest pairs of shapes wrong that may touch in this world: "
-            "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids.",
+            "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet has at most four "
+            "points a pair where ode has eight to twelve, which makes stacks of cylinders a quarter cheaper, and rounds edges.",
             ("auto", "dart", "ode", "bullet", "fcl"),
         ),
         "iterations": Setting(
