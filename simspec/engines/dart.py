@@ -224,6 +224,7 @@ class Dart(Engine):
 
     def __init__(self) -> None:
         self._sim: Simulation | None = None
+        self._source: tuple[Path, Mapping[str, Any]] = Path(), {}
 
     @property
     def _simulation(self) -> Simulation:
@@ -234,9 +235,12 @@ class Dart(Engine):
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
         self._sim = Simulation(folder, sidecar)
+        self._source = folder, sidecar
 
     def read_back(self) -> ReadBack:
-        return read_back(self._simulation, dict(self.UNREADABLE))
+        sim = self._simulation
+        whole = Simulation(*self._source, pictures=True) if sim.blind else sim
+        return read_back(whole, *sim.coordinates.get_state(), dict(self.UNREADABLE))
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         self._simulation.set_state(q, v)

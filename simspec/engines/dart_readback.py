@@ -31,9 +31,8 @@ COPY_TOLERANCE = 1e-12
 from the two nodes' own, to the last bit."""
 
 
-def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
-    """The model and its present state as DART holds them."""
-    q, v = sim.coordinates.get_state()
+def read_back(sim: Simulation, q: np.ndarray, v: np.ndarray, unreadable: dict[str, str]) -> ReadBack:
+    """The model as DART holds it, and its present state ``q``, ``v``."""
     names: dict[str, list[tuple[int, dict[str, Any]]]] = {}
     for number, entry in enumerate(sim.sidecar["shapes"]):
         names.setdefault(entry["body"], []).append((number, entry))

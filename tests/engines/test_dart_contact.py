@@ -262,3 +262,22 @@ def test_no_approximate_solver_steps_in(load_dart):
     solver = load_dart(scene(("sphere", (0.1,)), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))).world.getConstraintSolver()
     assert not solver.getMatrixFreeContactSolverOptions().mEnabled
     assert not solver.isSplitImpulseEnabled()
+
+
+def test_shapes_for_the_eye_are_read_back_and_not_carried_along(load_dart):
+    """They change no bit of a motion, and cost time in every step."""
+    plain = scene(("box", (0.2, 0.2, 0.2)), (0.0, 0.0, 0.15), (0.3, 0.0, 0.0), friction=0.5)
+    ground, body = plain.bodies
+    seen = Shape("b_1", "sphere", (0.3,), Pose(), "default", collision=False, visual=True)
+    shown = dataclasses.replace(plain, bodies=(ground, dataclasses.replace(body, shapes=(*body.shapes, seen))))
+    states = []
+    for world in (plain, shown):
+        engine = load_dart(world)
+        engine.step(200)
+        states.append(np.concatenate(engine.get_state()).tobytes())
+    assert states[0] == states[1]
+    nodes = engine.world.getSkeleton("b").getBodyNode(0).getShapeNodes()
+    assert [node.hasVisualAspect() for node in nodes] == [False]
+    held = engine.read_back()
+    assert [shape.visual for shape in held.bodies[1].shapes] == [shape.visual for shape in shown.bodies[1].shapes]
+    np.testing.assert_array_equal(held.bodies[1].joint.position, engine.get_state()[0])
