@@ -342,7 +342,11 @@ def negotiate(
             level, how = Level.UNSUPPORTED, reason
         if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
             level, how = Level.VIA_API, reason
-        if support.accepted_in is not None and (reason := support.accepted_in(world)):
+        if (
+            level is not Level.UNSUPPORTED
+            and support.accepted_in is not None
+            and (reason := support.accepted_in(world))
+        ):
             level, how = Level.APPROXIMATE, reason
         name, path = need.feature.value, need.paths[0]
         more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""

@@ -13,13 +13,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
-from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import (
+    Actuation,
+    Deviation,
+    Engine,
+    Setting,
+    empty_contacts,
+    resolve_settings,
+    restore_velocities,
+)
 from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules
-from simspec.formats.skel_detectors import accepted_contact
+from simspec.formats.skel_detectors import accepted_contact, detector_of
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import ReadBack, World
 
@@ -57,7 +65,12 @@ def _coulomb(world: World) -> str | None:
 
 def _shape(kind: str, how: str = "") -> Support:
     """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
-    return Support(Level.EXACT, how, accepted_in=accepted_contact(kind, "dart"))
+
+    def accepted(world: World) -> str | None:
+        setting = str(resolve_settings(Dart, world)["collision_detector"])
+        return accepted_contact(world, detector_of(world, "dart", setting), "dart", kind)
+
+    return Support(Level.EXACT, how, accepted_in=accepted)
 
 
 def _armature_covered(world: World) -> str | None:
@@ -186,8 +199,8 @@ class Dart(Engine):
         "sleeping": Setting(
             False,
             "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation): what is slower "
-            "than 0.01 m/s and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move freely, and what bears them, stay "
-            "awake (measured).",
+            "than 0.01 m/s, but for the step's fall, and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move "
+            "freely, and what bears them, stay awake (measured).",
             only_with="sleeping",
         ),
         "exact_rotation": Setting(
@@ -224,7 +237,6 @@ class Dart(Engine):
 
     def __init__(self) -> None:
         self._sim: Simulation | None = None
-        self._source: tuple[Path, Mapping[str, Any]] = Path(), {}
 
     @property
     def _simulation(self) -> Simulation:
@@ -235,12 +247,10 @@ class Dart(Engine):
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
         self._sim = Simulation(folder, sidecar)
-        self._source = folder, sidecar
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
-        whole = Simulation(*self._source, pictures=True) if sim.blind else sim
-        return read_back(whole, *sim.coordinates.get_state(), dict(self.UNREADABLE))
+        return read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         self._simulation.set_state(q, v)

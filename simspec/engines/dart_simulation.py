@@ -12,7 +12,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -21,13 +20,11 @@ from simspec.engines.dart_efforts import Efforts
 from simspec.engines.dart_nodes import Nodes
 from simspec.errors import EngineError
 from simspec.formats.skel import WORLD
+from simspec.formats.skel_reader import without_pictures
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
 option that it returns is a copy)."""
-
-PICTURE = "visualization_shape"
-"""A body's element for a shape that is there to be seen."""
 
 ZERO_MASS = "A negative or zero mass [0]"
 """DART warns of bodies without mass, which simspec has only where they cannot move: that is no news."""
@@ -58,20 +55,6 @@ def captured_errors(lines: list[str]) -> Iterator[None]:
             lines.extend(line for line in text.splitlines() if line.strip() and ZERO_MASS not in line)
 
 
-def without_pictures(text: str) -> tuple[str, bool]:
-    """A .skel file without its shapes for the eye, and whether there were any. What is no XML is left for DART to refuse."""
-    if f"<{PICTURE}" not in text:
-        return text, False
-    try:
-        tree = ElementTree.fromstring(text)
-    except ElementTree.ParseError:
-        return text, False
-    for body in tree.iter("body"):
-        for shape in body.findall(PICTURE):
-            body.remove(shape)
-    return ElementTree.tostring(tree, encoding="unicode"), True
-
-
 def _import() -> Any:
     try:
         import dartpy
@@ -84,7 +67,7 @@ class Simulation:
     """A loaded world, in its initial state.
 
     Shapes for the eye are left out unless ``pictures`` are asked for: DART carries them along in every step (measured: 59 of
-    them cost 7 µs of 126). ``blind`` says whether there were any.
+    them cost 7 µs of 126). See :meth:`whole`.
     """
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any], pictures: bool = False):
@@ -92,7 +75,7 @@ class Simulation:
         self.sidecar = sidecar
         self.settings = sidecar["settings"]
         self.log: list[str] = []
-        self.blind = False
+        self._folder, self._blind = folder, False
         self.world = self._read(folder / WORLD, pictures)
         with captured_errors(self.log):
             self._set_solver()
@@ -121,7 +104,7 @@ class Simulation:
         # as text: DART takes a path for a URI, in which some characters of folders mean something else
         text = path.read_text(encoding="utf-8")
         if not pictures:
-            text, self.blind = without_pictures(text)
+            text, self._blind = without_pictures(text)
         try:
             with captured_errors(self.log):
                 world = self.dartpy.utils.SkelParser.readWorldXML(text)
@@ -130,6 +113,15 @@ class Simulation:
         if world is None:
             raise EngineError(NAME, f"refuses {WORLD}: {' '.join(self.log) or 'no reason given'}")
         return world
+
+    def whole(self) -> Simulation:
+        """The files as they are, shapes for the eye included, in their initial state; what DART says of those goes into the
+        log."""
+        if not self._blind:
+            return self
+        found = Simulation(self._folder, self.sidecar, pictures=True)
+        self.log.extend(line for line in found.log if line not in self.log)
+        return found
 
     def _set_solver(self) -> None:
         dartpy, world, given = self.dartpy, self.world, self.settings

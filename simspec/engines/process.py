@@ -33,7 +33,7 @@ LOOK_EVERY = 0.5
 """s between two looks at it; it is written half as often."""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
-BLAS changes sums from run to run (and makes DART 4 % slower at rest: its counters of references are locked then)."""
+BLAS changes sums from run to run (and DART is 2 to 5 % slower beside its idle threads: measured)."""
 LOG_TAIL = 2000
 """Characters of the engine's own output that an error quotes."""
 

@@ -29,10 +29,26 @@ SIZES: Mapping[str, tuple[tuple[str, ...], float]] = {
 }
 """Of each geometry the elements that give the size, and their factor."""
 
+PICTURE = "visualization_shape"
+"""A body's element for a shape that is there to be seen."""
+
 UNREADABLE = {
     "collision_group": "the files carry what touches what, not the names of groups",
     "control.native": "the engine's own controllers are switched on when a run begins",
 }
+
+
+def without_pictures(text: str) -> tuple[str, bool]:
+    """A file's text without its shapes for the eye, and whether there were any. What is no XML is left as it is, for its
+    reader to refuse."""
+    try:
+        tree = ElementTree.fromstring(text)
+    except ElementTree.ParseError:
+        return text, False
+    seen = [(body, shape) for body in tree.iter("body") for shape in body.findall(PICTURE)]
+    for body, shape in seen:
+        body.remove(shape)
+    return (ElementTree.tostring(tree, encoding="unicode"), True) if seen else (text, False)
 
 
 def _text(element: ElementTree.Element, path: str) -> str:
@@ -108,7 +124,7 @@ def _shapes(
     """The shapes of a body in the order of the sidecar, which says which of them are visual and on which nodes they are
     solid. ``nodes`` are the body's, ``own`` the name of the one that has the visual shapes."""
     solid = {name: node.findall("collision_shape") for name, node in nodes.items()}
-    seen = nodes[own].findall("visualization_shape")
+    seen = nodes[own].findall(PICTURE)
     found = []
     for entry in given:
         name = entry["name"]
@@ -149,7 +165,7 @@ def _check_copy(node: str, body: str, elements: Mapping[str, ElementTree.Element
     if _text(held, "transformation") != _text(own, "transformation"):
         raise ValueError(f"node {node!r} is not where {body!r} is")
     inertial = _inertial(held)
-    if inertial.mass or any(inertial.inertia) or held.findall("visualization_shape"):
+    if inertial.mass or any(inertial.inertia) or held.findall(PICTURE):
         raise ValueError(f"node {node!r} has a mass or can be seen, which its body {body!r} should")
 
 
