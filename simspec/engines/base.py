@@ -21,7 +21,7 @@ from simspec.control.native import Servos
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
 from simspec.formats.contact_plan import Rules
-from simspec.world.types import PairContact, ReadBack, World
+from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
     "body": (2,),
@@ -122,6 +122,17 @@ class Engine:
             return importlib.metadata.version(cls.DISTRIBUTION)
         except importlib.metadata.PackageNotFoundError:
             return None
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        """What ``ReadBack.inventory`` must be: everything that the engine holds beside the fields of the read-back.
+
+        Made from ``world`` and the settings resolved from it (:func:`resolve_settings`), by code that shares nothing with what
+        writes the files. ``neutral`` is the read-back's: the engine's own values of what simspec never writes. The
+        comparator demands the same names on both sides, numbers within 1e-9 relative, all else equal. Called outside the
+        engine's process, so without the engine. The default: nothing.
+        """
+        return {}
 
     # --- to be written by each engine -------------------------------------------------------------------------
 

@@ -15,7 +15,18 @@ from simspec.formats.contact_plan import QUANTITIES, Rules, combined, contact_pl
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import Body, Hardness, Joint, PairContact, Quaternion, ReadBack, Shape, Surface, World
+from simspec.world.types import (
+    Body,
+    Hardness,
+    HeldValue,
+    Joint,
+    PairContact,
+    Quaternion,
+    ReadBack,
+    Shape,
+    Surface,
+    World,
+)
 
 JOINT_NUMBERS = (
     "damping",
@@ -27,6 +38,8 @@ JOINT_NUMBERS = (
     "effort_limit",
 )
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
+INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
+"""Level and name of the check of ``ReadBack.inventory``."""
 
 
 def compare(
@@ -55,6 +68,48 @@ def relative(expected: float, found: float) -> float:
     """|found − expected| relative to the larger of both; 0 when both are 0."""
     largest = max(abs(expected), abs(found))
     return abs(found - expected) / largest if largest else 0.0
+
+
+def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, HeldValue]) -> list[Check]:
+    """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
+
+    A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to the largest
+    of their list.
+    """
+    tally = Tally()
+    for name in sorted(expected.keys() | found.keys()):
+        if name not in found:
+            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, f"{name} is not there")
+        elif name not in expected:
+            detail = f"{name} is {found[name]!r}, and should not be there"
+            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, detail)
+        else:
+            deviation = held_apart(expected[name], found[name])
+            detail = "" if deviation == 0.0 else f"{name} is {found[name]!r}, should be {expected[name]!r}"
+            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, deviation, name, detail)
+    return tally.checks()
+
+
+def held_apart(expected: object, found: object) -> float | None:
+    """How far two held values are apart: relative for numbers, else 0 when they are the same and None when they are not."""
+    several = isinstance(expected, (list, tuple))
+    if several != isinstance(found, (list, tuple)):
+        return None
+    one, two = (expected, found) if several else ((expected,), (found,))
+    if len(one) != len(two):
+        return None
+    scale = max((abs(x) for x in (*one, *two) if _is_number(x)), default=0.0)
+    apart = 0.0
+    for a, b in zip(one, two, strict=True):
+        if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
+            apart = max(apart, abs(a - b) / scale if scale and math.isfinite(scale) else abs(a - b))
+        elif a != b or isinstance(a, bool) != isinstance(b, bool):
+            return None
+    return apart
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 class _Comparison:

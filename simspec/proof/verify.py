@@ -22,7 +22,7 @@ from simspec.formats.contact_plan import meeting_laws
 from simspec.proof import control, motion, touch
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
-from simspec.proof.comparator import compare, not_checked
+from simspec.proof.comparator import compare, inventory_checks, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
@@ -208,6 +208,7 @@ def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Ch
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
     checks = compare(world, held, engine.RULES, engine.LAYERS, accepted_cone=accepted)
+    checks += inventory_checks(engine.expected_inventory(world, held.neutral), held.inventory)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
     both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
     checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)

@@ -28,6 +28,9 @@ POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 VELOCITY_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}
 """Numbers in a joint's velocity: ball = angular velocity; free = linear, then angular."""
 
+HeldValue = bool | int | float | str | tuple[bool | int | float | str, ...]
+"""A plain value that an engine holds under a name of its own."""
+
 SHAPE_SIZE_NAMES = {
     "sphere": ("radius",),
     "box": ("x", "y", "z"),
@@ -306,6 +309,11 @@ class ReadBack:
 
     ``unreadable`` maps the dotted name of a field that cannot be asked for (``joint.velocity_limit``,
     ``shape.visual``, ``friction_cone``, ...) to the reason; such fields hold their type's default and are not compared.
+
+    ``inventory`` is everything else that the live engine holds and that can act, by the engine's own names
+    (``opt.solver``, ``geom.floor_0.gap``, ``count.tendon``); lists stand for tuples, since it comes as JSON. ``neutral``: what
+    the same engine holds of such things when it is told nothing, by names of the engine's module's choice. What the
+    inventory must be says :meth:`simspec.engines.base.Engine.expected_inventory`.
     """
 
     bodies: tuple[Body, ...]
@@ -315,3 +323,5 @@ class ReadBack:
     unreadable: dict[str, str] = field(default_factory=dict)
     pairs: tuple[HeldPair, ...] = ()
     servos: tuple[HeldServo, ...] = ()
+    inventory: dict[str, HeldValue] = field(default_factory=dict)
+    neutral: dict[str, HeldValue] = field(default_factory=dict)

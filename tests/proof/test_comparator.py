@@ -8,7 +8,7 @@ import math
 import pytest
 
 from simspec.formats.contact_plan import Rules, contact_plan, shape_pairs, surfaces
-from simspec.proof.comparator import compare
+from simspec.proof.comparator import compare, held_apart, inventory_checks
 from simspec.world import frames
 from simspec.world.types import (
     Body,
@@ -311,7 +311,17 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
             *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
         },
-        ReadBack: {"bodies", "gravity", "timestep", "friction_cone", "unreadable", "pairs", "servos"},
+        ReadBack: {
+            "bodies",
+            "gravity",
+            "timestep",
+            "friction_cone",
+            "unreadable",
+            "pairs",
+            "servos",
+            "inventory",
+            "neutral",
+        },
         HeldServo: {"joint", "kp", "kd", "effort_limit"},
     }
     for kind, fields in named.items():
@@ -531,3 +541,46 @@ def test_a_small_inertia_is_compared_in_its_own_scale():
     assert [entry[1] for entry in failures(world, found)] == ["inertia tensor"]
     shifted = with_inertial(held(world), "link0", centre_of_mass=(0.0, 0.0, 1e-9))
     assert [entry[1] for entry in failures(world, shifted)] == ["centre of mass"]
+
+
+INVENTORY = {
+    "opt.solver": 2,
+    "opt.tolerance": 1e-8,
+    "opt.wind": (0.0, 0.0, 1.0),
+    "flags.island": False,
+    "geom.a.name": "a",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("opt.solver", 1),
+        ("opt.tolerance", 1.01e-8),
+        ("opt.tolerance", math.nan),
+        ("opt.wind", (0.0, 1e-6, 1.0)),
+        ("opt.wind", (0.0, 0.0)),
+        ("opt.wind", 0.0),
+        ("flags.island", True),
+        ("flags.island", 0),
+        ("geom.a.name", "b"),
+    ],
+)
+def test_everything_else_held_is_compared_by_name(name, value):
+    (check,) = inventory_checks(INVENTORY, {**INVENTORY, name: value})
+    assert (check.passed, check.level, check.where, check.count) == (False, "L4", name, len(INVENTORY))
+
+
+def test_names_that_only_one_side_has_differ_in_kind():
+    (good,) = inventory_checks(INVENTORY, {key: list(v) if isinstance(v, tuple) else v for key, v in INVENTORY.items()})
+    assert (good.passed, good.count) == (True, len(INVENTORY))
+    (extra,) = inventory_checks(INVENTORY, {**INVENTORY, "count.tendon": 0})
+    (missing,) = inventory_checks({**INVENTORY, "count.tendon": 0}, INVENTORY)
+    assert [(one.passed, one.where) for one in (extra, missing)] == [(False, "count.tendon")] * 2
+    assert inventory_checks({}, {}) == []
+
+
+def test_infinite_values_are_the_same_or_not():
+    assert held_apart((math.inf, 1.0), (math.inf, 1.0)) == 0.0
+    assert held_apart(math.inf, -math.inf) is None
+    assert held_apart((math.inf, 1.0), (math.inf, 1.1)) == pytest.approx(0.1)
