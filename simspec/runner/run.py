@@ -22,12 +22,14 @@ from simspec.engines.base import find_engine, resolve_settings
 from simspec.engines.process import DEADLINE, PROGRESS_FILE, Operation, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
+from simspec.spec.strict import near
 from simspec.world.canonical import sha256
+from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Record, World
 
-SCHEMA = 1
-"""Version of the provenance and of the files of a saved run."""
+SCHEMA = 2
+"""Version of the provenance and of the files of a saved run. 2: columns of q, v, targets and efforts by name."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,43 @@ class Run:
     def index(self) -> Mapping[str, int]:
         """The index of every body in the arrays, by its name."""
         return {body.name: k for k, body in enumerate(self.world.bodies)}
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """The names of the columns of q and v (:mod:`simspec.world.coordinates`)."""
+        return coordinates(self.world)
+
+    def q(self, name: str) -> np.ndarray:
+        """The recorded positions of a joint or of one coordinate, by name: (rows,) for a hinge, a slide, or one column
+        (``elbow``, ``base.x``); (rows, 4) for a ball joint, (rows, 7) for a free body. Raises SpecError when there is none."""
+        return self._column("q", self.coordinates.q_columns, name)
+
+    def v(self, name: str) -> np.ndarray:
+        """The recorded velocities by name: (rows,) for a hinge, a slide, or one column (``elbow``, ``base.wx``); (rows, 3) for
+        a ball joint, (rows, 6) for a free body. Raises SpecError when there is none."""
+        return self._column("v", self.coordinates.v_columns, name)
+
+    def target(self, name: str) -> np.ndarray:
+        """The position q* (rows,) that a driven joint was asked for, by its name. Raises SpecError when there is none."""
+        return self._driven("control.target", name)
+
+    def effort(self, name: str) -> np.ndarray:
+        """The effort (rows,) that a driven joint was given in the step before each row, by its name (N m, N; NaN where the
+        engine's own controller drives it). Raises SpecError when there is none."""
+        return self._driven("control.effort", name)
+
+    def _column(self, array: str, columns: Mapping[str, slice], name: str) -> np.ndarray:
+        if name not in columns:
+            raise SpecError([Problem(f"there is no coordinate {name!r}", found=name, hint=near(name, columns))])
+        part = columns[name]
+        values = self.arrays[array][:, part]
+        return values[:, 0] if part.stop - part.start == 1 else values
+
+    def _driven(self, array: str, name: str) -> np.ndarray:
+        joints = list(self.provenance.get("control", {}).get("joints", ()))
+        if name not in joints:
+            raise SpecError([Problem(f"no controller drives {name!r}", found=name, hint=near(name, joints))])
+        return self.arrays[array][:, joints.index(name)]
 
     @property
     def label(self) -> str:

@@ -1,7 +1,9 @@
 """A run on disk: Parquet tables for the arrays, JSON for the world and the provenance.
 
 ``bodies.parquet`` and ``contacts.parquet`` are long tables with the bodies' names, ready for pandas, polars or DuckDB;
-``states.parquet`` holds the generalised coordinates as lists. :func:`load_run` gives back every array bit for bit.
+``states.parquet`` has a column for each generalised coordinate, by its name (``q.elbow``, ``v.base.wx``), and
+``control.parquet`` one for each driven joint's target and effort (``target.elbow``). :func:`load_run` gives back every array
+bit for bit.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +22,7 @@ from simspec.engines.base import CONTACT_FIELDS
 from simspec.errors import Problem, SpecError
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import canonical_json, from_plain, sha256
+from simspec.world.coordinates import coordinates
 from simspec.world.types import World
 
 if TYPE_CHECKING:
@@ -29,6 +33,10 @@ WORLD_FILE = "world.json"
 POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 AXES = ("x", "y", "z")
+MOST_COLUMNS = 4096
+"""Columns of q and v by name: each costs 1 kB in the file and 15 kB of memory beside its values. Beyond that (300 free bodies)
+q and v are two columns of lists, and the names stand in the table's metadata under ``simspec.coordinates``."""
+COORDINATES = b"simspec.coordinates"
 
 
 def save_run(run: Run, folder: Path) -> Path:
@@ -68,7 +76,7 @@ def _tables(run: Run) -> dict[str, pyarrow.Table]:
         return pa.DictionaryArray.from_arrays(pa.array(indices.astype(np.int32)), names)
 
     found = {
-        "states": pa.table({"step": step, "time": time, "q": _lists(arrays["q"]), "v": _lists(arrays["v"])}),
+        "states": _states(run),
         "bodies": pa.table(
             {
                 "step": np.repeat(step, bodies),
@@ -83,8 +91,13 @@ def _tables(run: Run) -> dict[str, pyarrow.Table]:
         kinetic, potential = arrays["energy"].T
         found["energy"] = pa.table({"step": step, "time": time, "kinetic": kinetic, "potential": potential})
     if "control.target" in arrays:
-        target, effort = _lists(arrays["control.target"]), _lists(arrays["control.effort"])
-        found["control"] = pa.table({"step": step, "time": time, "target": target, "effort": effort})
+        joints = run.provenance["control"]["joints"]
+        named_columns = {
+            f"{part}.{joint}": arrays[f"control.{part}"][:, k]
+            for part in ("target", "effort")
+            for k, joint in enumerate(joints)
+        }
+        found["control"] = pa.table({"step": step, "time": time, **named_columns})
     if "contact.row" in arrays:
         row, pair = arrays["contact.row"].astype(np.int64), arrays["contact.body"]
         found["contacts"] = pa.table(
@@ -101,6 +114,20 @@ def _tables(run: Run) -> dict[str, pyarrow.Table]:
             }
         )
     return found
+
+
+def _states(run: Run) -> pyarrow.Table:
+    import pyarrow as pa
+
+    names, arrays = run.coordinates, run.arrays
+    when = {"step": arrays["step"].astype(np.int64), "time": arrays["time"]}
+    if len(names.q) + len(names.v) > MOST_COLUMNS:
+        told = json.dumps({"q": names.q, "v": names.v})
+        table = pa.table({**when, "q": _lists(arrays["q"]), "v": _lists(arrays["v"])})
+        return table.replace_schema_metadata({COORDINATES: told})
+    columns = {f"q.{name}": arrays["q"][:, k] for k, name in enumerate(names.q)}
+    columns |= {f"v.{name}": arrays["v"][:, k] for k, name in enumerate(names.v)}
+    return pa.table({**when, **columns})
 
 
 def _lists(values: np.ndarray) -> Any:
@@ -130,13 +157,13 @@ def load_run(folder: Path | str) -> Run:
         raise SpecError([Problem(f"the run in {folder} cannot be read: {error}")]) from None
     if provenance.get("schema") != SCHEMA:
         message = f"the run in {folder} has schema {provenance.get('schema')!r}, this simspec reads {SCHEMA}"
-        raise SpecError([Problem(message)])
+        raise SpecError([Problem(message, hint="run it again: simspec run")])
     if provenance["world_sha256"] != sha256(world):
         message = f"the world in {folder} is not the one that was run: its hash differs from the provenance"
         raise SpecError([Problem(message)])
     failed = provenance.pop("failed")
     try:
-        arrays = _read_arrays(folder, world)
+        arrays = _read_arrays(folder, world, provenance)
     except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
         raise SpecError([Problem(f"the run in {folder} cannot be read: {error}")]) from None
     if not arrays and failed is None:
@@ -155,7 +182,23 @@ def _unlisted(column: pyarrow.ChunkedArray) -> np.ndarray:
     return flat.reshape(len(column), -1) if len(flat) else np.zeros((len(column), 0))
 
 
-def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
+def _named(table: pyarrow.Table, part: str, names: Sequence[str]) -> np.ndarray:
+    """The columns ``part.NAME`` of the table as one array (rows, names); KeyError for one that is missing."""
+    columns = [table[f"{part}.{name}"].to_numpy() for name in names]
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(table), 0))
+
+
+def _read_states(table: pyarrow.Table, world: World) -> dict[str, np.ndarray]:
+    names = coordinates(world)
+    if len(names.q) + len(names.v) <= MOST_COLUMNS:
+        return {"q": _named(table, "q", names.q), "v": _named(table, "v", names.v)}
+    told = json.loads((table.schema.metadata or {}).get(COORDINATES, b"{}"))
+    if told != {"q": list(names.q), "v": list(names.v)}:
+        raise ValueError("states.parquet has other coordinates than the world")
+    return {name: _unlisted(table[name]) for name in ("q", "v")}
+
+
+def _read_arrays(folder: Path, world: World, provenance: Mapping[str, Any]) -> dict[str, np.ndarray]:
     from pyarrow import parquet
 
     if not (folder / "bodies.parquet").is_file():
@@ -164,8 +207,7 @@ def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
     bodies = parquet.read_table(folder / "bodies.parquet")
     shape = (len(states), len(world.bodies))
     arrays = {"step": states["step"].to_numpy(), "time": states["time"].to_numpy()}
-    for name in ("q", "v"):
-        arrays[name] = _unlisted(states[name])
+    arrays |= _read_states(states, world)
     arrays["pose"] = _columns(bodies, POSE_COLUMNS, shape)
     arrays["velocity"] = _columns(bodies, VELOCITY_COLUMNS, shape)
     if (folder / "energy.parquet").is_file():
@@ -174,7 +216,7 @@ def _read_arrays(folder: Path, world: World) -> dict[str, np.ndarray]:
     if (folder / "control.parquet").is_file():
         control = parquet.read_table(folder / "control.parquet")
         for name in ("target", "effort"):
-            arrays[f"control.{name}"] = _unlisted(control[name])
+            arrays[f"control.{name}"] = _named(control, name, provenance["control"]["joints"])
     if (folder / "contacts.parquet").is_file():
         contacts = parquet.read_table(folder / "contacts.parquet")
         index = {body.name: k for k, body in enumerate(world.bodies)}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from simspec.engines.base import empty_contacts
-from simspec.runner.run import Run
+from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout
 from simspec.world.types import Body, Contact, Expectation, Inertial, Joint, Physics, World
@@ -73,7 +73,7 @@ def run(
     arrays["contact.distance"] = np.array([row[3] for row in rows], dtype=float)
     arrays["contact.normal_force"] = np.array([row[4] for row in rows], dtype=float)
     provenance = {
-        "schema": 1,
+        "schema": SCHEMA,
         "world_sha256": sha256(of),
         "engine": engine,
         "engine_version": "1.0",
