@@ -198,6 +198,11 @@ class Engine:
         """Switch all contact off, for contact-free motion probes."""
         raise NotImplementedError
 
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """Take the dry friction of the hinges and slides at the places ``v`` (n,) of their coordinates away, and no other's,
+        until loading, for motion probes against laws that have none."""
+        raise NotImplementedError
+
     def energy(self) -> tuple[float, float]:
         """Kinetic and potential energy (J) from the engine's own masses; gravity's potential is zero at the origin,
         springs' at rest."""

@@ -316,6 +316,12 @@ class Dart(Engine):
     def disable_contact(self) -> None:
         self._simulation.disable_contact()
 
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        sim, rubbing = self._simulation, set(v.tolist())
+        for body, place in zip(sim.bodies, sim.coordinates.v_places, strict=True):
+            if place.start in rubbing:
+                body.getParentJoint().setCoulombFriction(0, 0.0)
+
     def energy(self) -> tuple[float, float]:
         sim = self._simulation
         kinetic, potential = sim.efforts.energy()

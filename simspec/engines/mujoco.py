@@ -381,6 +381,9 @@ class MuJoCo(Engine):
     def disable_contact(self) -> None:
         self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self.model.dof_frictionloss[self._v[v]] = 0.0
+
 
 class _Actuation(Actuation):
     """By MuJoCo's own arrays."""

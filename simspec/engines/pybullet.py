@@ -316,6 +316,9 @@ class PyBullet(Engine):
     def disable_contact(self) -> None:
         self._simulation.disable_contact()
 
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(set(v.tolist()))
+
     def energy(self) -> tuple[float, float]:
         kinetic, potential = self._simulation.energy()
         more_kinetic, more_potential = self._outside.energy()

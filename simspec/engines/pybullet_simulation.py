@@ -7,7 +7,7 @@ import ctypes
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -271,10 +271,21 @@ class Simulation:
                     physicsClientId=client,
                 )
             else:
-                friction = p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7]
-                p.setJointMotorControl2(
-                    tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=client
-                )
+                self._rub(tree, link, p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7])
+
+    def _rub(self, tree: Tree, link: Link, friction: float) -> None:
+        """Give a hinge or slide dry friction: a velocity motor with target 0 and ``friction`` as its largest force."""
+        p = self.bullet
+        p.setJointMotorControl2(
+            tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=self.client
+        )
+
+    def disable_dry_friction(self, places: Container[int]) -> None:
+        """Take away the dry friction of the hinges and slides at these places of v."""
+        for tree in self.trees:
+            for link in tree.movers:
+                if link.kind != "ball" and link.v.start in places:
+                    self._rub(tree, link, 0.0)
 
     def _collect(self) -> None:
         """The engine's masses and inertial frames of all bodies, as arrays."""

@@ -76,13 +76,15 @@ def _dynamics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) ->
 
 
 def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``.
+    """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``. The dry
+    friction at the places ``rubbing`` (n,) of v is taken away before.
 
     -> q (n, nq), v (n, nv), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
     """
     import numpy as np
 
     engine.disable_contact()
+    engine.disable_dry_friction(arrays["rubbing"])
     engine.set_state(arrays["q"], arrays["v"])
     found: dict[str, list[Any]] = {"q": [], "v": [], "pose": [], "velocity": []}
     done = 0
@@ -128,10 +130,12 @@ def _drive(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tu
 
 
 def _respond(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Contact-free motion under the controllers from q (nq,), v (nv,) -> positions (n, driven joints)."""
+    """Contact-free motion under the controllers from q (nq,), v (nv,), without dry friction at the places ``rubbing`` (n,) of v
+    -> positions (n, driven joints)."""
     from simspec.control.request import from_request
 
     engine.disable_contact()
+    engine.disable_dry_friction(arrays["rubbing"])
     engine.set_state(arrays["q"], arrays["v"])
     control = from_request(operation, arrays)
     joints = engine.actuate(control.q_places, control.v_places)

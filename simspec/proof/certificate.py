@@ -10,7 +10,7 @@ from simspec.proof.checks import Check
 from simspec.proof.contact.probe import Figure
 from simspec.world.canonical import from_plain, to_plain
 
-SCHEMA = 2
+SCHEMA = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,9 @@ class EngineProof:
     """What was proven of one engine.
 
     ``approximations``: features the spec accepted as approximate, and those computed outside the engine, with how;
-    ``not_checked``: fields that could not be asked for, with the reason; ``seconds``: wall time of its process.
+    ``not_checked``: fields that could not be asked for, with the reason; ``seconds``: wall time of its process;
+    ``not_compared``: levels, and checks of a level ("L4 collision matrix"), that were not compared because this world has
+    nothing to compare there or nobody asked for them, with the reason. Whatever else was not compared is a failed check.
     """
 
     version: str
@@ -29,10 +31,11 @@ class EngineProof:
     seconds: float = 0.0
     contact: tuple[Figure, ...] = ()
     """Every figure of the contact probes (level L5), each beside its analytic value."""
+    not_compared: dict[str, str] = field(default_factory=dict)
 
     @property
     def valid(self) -> bool:
-        """Whether there are checks and all have passed."""
+        """Whether there are checks and all have passed; a check that compared nothing has not."""
         return bool(self.checks) and all(check.passed for check in self.checks)
 
     def level(self, name: str) -> list[Check]:
@@ -84,6 +87,7 @@ class Certificate:
             head = {"version": proof.version, "valid": proof.valid, "artifacts_sha256": proof.artifacts_sha256}
             head |= {"seconds": proof.seconds}
             head |= {"approximations": proof.approximations, "not_checked": proof.not_checked}
+            head |= {"not_compared": proof.not_compared}
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
             ]
@@ -113,6 +117,7 @@ class Certificate:
                 block["not_checked"],
                 block["seconds"],
                 tuple(from_plain(Figure, figure) for figure in block["contact"]),
+                block["not_compared"],
             )
             for name, block in data["engines"].items()
         }

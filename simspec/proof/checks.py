@@ -13,10 +13,18 @@ MODEL_TOLERANCE = 1e-9
 are told the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""
 
 
+NOTHING = "nothing was compared"
+"""Name of the failed check that stands for a level, or a part of one, that the world has and nobody compared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Check:
     """``worst`` is the largest deviation, in units of the quantity's own scale; None when something differs in kind (a
-    joint's type, a missing body), which no number can say. ``where`` is its place, ``detail`` what was found there."""
+    joint's type, a missing body), which no number can say. ``where`` is its place, ``detail`` what was found there.
+
+    The verdict follows from these figures and is not stored: see :attr:`passed`. Raises ValueError for figures that are none
+    (a negative count, a deviation or tolerance below zero or not finite, a deviation of nothing).
+    """
 
     level: str
     name: str
@@ -24,8 +32,19 @@ class Check:
     tolerance: float
     worst: float | None
     where: str
-    passed: bool
     detail: str = ""
+
+    def __post_init__(self) -> None:
+        numbers = [self.tolerance] if self.worst is None else [self.tolerance, self.worst]
+        if self.count < 0 or not all(math.isfinite(number) and number >= 0.0 for number in numbers):
+            raise ValueError(f"{self.level} {self.name}: count {self.count}, worst {self.worst} of {self.tolerance}")
+        if not self.count and self.worst is not None:
+            raise ValueError(f"{self.level} {self.name}: a deviation of {self.worst}, and nothing compared")
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was compared, and all of it is within the tolerance."""
+        return self.count > 0 and self.worst is not None and self.worst <= self.tolerance
 
 
 class Tally:
@@ -41,7 +60,7 @@ class Tally:
         if deviation is not None and not math.isfinite(deviation):
             deviation, detail = None, detail or f"deviation is {deviation}"
         count, _, worst, place, found = self._rows.get((level, name), (0, tolerance, 0.0, "", ""))
-        if worst is not None and (deviation is None or deviation > worst or not place):
+        if worst is not None and (deviation is None or deviation > worst or not count):
             worst, place, found = deviation, where, detail
         self._rows[level, name] = (count + 1, tolerance, worst, place, found)
 
@@ -54,7 +73,7 @@ class Tally:
     def checks(self) -> list[Check]:
         """The checks, in the order in which they were first noted within their levels."""
         return [
-            Check(level, name, count, tolerance, worst, where, worst is not None and worst <= tolerance, detail)
+            Check(level, name, count, tolerance, worst, where, detail)
             for (level, name), (count, tolerance, worst, where, detail) in sorted(
                 self._rows.items(), key=lambda item: item[0][0]
             )
@@ -63,4 +82,4 @@ class Tally:
 
 def failed(level: str, name: str, detail: str) -> Check:
     """A check that could not be made at all, and so has failed."""
-    return Check(level, name, 1, 0.0, None, "", False, detail)
+    return Check(level, name, 0, 0.0, None, "", detail)

@@ -6,7 +6,6 @@ The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floo
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.checks import Check
 from simspec.proof.probes import SEED, random_states, rotation_error
-from simspec.world.kinematics import initial_state
+from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 
 STEPS = 2000
@@ -42,7 +41,8 @@ class Motion:
     every: int
     poses: np.ndarray
     floor: float
-    leaves_out: tuple[str, ...]
+    rubbing: np.ndarray
+    """Places in v of the joints whose dry friction is taken away: it has a probe of its own."""
 
     @property
     def tolerance(self) -> float:
@@ -67,8 +67,7 @@ def plan(world: World, oracle: Oracle) -> Motion:
     exact = _poses(oracle, *oracle.motion(q, v, effort, steps, every))
     disturbed = _poses(oracle, *oracle.motion(*_disturb(q, v), effort, steps, every))
     floor = float(np.max(deviation(exact, disturbed), initial=0.0))
-    left_out = tuple(name for name in oracle.leaves_out if name == "joint.dry_friction")
-    return Motion(q, v, effort, steps, every, exact, floor, left_out)
+    return Motion(q, v, effort, steps, every, exact, floor, rubbing(world))
 
 
 def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -135,19 +134,15 @@ def deviation(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
 def motion_checks(world: World, motion: Motion, found: Mapping[str, np.ndarray]) -> list[Check]:
     """One check: the worst deviation of any body at any instant."""
     floor = f"floor {motion.floor:.1e}, {motion.steps} steps of {world.physics.timestep:g} s"
-    if motion.leaves_out:
-        return [
-            Check("L6", f"motion without {', '.join(motion.leaves_out)}", 0, motion.tolerance, 0.0, "", True, floor)
-        ]
+    if len(motion.rubbing):
+        floor += f", dry friction of {len(motion.rubbing)} joints switched off"
     pose = found["pose"]
     if pose.shape != motion.poses.shape:
         detail = f"{len(pose)} instants, should be {len(motion.poses)}"
-        return [Check("L6", "motion", 1, motion.tolerance, None, "", False, detail)]
+        return [Check("L6", "motion", len(pose), motion.tolerance, None, "", detail)]
     error = deviation(motion.poses, pose)
     if not np.isfinite(error).all():
-        return [Check("L6", "motion", error.size, motion.tolerance, None, "", False, f"not finite; {floor}")]
+        return [Check("L6", "motion", error.size, motion.tolerance, None, "", f"not finite; {floor}")]
     instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
-    worst = float(error[instant, body])
     where = f"bodies.{world.bodies[body].name}, step {min(instant * motion.every, motion.steps)}"
-    passed = worst <= motion.tolerance and not math.isnan(worst)
-    return [Check("L6", "motion", error.size, motion.tolerance, worst, where, passed, floor)]
+    return [Check("L6", "motion", error.size, motion.tolerance, float(error[instant, body]), where, floor)]

@@ -26,6 +26,7 @@ from simspec.proof.comparator import compare, inventory_checks, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
+from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
 from simspec.proof.touch import Meetings, touch_checks
@@ -64,7 +65,7 @@ class Probes:
         ]
         if self.motion is not None:
             one = self.motion
-            arrays = {"q": one.q, "v": one.v, "effort": one.effort}
+            arrays = {"q": one.q, "v": one.v, "effort": one.effort, "rubbing": one.rubbing}
             found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays))
         if self.response is not None:
             found.append(self.response.operation())
@@ -106,6 +107,7 @@ def verify(
     say = progress or (lambda text: None)
     levels = set(levels)
     compiled = compile_world(world, engines, locate)
+    not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})
         if not set(compiled) <= set(folders):
@@ -144,16 +146,19 @@ def verify(
             say("measuring contact")
             figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
         for name, one in compiled.items():
-            checks = texts[name]
+            checks = [*texts[name], *contact.get(name, [])]
             reply = replies.get(name)
             unreadable: dict[str, str] = {}
             if reply is not None:
                 found, unreadable = _checks(world, find_engine(name), reply, probes)
-                checks = sorted([*checks, *found, *contact.get(name, [])], key=lambda check: check.level)
+                checks += found
             if name in refused:
                 checks.append(failed("L1", "engine", str(refused[name])))
+            else:
+                checks += shortfalls(world, checks, not_compared)
             proof = _proof(one, folders[name], checks, unreadable, reply)
-            proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
+            measured = tuple(figures.get(name, ()))
+            proofs[name] = dataclasses.replace(proof, contact=measured, not_compared=dict(not_compared))
     return Certificate(world.name, sha256(world), _oracle_version(), proofs)
 
 
@@ -218,7 +223,7 @@ def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Ch
         checks += motion_checks(world, probes.motion, answers[4].arrays)
     if probes.response is not None:
         checks += control_checks(probes.response, answers[-1].arrays)
-    return sorted(checks, key=lambda check: check.level), not_checked(world, held.unreadable)
+    return checks, not_checked(world, held.unreadable)
 
 
 def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None):
@@ -231,6 +236,7 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
     texts = {str(path.relative_to(folder).as_posix()): path.read_text(encoding="utf-8") for path in _files(folder)}
     on_disk = Compiled(compiled.engine, compiled.format, texts, ())
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
+    checks = sorted(checks, key=lambda check: check.level)
     return EngineProof(version, on_disk.sha256, tuple(checks), approximations, unreadable, seconds)
 
 

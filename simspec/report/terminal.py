@@ -25,7 +25,7 @@ from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
 if TYPE_CHECKING:
-    from simspec.proof.certificate import Certificate
+    from simspec.proof.certificate import Certificate, EngineProof
     from simspec.proof.checks import Check
     from simspec.proof.selftest import Outcome as DefectOutcome
     from simspec.proof.selftest import SelfTest
@@ -297,7 +297,10 @@ LEVEL_WORDS = {
 def certificate_tables(certificate: Certificate) -> list[Table]:
     """Does the model agree: one row per level, one column per engine; then what failed."""
     found = table("Does the model agree: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
-    levels = sorted({check.level for proof in certificate.engines.values() for check in proof.checks})
+    levels = sorted(
+        {check.level for proof in certificate.engines.values() for check in proof.checks}
+        | {name for proof in certificate.engines.values() for name in proof.not_compared if " " not in name}
+    )
     for level in levels:
         blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
         # of checks with tolerances of their own, the one nearest to its own stands for the level
@@ -305,15 +308,20 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         tolerances = sorted({one.tolerance for one in tightest.values() if one.tolerance})
         found.add_row(
             f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
-            ", ".join(f"{value:.1e}" for value in tolerances) or "the same",
+            ", ".join(f"{value:.1e}" for value in tolerances) or ("the same" if tightest else "–"),
             *(_level_cell(blocks[name], tightest.get(name)) for name in certificate.engines),
         )
     counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
     found.add_row("comparisons", "", *(f"{count:,}" for count in counts))
-    found.add_row(
-        "verdict", "", *(verdict(proof.valid, "valid", "NOT VALID") for proof in certificate.engines.values())
-    )
+    found.add_row("verdict", "", *(_verdict(proof) for proof in certificate.engines.values()))
     return [found, *_failures(certificate)]
+
+
+def _verdict(proof: EngineProof) -> Text:
+    """Valid or not, and which levels that does not speak of."""
+    levels = [name for name in proof.not_compared if " " not in name]
+    more = Text(f"\n{', '.join(levels)} not compared", style="dim") if levels else Text()
+    return verdict(proof.valid, "valid", "NOT VALID") + more
 
 
 def _strain(check: Check) -> float:
@@ -326,11 +334,11 @@ def _strain(check: Check) -> float:
 
 
 def _level_cell(checks: list[Check], worst: Check | None) -> Text:
-    if worst is None:
-        return Text("–")
     bad = sum(not check.passed for check in checks)
     if bad:
         return Text(f"{bad} FAILED", style="bold red")
+    if worst is None:
+        return Text("not compared", style="dim")
     largest = max((check.worst or 0.0 for check in checks), default=0.0)
     return Text(f"{largest:.1e}" if largest else "equal", style="green")
 
@@ -341,7 +349,7 @@ def _failures(certificate: Certificate) -> list[Table]:
         return []
     found = table("What does not agree", "engine", "check", "deviation", "where", "found", right=(2,))
     for engine, check in failures[:SHOWN_FAILURES]:
-        worst = "in kind" if check.worst is None else f"{check.worst:.1e}"
+        worst = f"{check.worst:.1e}" if check.worst is not None else "in kind" if check.count else "not compared"
         found.add_row(engine, f"{check.level} {check.name}", worst, check.where, _shorten(check.detail))
     if len(failures) > SHOWN_FAILURES:
         found.caption = f"and {len(failures) - SHOWN_FAILURES} more checks"
@@ -349,8 +357,11 @@ def _failures(certificate: Certificate) -> list[Table]:
 
 
 def certificate_notes(certificate: Certificate) -> list[str]:
-    """What must be known beside the verdict: the motion's own floor, approximations, what could not be asked."""
-    notes = []
+    """What must be known beside the verdict: what was not compared and why, the motion's own floor, approximations, what could
+    not be asked."""
+    proofs = certificate.engines.values()
+    reasons = {f"{name} not compared: {why}": None for proof in proofs for name, why in proof.not_compared.items()}
+    notes = list(reasons)
     motion = {
         check.detail: None for proof in certificate.engines.values() for check in proof.level("L6") if check.detail
     }

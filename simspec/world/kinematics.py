@@ -46,6 +46,12 @@ def layout(bodies: Sequence[Body]) -> Layout:
     return Layout(tuple(position), tuple(velocity), nq, nv)
 
 
+def rubbing(world: World) -> np.ndarray:
+    """The places in v (n,) of the hinges and slides with dry friction."""
+    parts = layout(world.bodies).velocity
+    return np.array([at.start for body, at in zip(world.bodies, parts, strict=True) if body.joint.dry_friction], int)
+
+
 def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:
     """The world's initial (q, v) in generalised coordinates."""
     q: list[float] = []

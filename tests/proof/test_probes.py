@@ -286,7 +286,8 @@ def test_the_right_filter_passes(gripper):
     world, meetings, touching = gripper
     (check,) = touch.touch_checks(world, meetings, touching)
     assert check.passed
-    assert check.count == 4  # both fingers and the palm with the bar, one finger with the other
+    # both fingers and the palm with the bar, one finger with the other, and two states in which nothing touches
+    assert check.count == 6
     assert len(touching) == 2  # of these only the fingers with the bar may touch
     assert check.detail == "2 pairs cannot be brought together"  # the fingers slide in a line beside the palm
 
@@ -429,12 +430,14 @@ def test_motion_that_cannot_keep_off_the_limits_says_how_far_it_goes():
     assert f"{plan.steps} steps" in check.detail
 
 
-def test_dry_friction_is_left_out_by_name():
+def test_motion_is_asked_without_dry_friction_and_says_so():
     world = worlds.limits_and_armature(dry_friction=0.2)
     _, plan = moved(world)
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses * 2})
-    assert check.count == 0
-    assert "without joint.dry_friction" in check.name
+    assert plan.rubbing.tolist() == [0, 1, 2]
+    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert check.passed
+    assert "dry friction of 3 joints switched off" in check.detail
+    assert not motion.motion_checks(world, plan, {"pose": plan.poses * 2})[0].passed
 
 
 def test_a_world_that_cannot_move_is_compared_all_the_same():

@@ -1,0 +1,120 @@
+"""What a world's proof must hold, from the world alone: what the world does not have is not compared and says why; all else is.
+
+A stored certificate is judged by the same function as a new one (:func:`shortfalls`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from simspec.formats.contact_plan import meeting_laws
+from simspec.proof.checks import NOTHING, Check, failed
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import VELOCITY_SIZE, World
+
+NOT_ASKED = "not asked for"
+"""The reason of a part that the caller of ``verify`` left out."""
+OPTIONAL = (("L4", "collision matrix"), ("L5", ""), ("L6", ""), ("L7", ""))
+"""The parts that are left out where their level is not asked for; all else comes from one read-back and two quick probes."""
+
+
+def _always(world: World) -> str:
+    return ""
+
+
+def _moves(world: World) -> str:
+    moving = any(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)
+    return "" if moving else "nothing moves in this world"
+
+
+def _two_solids(world: World) -> str:
+    groups = rigid_groups(world)
+    solid = {groups[body.name] for body in world.bodies if any(shape.collision for shape in body.shapes)}
+    return "" if len(solid) > 1 else "there are no two bodies with collision shapes that move against each other"
+
+
+def _contact(world: World) -> str:
+    return "" if meeting_laws(world) else "no two shapes of this world may touch"
+
+
+def _driven(world: World) -> str:
+    if not world.controllers:
+        return "nothing is driven in this world"
+    native = all(one.law == "native" for one in world.controllers)
+    return "joints are driven by the engines' own controllers alone, a declared difference" if native else ""
+
+
+PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
+    ("L0", ""): _always,
+    ("L1", ""): _always,
+    ("L2", ""): _always,
+    ("L2", "pose, position"): _always,
+    ("L3", ""): _moves,
+    ("L3", "mass matrix"): _moves,
+    ("L3", "bias force"): _moves,
+    ("L3", "gravity force"): _moves,
+    ("L4", ""): _always,
+    ("L4", "collision matrix"): _two_solids,
+    ("L5", ""): _contact,
+    ("L6", ""): _always,
+    ("L6", "motion"): _always,
+    ("L7", ""): _driven,
+    ("L7", "step response"): _driven,
+}
+"""Level, and name of a check ("" any), to the function that says "" where a world has it, or why a world has none."""
+
+
+def title(level: str, name: str) -> str:
+    """How a part is called in a certificate: its level, and the check's name."""
+    return f"{level} {name}".strip()
+
+
+def expected(world: World) -> dict[tuple[str, str], str]:
+    """For every part of a proof (level, name of a check or "" for any) the reason why this world has none; "" where it must
+    have been compared."""
+    return {part: why(world) for part, why in PARTS.items()}
+
+
+def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str]:
+    """What a world does not have by its nature, or of ``OPTIONAL`` what is not in ``levels`` (None: all are asked for), by
+    :func:`title`, with the reason. A check is named only where the rest of its level is compared."""
+    found: dict[str, str] = {}
+    for (level, name), why in expected(world).items():
+        if (level, name) in OPTIONAL and levels is not None and level not in levels:
+            why = NOT_ASKED
+        if why and level not in found:
+            found[title(level, name)] = why
+    return found
+
+
+def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[Check]:
+    """A failed check for each part that nobody compared, though it is expected of ``world`` and ``not_compared`` (by
+    :func:`title`) does not name it."""
+    compared = {check.level for check in checks if check.count}
+    compared_checks = {(check.level, check.name) for check in checks if check.count}
+    known = {(check.level, check.name) for check in checks} | {(check.level, "") for check in checks}
+    found = []
+    for (level, name), why in expected(world).items():
+        done = (level, name) in compared_checks if name else level in compared
+        if done or why or level in not_compared or title(level, name) in not_compared or (level, name) in known:
+            continue  # a check that is there and compared nothing has failed by itself
+        if name and any(check.level == level and check.name == NOTHING for check in found):
+            continue
+        found.append(failed(level, NOTHING, f"{name}: no comparison was made" if name else "no comparison was made"))
+    return found
+
+
+def judge(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[str]:
+    """Why checks, and what is said not to be compared, do not prove ``world``, a line each; [] when they do. For a certificate
+    from a file, whose every word may be wrong."""
+    own = left_out(world)
+    found = [
+        f"{name} is said not to be compared ({why}), which does not lie in this world"
+        for name, why in not_compared.items()
+        if name not in own
+    ]
+    by_nature = {name: why for name, why in not_compared.items() if name in own}
+    every = itertools.chain(checks, shortfalls(world, checks, by_nature))
+    found += [f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed]
+    return found
