@@ -269,7 +269,8 @@ class MuJoCo(Engine):
         if self._mujoco is not None:
             self._mujoco.set_mju_user_warning(None)
             self._mujoco = None
-            del self.data, self._probe, self.model
+            for name in ("data", "_probe", "model"):  # of which a refused file leaves some unmade
+                self.__dict__.pop(name, None)
         self._log.clear()
 
     # --- state ----------------------------------------------------------------------------------------------------

@@ -4,7 +4,8 @@
 importable without putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
 FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
-                      name another folder of artifacts)
+                      name another folder of artifacts, and be an ``attempt``: an exception is then its answer, as
+                      ``{"refused": message}``, and the next operation follows)
 FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
 FOLDER/result.json    schema, status (ok | error), error, versions, one entry per finished operation
 FOLDER/result.npz     arrays of the results, named "<index>.<name>"
@@ -193,24 +194,29 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
         prefix = f"{index}."
         arrays = {key[len(prefix) :]: value for key, value in given.items() if key.startswith(prefix)}
         engine = engine_class()
+        started = loaded = time.perf_counter()
         try:
-            started = time.perf_counter()
             place = Path(operation.get("artifacts", artifacts))
             engine.load(place, read_sidecar(place))
             loaded = time.perf_counter()
             entry, found = OPERATIONS[operation["op"]](engine, arrays, operation)
-            entries.append(
-                {
-                    "op": operation["op"],
-                    "load_seconds": loaded - started,
-                    "seconds": time.perf_counter() - loaded,
-                    "log": engine.log(),
-                    "result": entry,
-                }
-            )
-            results.update({f"{prefix}{key}": value for key, value in found.items()})
+            log = engine.log()
+        except Exception as error:  # only where the request says so: what it refuses is then this operation's answer
+            if not operation.get("attempt", False):
+                raise
+            entry, found, log = {"refused": f"{type(error).__name__}: {error}"}, {}, []
         finally:
             engine.close()
+        entries.append(
+            {
+                "op": operation["op"],
+                "load_seconds": loaded - started,
+                "seconds": time.perf_counter() - loaded,
+                "log": log,
+                "result": entry,
+            }
+        )
+        results.update({f"{prefix}{key}": value for key, value in found.items()})
     return (
         {
             "status": "ok",

@@ -13,8 +13,8 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.base import find_engine
-from simspec.engines.process import DEADLINE, Operation, Reply, start
+from simspec.engines.base import Engine, find_engine
+from simspec.engines.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
@@ -53,7 +53,7 @@ class Probes:
     response: Response | None = None
 
     def operations(self) -> list[Operation]:
-        """What each engine is asked, in the order in which :func:`_checks` reads the answers."""
+        """What each engine is asked, in the order in which :func:`engine_checks` reads the answers."""
         still = np.zeros_like(self.v)
         both = {"q": np.concatenate([self.q, self.q]), "v": np.concatenate([self.v, still])}
         velocity = np.zeros((1, self.oracle.nv))
@@ -150,7 +150,7 @@ def verify(
             reply = replies.get(name)
             unreadable: dict[str, str] = {}
             if reply is not None:
-                found, unreadable = _checks(world, find_engine(name), reply, probes)
+                found, unreadable = engine_checks(world, find_engine(name), reply.answers, probes)
                 checks += found
             if name in refused:
                 checks.append(failed("L1", "engine", str(refused[name])))
@@ -206,14 +206,21 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
     return compare(world, read, engine.RULES, engine.LAYERS, text=True)
 
 
-def _checks(world: World, engine, reply: Reply, probes: Probes) -> tuple[list[Check], dict[str, str]]:
-    answers = reply.answers
-    held = from_plain(ReadBack, answers[0].result)
-    still = np.zeros_like(probes.v)
+def read_back_checks(world: World, engine: type[Engine], held: ReadBack) -> list[Check]:
+    """What the engine says it holds against the world: levels L1, L2 and L4."""
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
     checks = compare(world, held, engine.RULES, engine.LAYERS, accepted_cone=accepted)
-    checks += inventory_checks(engine.expected_inventory(world, held.neutral), held.inventory)
+    return checks + inventory_checks(engine.expected_inventory(world, held.neutral), held.inventory)
+
+
+def engine_checks(
+    world: World, engine: type[Engine], answers: Sequence[Answer], probes: Probes
+) -> tuple[list[Check], dict[str, str]]:
+    """The checks of everything that ``probes.operations()`` asked one engine, and what it could not be asked for."""
+    held = from_plain(ReadBack, answers[0].result)
+    still = np.zeros_like(probes.v)
+    checks = read_back_checks(world, engine, held)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
     both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
     checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)

@@ -1,0 +1,358 @@
+"""The complete self-test: every change that compiled files can suffer, one at a time, and what the proof makes of it.
+
+Each mutation (``formats/mutations.py``) is tried in stages, and leaves at the first that notices it: what the engine says it
+holds (levels L1, L2 and L4), then all it is probed for (L2 to L4, L6, L7), then the whole proof with its contact probes (L5).
+One that the engine refuses needs no proof. What is left must be declared inert by its format, and move every body as the
+unchanged files do, with contact, without and under control, within ``STILL``; else it is *missed*. Level L0 does not count: the
+text alone says nothing of the engine.
+
+Many mutations share one engine process; when that ends without a result, its half of them is tried again, down to single ones.
+"""
+
+from __future__ import annotations
+
+import importlib
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.engines.base import Engine, find_engine
+from simspec.engines.process import Answer, Operation, call
+from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.base import formats
+from simspec.formats.mutations import KINDS, Mutation, MutationTable, mutations
+from simspec.proof.checks import Check
+from simspec.proof.mutation_worlds import WORLDS
+from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
+from simspec.world.canonical import from_plain
+from simspec.world.kinematics import layout
+from simspec.world.types import ReadBack, World
+
+VERDICTS = ("caught", "refused", "inert", "missed")
+STILL = 1e-12
+"""Metres, radians and their rates, relative to the larger of one and the value: motions within it are the same."""
+BATCH = 100
+"""Mutations that share a process."""
+DEADLINE = 60.0
+"""Seconds of one process, and ``EACH`` more for every mutation in it."""
+EACH = 2.0
+WORKERS = 2
+SCENE_STEPS = 600
+SCENE_EVERY = 20
+SEED = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of one mutation: ``verdict`` is one of ``VERDICTS``, ``by`` the first level that noticed, ``why`` what it
+    said, or what the engine refused it with, or the reason that is declared for its being inert."""
+
+    engine: str
+    world: str
+    file: str
+    kind: str
+    site: str
+    place: str
+    change: str
+    verdict: str
+    by: str = ""
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class CompleteTest:
+    """All verdicts; ``skipped``: worlds that an engine cannot have, with the reason, by "engine, world"; ``versions`` by
+    engine; ``seconds`` in all."""
+
+    verdicts: tuple[Verdict, ...]
+    skipped: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def count(self, engine: str | None = None, kind: str | None = None, verdict: str | None = None) -> int:
+        """How many there are of an engine, a kind of change, a verdict (None: all)."""
+        return sum(
+            engine in (None, one.engine) and kind in (None, one.kind) and verdict in (None, one.verdict)
+            for one in self.verdicts
+        )
+
+    @property
+    def engines(self) -> tuple[str, ...]:
+        """The engines, in the order in which they were tested."""
+        return tuple(dict.fromkeys(one.engine for one in self.verdicts))
+
+    @property
+    def missed(self) -> tuple[Verdict, ...]:
+        """What went unseen."""
+        return tuple(one for one in self.verdicts if one.verdict == "missed")
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was planted and nothing missed."""
+        return bool(self.verdicts) and not self.missed
+
+    def rows(self) -> list[tuple[str, str, tuple[int, ...]]]:
+        """(engine, kind, (planted, caught, refused, inert, missed)) for each that occurs, and a sum ("all") per engine."""
+        found = []
+        for engine in self.engines:
+            for kind in (*KINDS, None):
+                counts = tuple(self.count(engine, kind, verdict) for verdict in (None, *VERDICTS))
+                if counts[0]:
+                    found.append((engine, kind or "all", counts))
+        return found
+
+
+def table_of(format_name: str) -> MutationTable:
+    """The table of a format: ``TABLE`` of the module beside its own called ``<format>_mutations``; empty without one."""
+    name = f"{type(formats()[format_name]).__module__}_mutations"
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        return MutationTable()
+    table: MutationTable = module.TABLE
+    return table
+
+
+def complete_self_test(
+    engines: Sequence[str],
+    *,
+    worlds: Sequence[str] = (),
+    only: Callable[[Mutation], bool] = lambda mutation: True,
+    progress: Callable[[str], None] | None = None,
+) -> CompleteTest:
+    """Try every mutation of every world (or of those named) in every engine.
+
+    ``only`` chooses among the mutations. Raises AssertionError when an unchanged world does not verify, or does not move twice
+    alike: then nothing could be said.
+    """
+    say = progress or (lambda text: None)
+    started = time.monotonic()
+    verdicts: list[Verdict] = []
+    skipped: dict[str, str] = {}
+    for engine in engines:
+        for name in worlds or WORLDS:
+            bench = _Bench.of(engine, name)
+            if isinstance(bench, str):
+                skipped[f"{engine}, {name}"] = bench
+                continue
+            begun, before = time.monotonic(), len(verdicts)
+            verdicts += bench.verdicts(only)
+            missed = sum(one.verdict == "missed" for one in verdicts[before:])
+            count = len(verdicts) - before
+            say(f"{engine}, {name}: {count} mutations, {missed} missed, {time.monotonic() - begun:.0f} s")
+    versions = {engine: str(find_engine(engine).version()) for engine in engines}
+    return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """One world in one engine: compiled, proven sound, and what it does when it is left alone."""
+
+    name: str
+    engine: type[Engine]
+    world: World
+    compiled: Compiled
+    probes: Probes
+    table: MutationTable
+    scenes: tuple[Operation, ...]
+    still: tuple[Mapping[str, np.ndarray], ...]
+
+    @classmethod
+    def of(cls, engine: str, name: str) -> _Bench | str:
+        """The bench, or the reason why this engine cannot have this world."""
+        world = WORLDS[name](engine)
+        try:
+            compiled = compile_world(world, [engine])[engine]
+        except UnsupportedError as error:
+            return error.problems[0].message
+        probes = prepare(world)
+        certificate = verify(world, [engine], probes=probes)
+        if not certificate.valid:
+            _, check = certificate.failures()[0]
+            raise AssertionError(f"{engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}")
+        scenes = _scenes(world, probes)
+        with tempfile.TemporaryDirectory(prefix="simspec-sound-") as place:
+            write_folder(compiled.files, Path(place) / engine)
+            answers = call(engine, Path(place) / engine, [*scenes, *scenes]).answers
+        still = tuple(answer.arrays for answer in answers[: len(scenes)])
+        again = tuple(answer.arrays for answer in answers[len(scenes) :])
+        if not _moves_alike(still, again):
+            raise AssertionError(f"{engine}: the world {name!r} does not move twice alike")
+        table = table_of(compiled.format)
+        return cls(name, find_engine(engine), world, compiled, probes, table, scenes, still)
+
+    def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
+        planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
+        with ThreadPoolExecutor(WORKERS) as pool:
+            # batches are made as they are asked for: all texts at once would be large
+            found = list(pool.map(self._batch, _batches(planted)))
+        return [verdict for some in found for verdict in some]
+
+    def _batch(self, batch: Sequence[Mutation]) -> list[Verdict]:
+        found: dict[str, Verdict] = {}
+        left = list(batch)
+        for stage in (self._held, self._probed, self._whole):
+            for mutation, verdict in stage(left):
+                if verdict is not None:
+                    found[mutation.name] = verdict
+            left = [mutation for mutation in left if mutation.name not in found]
+            if not left:
+                break
+        return [found[mutation.name] for mutation in batch]
+
+    # --- stages ---------------------------------------------------------------------------------------------------
+
+    def _held(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
+        """By what the engine says it holds."""
+        for mutation, answers in self._ask(batch, [Operation("read_back")]):
+            yield (
+                mutation,
+                self._refused(mutation, answers)
+                or self._judged(
+                    mutation, lambda given=answers: read_back_checks(self.world, self.engine, _held(given))
+                ),
+            )
+
+    def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
+        """By every probe but those of contact."""
+        for mutation, answers in self._ask(batch, self.probes.operations()):
+            yield (
+                mutation,
+                self._refused(mutation, answers)
+                or self._judged(
+                    mutation, lambda given=answers: engine_checks(self.world, self.engine, given, self.probes)[0]
+                ),
+            )
+
+    def _whole(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
+        """What is declared inert must move as the sound files do; the rest goes through the whole proof, or is missed."""
+        declared = [mutation for mutation in batch if self.table.inertness(mutation) is not None]
+        for mutation, answers in self._ask(declared, self.scenes):
+            why = self.table.inertness(mutation) or ""
+            verdict = self._refused(mutation, answers)
+            if verdict is None and _moves_alike(self.still, [answer.arrays for answer in answers]):
+                verdict = self._verdict(mutation, "inert", why=why)
+            yield (
+                mutation,
+                verdict or self._verdict(mutation, "missed", why=f"declared inert, but moves otherwise: {why}"),
+            )
+        for mutation in batch:
+            if self.table.inertness(mutation) is None:
+                yield mutation, self._proven(mutation) or self._verdict(mutation, "missed")
+
+    def _proven(self, mutation: Mutation) -> Verdict | None:
+        with tempfile.TemporaryDirectory(prefix="simspec-mutation-") as place:
+            folder = Path(place) / self.engine.NAME
+            write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
+
+            def checks() -> list[Check]:
+                artifacts = {self.engine.NAME: folder}
+                proof = verify(self.world, [self.engine.NAME], artifacts=artifacts, probes=self.probes)
+                return [check for _, check in proof.failures()]
+
+            return self._judged(mutation, checks)
+
+    # --- judging --------------------------------------------------------------------------------------------------
+
+    def _judged(self, mutation: Mutation, checks: Callable[[], Iterable[Check]]) -> Verdict | None:
+        try:
+            failures = [check for check in checks() if not check.passed and check.level != "L0"]
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            # the proof itself must stand whatever an engine answers
+            return self._verdict(mutation, "missed", why=f"the proof fails: {type(error).__name__}: {error}")
+        if not failures:
+            return None
+        first = min(failures, key=lambda check: check.level)
+        return self._verdict(mutation, "caught", first.level, f"{first.name}: {first.detail or first.worst}")
+
+    def _refused(self, mutation: Mutation, answers: Sequence[Answer] | EngineError) -> Verdict | None:
+        if isinstance(answers, EngineError):
+            return self._verdict(mutation, "refused", why=str(answers))
+        refusals = [answer.result["refused"] for answer in answers if "refused" in answer.result]
+        return self._verdict(mutation, "refused", why=refusals[0]) if refusals else None
+
+    def _verdict(self, mutation: Mutation, verdict: str, by: str = "", why: str = "") -> Verdict:
+        place = (mutation.file, mutation.kind, mutation.site, mutation.place, mutation.change)
+        return Verdict(self.engine.NAME, self.name, *place, verdict, by, why)
+
+    # --- asking ---------------------------------------------------------------------------------------------------
+
+    def _ask(
+        self, batch: Sequence[Mutation], operations: Sequence[Operation]
+    ) -> Iterator[tuple[Mutation, Sequence[Answer] | EngineError]]:
+        """The answers to ``operations`` for each mutation, or the error of the process that ended over it alone."""
+        if not batch:
+            return
+        with tempfile.TemporaryDirectory(prefix="simspec-mutations-") as name:
+            asked = []
+            for index, mutation in enumerate(batch):
+                folder = Path(name) / str(index)
+                folder.mkdir()
+                for file, text in {**self.compiled.files, mutation.file: mutation.text}.items():
+                    (folder / file).write_text(text, encoding="utf-8")
+                more = {"artifacts": str(folder), "attempt": True}
+                asked += [Operation(one.op, {**one.parameters, **more}, one.arrays) for one in operations]
+            try:
+                deadline = DEADLINE + EACH * len(batch)
+                answers = call(self.engine.NAME, Path(name), asked, deadline=deadline).answers
+            except EngineError as error:
+                if len(batch) == 1:
+                    yield batch[0], error
+                    return
+            else:
+                count = len(operations)
+                for index, mutation in enumerate(batch):
+                    yield mutation, answers[index * count : (index + 1) * count]
+                return
+        half = len(batch) // 2
+        yield from self._ask(batch[:half], operations)
+        yield from self._ask(batch[half:], operations)
+
+
+def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:
+    iterator = iter(planted)
+    while batch := list(islice(iterator, BATCH)):
+        yield batch
+
+
+def _held(answers: Sequence[Answer]) -> ReadBack:
+    held: ReadBack = from_plain(ReadBack, answers[0].result)
+    return held
+
+
+def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
+    """Motions that show whether a change acts: left alone, pushed about, without contact, under control; and who touches."""
+    nv = layout(world.bodies).nv
+    generator = np.random.default_rng(SEED)
+    weight = np.abs(np.diag(probes.oracle.mass_matrix(probes.q[0]))) if nv else np.zeros(0)
+    pushed = generator.uniform(-5.0, 5.0, (2, nv)) * weight
+    timed = {"timestep": world.physics.timestep}
+    alone = {**timed, "phases": [[SCENE_STEPS, SCENE_EVERY]]}
+    shoved = {**timed, "phases": [[SCENE_STEPS // 4, SCENE_EVERY], [SCENE_STEPS // 2, SCENE_EVERY]]}
+    return (
+        Operation("drive", alone, {"effort": np.zeros((1, nv))}),
+        Operation("drive", shoved, {"effort": pushed}),
+        *(one for one in probes.operations() if one.op in ("motion", "respond", "touching")),
+    )
+
+
+def _moves_alike(one: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> bool:
+    if len(one) != len(other):
+        return False
+    for a, b in zip(one, other, strict=True):
+        if a.keys() != b.keys() or any(a[name].shape != b[name].shape for name in a):
+            return False
+        for name in a:
+            apart = np.abs(a[name] - b[name]) / np.maximum(1.0, np.abs(a[name]))
+            if not (apart <= STILL).all():  # NaN is not alike
+                return False
+    return True

@@ -1,0 +1,101 @@
+"""The complete self-test: what the proof notices is caught, what an engine refuses is refused, the rest is missed or inert."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from simspec.formats.mutations import Inert, MutationTable
+from simspec.proof import complete
+from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
+
+SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}
+
+
+@pytest.fixture(scope="module")
+def tested():
+    return complete_self_test(["mujoco"], worlds=["ball joint"], only=lambda one: one.site in SITES)
+
+
+def test_mutations_are_caught_refused_or_inert(tested):
+    found = {(one.site, one.verdict) for one in tested.verdicts}
+    assert ("inertial@mass", "caught") in found
+    assert ("mujoco@model", "missed") in found or ("mujoco@model", "inert") in found
+    assert ("inertial@mass", "refused") in found, "a body without mass"
+    assert all(one.by and one.why for one in tested.verdicts if one.verdict == "caught")
+    assert tested.count(verdict="caught") + tested.count(verdict="refused") == len(tested.verdicts) - 2
+    assert tested.versions["mujoco"]
+
+
+def test_what_is_declared_inert_must_move_as_before(monkeypatch):
+    """A declaration that covers something that acts is not believed."""
+    real = complete.table_of
+
+    def generous(name):
+        return dataclasses.replace(real(name), inert=(Inert("*", "because"),))
+
+    monkeypatch.setattr(complete, "table_of", generous)
+    blind = lambda *_: []  # noqa: E731 - a proof that sees nothing
+    monkeypatch.setattr(complete, "read_back_checks", blind)
+    monkeypatch.setattr(complete, "engine_checks", lambda *_: ([], {}))
+    found = complete_self_test(
+        ["mujoco"], worlds=["ball joint"], only=lambda one: one.site in ("inertial@mass", "mujoco@model")
+    )
+    verdicts = {(one.site, one.kind): one.verdict for one in found.verdicts}
+    assert verdicts["inertial@mass", "scaled"] == "missed"
+    assert verdicts["mujoco@model", "word"] == "inert"
+    assert not found.passed
+
+
+def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkeypatch):
+    from simspec.engines.process import Answer
+    from simspec.errors import EngineError
+
+    sizes = []
+
+    def call(engine, folder, operations, deadline):
+        sizes.append(len(operations))
+        texts = [(folder / one.parameters["artifacts"] / "model.xml").read_text() for one in operations]
+        if any(' mass="-' in text for text in texts):
+            raise EngineError(engine, "the process was ended by signal 11 (SIGSEGV) without a result")
+        return type("Reply", (), {"answers": [Answer({"refused": "just so"}, {}, 0.0, 0.0, []) for _ in operations]})()
+
+    bench = complete._Bench.of("mujoco", "ball joint")
+    monkeypatch.setattr(complete, "call", call)
+    verdicts = bench.verdicts(lambda one: one.site in ("inertial@mass", "inertial@pos"))
+    assert all(one.verdict == "refused" for one in verdicts)
+    ended = [one for one in verdicts if "SIGSEGV" in one.why]
+    assert [(one.site, one.kind) for one in ended] == [("inertial@mass", "sign")]
+    assert sizes[0] == len(verdicts)
+
+
+def test_the_table_counts_by_engine_and_kind():
+    verdicts = tuple(
+        Verdict("one", "world", "file", kind, "site", "place", "change", verdict)
+        for kind, verdict in (("scaled", "caught"), ("scaled", "missed"), ("word", "inert"))
+    )
+    found = CompleteTest(verdicts)
+    assert found.rows() == [
+        ("one", "scaled", (2, 1, 0, 0, 1)),
+        ("one", "word", (1, 0, 0, 1, 0)),
+        ("one", "all", (3, 1, 0, 1, 1)),
+    ]
+    assert not found.passed
+    assert CompleteTest(verdicts[::2]).passed
+    assert not CompleteTest(()).passed, "nothing planted is nothing shown"
+
+
+def test_a_format_without_a_table_gets_an_empty_one(monkeypatch):
+    monkeypatch.setattr(complete, "formats", lambda: {"odd": type("Odd", (), {"__module__": "tests.worlds"})()})
+    assert complete.table_of("odd") == MutationTable()
+
+
+def test_a_table_that_cannot_be_imported_is_an_error(monkeypatch):
+    monkeypatch.setattr(complete.importlib, "import_module", _missing_other)
+    with pytest.raises(ModuleNotFoundError):
+        complete.table_of("mjcf")
+
+
+def _missing_other(name):
+    raise ModuleNotFoundError("something that the table needs", name="numpy")
