@@ -356,7 +356,9 @@ def run_command(
     fail_on_diff: Annotated[
         float | None,
         typer.Option(
-            metavar="METRE", min=0.0, help="Exit 1 when two engines differ by more than this and their noise."
+            metavar="METRE",
+            min=0.0,
+            help="Exit 1 when two engines differ by more than this and their noise, or when that noise is above this.",
         ),
     ] = None,
     sets: Sets = None,
@@ -417,7 +419,7 @@ def diff_command(
     allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
-    """Compare two runs, or what two specs mean. Exit 1 when they differ.
+    """Compare two runs, or what two specs mean. Exit 1 when they differ, or when noise hides whether they do.
 
     \b
     simspec diff runs/arm/mujoco runs/arm/dart --tolerance 1e-6

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
+from simspec.comparison.horizon import horizon
 from simspec.errors import Problem, SpecError
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -18,11 +19,17 @@ TOLERANCE = 1e-3
 """Default tolerance: 1 mm in position and 1 mrad in angle, what a robot cell calls the same place."""
 
 
+WITHIN, OUT, CANNOT_BE_TOLD = "within", "out", "cannot be told"
+"""Verdicts of a comparison."""
+
+
 @dataclass(frozen=True)
 class BodyDiff:
     """How one body differs: largest and root mean square deviation in position (m) and angle (rad), the time (s) of the
     largest position deviation, both over the times up to the horizon; and the first time out of tolerance (s), None if
-    never. ``floor`` is the engines' own noise (m) for this body at the horizon; None when it was not measured."""
+    never. ``floor`` and ``angle_floor`` are the engines' own noise (m, rad) for this body at the horizon; None when it was not
+    measured.
+    ``cannot_tell_from``: the time (s) from which that noise hides deviations of the tolerance's size; None if it never does."""
 
     body: str
     position_largest: float
@@ -33,11 +40,21 @@ class BodyDiff:
     first_out: float | None
     floor: float | None
     cause: str = ""
+    cannot_tell_from: float | None = None
+    angle_floor: float | None = None
+
+    @property
+    def verdict(self) -> str:
+        """``out`` of tolerance; ``cannot be told``: what it deviates is not above the engines' noise, and the tolerance is
+        below that; else ``within``, up to the horizon."""
+        if self.first_out is not None:
+            return OUT
+        return WITHIN if self.cannot_tell_from is None else CANNOT_BE_TOLD
 
     @property
     def within(self) -> bool:
-        """Whether the body stayed within tolerance up to the horizon."""
-        return self.first_out is None
+        """Whether the body is known to have stayed within tolerance up to the horizon."""
+        return self.verdict == WITHIN
 
 
 @dataclass(frozen=True)
@@ -54,8 +71,9 @@ class Scalars:
 class Diff:
     """The comparison of two runs.
 
-    horizon     time (s) up to which positions are compared: there ``FLOOR_FACTOR`` times the engines' own noise first
-                exceeds the tolerance, and further on two runs of the *same* engine differ as much. None = to the end.
+    horizon     time (s) up to which positions are compared: there ``FLOOR_FACTOR`` times the engines' own noise grows past
+                the tolerance, and further on two runs of the *same* engine differ without bound. None = to the end: noise
+                that stays at a level ends nothing (see :mod:`simspec.comparison.horizon`).
     bodies      one entry per moving body that both have, worst first
     quantities  energy, momentum, contacts, spread: they are compared over the whole time, so also past the horizon
     notes       what must be known to read it: other worlds, a run that ended early, no noise floor
@@ -73,9 +91,21 @@ class Diff:
     notes: tuple[str, ...] = field(default=())
 
     @property
+    def verdict(self) -> str:
+        """``out`` when a body is; else ``cannot be told`` when it cannot of a body; else ``within``, up to the horizon."""
+        found = {body.verdict for body in self.bodies}
+        return OUT if OUT in found else CANNOT_BE_TOLD if CANNOT_BE_TOLD in found else WITHIN
+
+    @property
     def within(self) -> bool:
-        """Whether every body stayed within tolerance up to the horizon."""
-        return all(body.within for body in self.bodies)
+        """Whether every body is known to have stayed within tolerance up to the horizon."""
+        return self.verdict == WITHIN
+
+    @property
+    def untold(self) -> BodyDiff | None:
+        """Of the bodies of which it cannot be told, the one with the largest noise; None when there is none."""
+        found = [body for body in self.bodies if body.verdict == CANNOT_BE_TOLD]
+        return max(found, key=lambda body: body.floor or 0.0) if found else None
 
     @property
     def worst(self) -> BodyDiff | None:
@@ -109,7 +139,9 @@ def diff(
     floor            the noise floor of one or both engines (``simspec.floor``); without it chaos cannot be told from
                      disagreement, and a note says so
 
-    A body is out of tolerance at time t when it deviates by more than max(tolerance, FLOOR_FACTOR × floor(t)).
+    A body is out of tolerance at time t when it deviates by more than max(tolerance, FLOOR_FACTOR × floor(t)). Where it never
+    is, but deviates by more than the tolerance, or the floor itself is above the tolerance, whether it stayed within cannot be
+    told.
     Raises SpecError when there is nothing to compare: no common body, or no common time.
     """
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
@@ -129,23 +161,48 @@ def diff(
     noise = [_floor_at(one, a if one.engine == a.engine else b, time, names) for one in floors]
     own_position = np.max([pair[0] for pair in noise], axis=0) if noise else np.zeros_like(position)
     own_angle = np.max([pair[1] for pair in noise], axis=0) if noise else np.zeros_like(angle)
-    lost = (FLOOR_FACTOR * own_position > tolerance) | (FLOOR_FACTOR * own_angle > angle_tolerance)
-    lost_rows = np.flatnonzero(lost.any(axis=1))
-    last = int(lost_rows[0]) if len(lost_rows) else len(time)
+    last = horizon(
+        FLOOR_FACTOR * own_position,
+        FLOOR_FACTOR * own_angle,
+        time,
+        max(_size(run, rows, names) for run, rows in ((a, rows_a), (b, rows_b))),
+        tolerance,
+        angle_tolerance,
+    )
     out = (position > np.maximum(tolerance, FLOOR_FACTOR * own_position)) | (
         angle > np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle)
     )
+    # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
+    hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
     # what is not finite is out of every tolerance
     out |= ~(np.isfinite(position) & np.isfinite(angle))
     touched = _touches(a, b, rows_a, rows_b, names)
+    recorded = all("contact.row" in run.arrays for run in (a, b))
     compared = slice(0, max(1, last))
     bodies = [
-        _body_diff(name, time[compared], position[compared, k], angle[compared, k], out[compared, k], touched.get(name))
+        _body_diff(
+            name,
+            time[compared],
+            position[compared, k],
+            angle[compared, k],
+            out[compared, k],
+            touched.get(name),
+            recorded,
+        )
         for k, name in enumerate(names)
     ]
     if noise:
-        ends = own_position[compared][-1]
-        bodies = [replace(body, floor=float(ends[k])) for k, body in enumerate(bodies)]
+        ends, turned = own_position[compared][-1], own_angle[compared][-1]
+        since = [time[compared][int(row.argmax())] if row.any() else None for row in hidden[compared].T]
+        bodies = [
+            replace(
+                body,
+                floor=float(ends[k]),
+                angle_floor=float(turned[k]),
+                cannot_tell_from=None if since[k] is None else float(since[k]),
+            )
+            for k, body in enumerate(bodies)
+        ]
     # what is not finite is the worst of all
     bodies.sort(key=lambda body: -body.position_largest if np.isfinite(body.position_largest) else -np.inf)
     return Diff(
@@ -189,6 +246,18 @@ def _poses(run: Run, rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return run.arrays["pose"][np.ix_(rows, [run.index[name] for name in names])]
 
 
+def _size(run: Run, rows: np.ndarray, names: Sequence[str]) -> float:
+    """How large the scene is (m): the diagonal of the box about all the places of the bodies in a run, and the size of the
+    largest body."""
+    places = _poses(run, rows, names)[..., :3].reshape(-1, 3)
+    places = places[np.isfinite(places).all(axis=1)]
+    masses = [run.world.bodies[run.index[name]].inertial for name in names]
+    # of a body alone that stays where it is: its radius of gyration, about half of its own size
+    radii = [math.sqrt(sum(one.inertia[:3]) / (2.0 * one.mass)) for one in masses if one.mass > 0.0]
+    reach = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
+    return reach + 2.0 * max(radii, default=0.0)
+
+
 def _floor_at(floor: Floor, run: Run, time: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """The floor at other times (its last value before each) and for these bodies."""
     rows = np.clip(np.searchsorted(floor.time, time + 0.5 * run.world.physics.timestep) - 1, 0, None)
@@ -197,7 +266,13 @@ def _floor_at(floor: Floor, run: Run, time: np.ndarray, names: Sequence[str]) ->
 
 
 def _body_diff(
-    name: str, time: np.ndarray, position: np.ndarray, angle: np.ndarray, out: np.ndarray, touched: float | None
+    name: str,
+    time: np.ndarray,
+    position: np.ndarray,
+    angle: np.ndarray,
+    out: np.ndarray,
+    touched: float | None,
+    recorded: bool,
 ) -> BodyDiff:
     worst = int(np.where(np.isfinite(position), position, np.inf).argmax())
     first = int(out.argmax()) if out.any() else None
@@ -205,6 +280,7 @@ def _body_diff(
     if first is not None:
         # rows before the first one out: a contact recorded there can be what parted the two
         cause = "contact" if touched is not None and touched <= time[first] else "free motion"
+        cause = cause if recorded else "contacts not recorded"
     return BodyDiff(
         name,
         float(position[worst]),

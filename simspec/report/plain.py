@@ -67,7 +67,8 @@ def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
 
 def diff_data(diff: Diff) -> dict[str, Any]:
     """One comparison, whole."""
-    return {**plain(diff), "within": diff.within}
+    bodies = [{**plain(body), "verdict": body.verdict} for body in diff.bodies]
+    return {**plain(diff), "bodies": bodies, "within": diff.within, "verdict": diff.verdict}
 
 
 def floor_data(floor: Floor) -> dict[str, Any]:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from simspec.comparison.floor import load_floor, save_floor
-from simspec.comparison.runs import diff
+from simspec.comparison.runs import Diff, diff
 from simspec.comparison.study import Study, study
 from simspec.comparison.worlds import diff_worlds
-from simspec.errors import EXIT_FAILED, EXIT_OK, Location
+from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.generated import CERTIFICATE_FILE, write_text
 from simspec.report import terminal
 from simspec.report.plain import diff_data, plain, study_data, text
@@ -40,6 +40,10 @@ def run(
     as_json: bool,
 ) -> int:
     """Study ``world`` in ``engines``, write ``folder``, and print."""
+    if fail_on_diff and len(engines) < 2:
+        raise SpecError(
+            [Problem("--fail-on-diff compares engines with each other", found=", ".join(engines), allowed="two")]
+        )
     with terminal.progress(not as_json) as progress:
         found = study(
             world,
@@ -58,18 +62,30 @@ def run(
         progress("writing")
         _write(found, folder)
     code = found.exit_code
-    if code == EXIT_OK and fail_on_diff and not all(one.within for one in found.diffs):
-        code = EXIT_FAILED
+    if code == EXIT_OK and fail_on_diff:
+        code = diff_code(found.diffs)
     if as_json:
         sys.stdout.write(text({**study_data(found), "exit_code": code, "folder": folder}))
         return code
     screen = terminal.console()
     terminal.show_study(found, screen)
     screen.print(f"written: {folder}", soft_wrap=True)
+    _say_untold(found.diffs if fail_on_diff else ())
     for name, one in found.runs.items():
         if one.failed is not None:
             terminal.console(error=True).print(f"{name} failed: {one.failed}", soft_wrap=True, style="bold red")
     return code
+
+
+def diff_code(diffs: Sequence[Diff]) -> int:
+    """The exit code of comparisons: 0 only where all are told to be within tolerance. What cannot be told did not pass."""
+    return EXIT_OK if diffs and all(one.within for one in diffs) else EXIT_FAILED
+
+
+def _say_untold(diffs: Sequence[Diff]) -> None:
+    for one in diffs:
+        if (why := terminal.cannot_be_told(one)) is not None:
+            terminal.console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)
 
 
 def _write(found: Study, folder: Path) -> None:
@@ -101,7 +117,8 @@ def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
             screen.print(table)
         for note in found.notes:
             screen.print(f"note: {note}", soft_wrap=True)
-    return EXIT_OK if found.within else EXIT_FAILED
+        _say_untold([found])
+    return diff_code([found])
 
 
 def diff_specs(a: World, b: World, as_json: bool) -> int:

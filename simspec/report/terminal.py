@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import QUANTITIES, Diff, summary
+from simspec.comparison.runs import CANNOT_BE_TOLD, QUANTITIES, BodyDiff, Diff, summary
 from simspec.comparison.study import Study
 from simspec.comparison.worlds import Change
 from simspec.compiler import Compiled
@@ -212,13 +212,46 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
             length(worst.position_largest) if worst else "–",
             worst.body if worst else "–",
             length(one.position_rms),
-            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow")
-            if out
-            else verdict(True, "never"),
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow") if out else _stays(one),
             length(worst.floor) if worst else "–",
             f"{one.compared_until:.4g} s" + (" (chaos)" if one.horizon is not None else ""),
         )
     return found
+
+
+def _stays(one: Diff) -> Text:
+    """What is said of a comparison in which nothing is out of tolerance."""
+    if one.untold is not None:
+        return Text(f"cannot be told: noise {_noise(one, one.untold)}", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+
+
+def _out(one: Diff, body: BodyDiff) -> Text:
+    """When a body was first out of tolerance."""
+    if body.first_out is not None:
+        return Text(f"{body.first_out:.4g} s ({body.cause})", style="yellow")
+    if body.cannot_tell_from is not None:
+        return Text("cannot be told", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+
+
+def cannot_be_told(one: Diff) -> str | None:
+    """What to do about a comparison that cannot be told; None where it can."""
+    body = one.untold
+    if body is None or one.verdict != CANNOT_BE_TOLD:
+        return None
+    tolerances = f"{length(one.tolerance)} and {one.angle_tolerance:g} rad"
+    return (
+        f"{one.first} – {one.second}: whether they agree within {tolerances} cannot be told, because the engines' own noise is "
+        f"{_noise(one, body)} ({body.body}, from {body.cannot_tell_from:.4g} s on); a tolerance of more than "
+        f"{FLOOR_FACTOR:g} times that can be"
+    )
+
+
+def _noise(one: Diff, body: BodyDiff) -> str:
+    """The noise of a body, in position or in angle: whichever is more beside the tolerance."""
+    place, turn = body.floor or 0.0, body.angle_floor or 0.0
+    return number(turn, "rad") if turn * one.tolerance > place * one.angle_tolerance else length(place)
 
 
 def diff_tables(one: Diff) -> list[Table]:
@@ -235,7 +268,6 @@ def diff_tables(one: Diff) -> list[Table]:
         right=(1, 2, 3, 4, 5),
     )
     for body in one.bodies[:SHOWN_BODIES]:
-        out = "never" if body.first_out is None else f"{body.first_out:.4g} s ({body.cause})"
         bodies.add_row(
             body.body,
             length(body.position_largest),
@@ -243,7 +275,7 @@ def diff_tables(one: Diff) -> list[Table]:
             number(body.angle_largest, "rad"),
             number(body.angle_rms, "rad"),
             length(body.floor),
-            verdict(True, out) if body.within else Text(out, style="yellow"),
+            _out(one, body),
         )
     if len(one.bodies) > SHOWN_BODIES:
         bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, less far apart"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, load_floor, measure_floor, save_floor
-from simspec.comparison.runs import diff, summary
+from simspec.comparison.runs import CANNOT_BE_TOLD, OUT, WITHIN, diff, summary
 from simspec.errors import SpecError
 from simspec.world import frames
 from simspec.world.types import Joint
@@ -100,16 +100,108 @@ def test_a_difference_above_the_floor_is_one_even_in_noise():
     a, b = pair(0.01)
     own = quiet(a, 1e-4)
     found = diff(a, b, tolerance=1e-6, floor=[own, quiet(b)])
-    # the floor is above the tolerance from the start: nothing can be compared but the first row
-    assert found.horizon == 0.0
+    # the noise stays at 0.1 mm, above the tolerance: what is beyond three times that is told all the same, at 0.1 s
+    assert (found.horizon, found.compared_until) == (None, 1.0)
+    assert found.verdict == OUT
+    assert found.first_out.first_out == pytest.approx(0.1)
+    # the other body does not deviate, and nothing below the noise can be told of it
+    assert found.bodies[1].verdict == CANNOT_BE_TOLD
     assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[own, quiet(b)]).within
 
 
-def test_a_tolerance_below_the_noise_of_the_first_row_claims_nothing():
+def test_a_tolerance_below_the_noise_cannot_be_told():
     a = run(TWO)
     b = run(TWO, lambda n, t: column(0 * t + 2e-15, 0, 0), engine="second")
     found = diff(a, b, tolerance=1e-16, floor=[quiet(a, 1e-15), quiet(b)])
-    assert (found.horizon, found.compared_until, found.within) == (0.0, 0.0, True)
+    assert (found.horizon, found.compared_until) == (None, 1.0)
+    assert (found.verdict, found.within) == (CANNOT_BE_TOLD, False)
+    assert (found.untold.floor, found.untold.cannot_tell_from) == (1e-15, 0.0)
+    # a tolerance above the noise can be
+    assert diff(a, b, tolerance=4e-15, floor=[quiet(a, 1e-15), quiet(b)]).verdict == WITHIN
+
+
+FINE = dataclasses.replace(TWO, physics=dataclasses.replace(TWO.physics, steps=2000))
+"""20 s, 201 records."""
+
+
+def noise_of(engine: str, size) -> Floor:
+    """A floor of ``mover`` that is ``size(t)``."""
+    one = run(FINE, engine=engine)
+    position = np.stack([0.0 * one.time, np.maximum.accumulate(size(one.time))], axis=-1)
+    return Floor(engine, one.time, position, 0.0 * position, True, 1e-15)
+
+
+LEVEL = 4e-6
+BOUNDED = {
+    "a jump at the first impact": lambda t: np.where(t < 0.25, 1e-15, LEVEL),
+    "a late jump": lambda t: np.where(t < 15.0, 1e-15, LEVEL),
+    "two jumps": lambda t: np.where(t < 0.25, 1e-15, np.where(t < 6.0, 0.6 * LEVEL, LEVEL)),
+    "growth that ends": lambda t: np.minimum(LEVEL, 1e-15 * np.exp(6.0 * t)),
+    "linear drift": lambda t: LEVEL * t / 20.0,
+    "quadratic drift": lambda t: LEVEL * (t / 20.0) ** 2,
+}
+CHAOTIC = {
+    "exponential": lambda t: 1e-15 * np.exp(1.6 * t),
+    "exponential, late": lambda t: 1e-15 * np.exp(1.25 * t),
+    "exponential, run its course": lambda t: np.minimum(0.3, 1e-15 * np.exp(6.0 * t)),
+    "in steps": lambda t: 1e-15 * 5.0 ** np.floor(t),
+}
+
+
+@pytest.mark.parametrize("noise", BOUNDED.values(), ids=BOUNDED)
+def test_bounded_noise_hides_no_difference_above_it(noise):
+    """127 µm apart, noise 4 µm: a tolerance between them, and one below the noise, both show it."""
+    a = run(FINE)
+    b = run(FINE, lambda name, t: column(np.where(name == "mover", 1.27e-4 * t / 20.0, 0.0), 0, 0), engine="second")
+    floors = [noise_of("first", noise), noise_of("second", noise)]
+    for tolerance in (2e-5, 1e-5, 1e-6):
+        found = diff(a, b, tolerance=tolerance, floor=floors)
+        assert (found.horizon, found.verdict) == (None, OUT), tolerance
+        assert found.worst.position_largest == pytest.approx(1.27e-4)
+        threshold = np.maximum(tolerance, FLOOR_FACTOR * floors[0].position[:, 1])
+        expected = a.time[np.argmax(1.27e-4 * a.time / 20.0 > threshold)]
+        assert found.first_out.first_out == expected
+    # where the two do not differ, a tolerance below the noise cannot be told, one above it can
+    assert diff(a, run(FINE, engine="second"), tolerance=1e-6, floor=floors).verdict == CANNOT_BE_TOLD
+    assert diff(a, run(FINE, engine="second"), tolerance=2e-5, floor=floors).verdict == WITHIN
+    # nor can a deviation above the tolerance that is not above three times the noise
+    near = run(FINE, lambda name, t: column(np.where(name == "mover", 2.5 * noise(t), 0.0), 0, 0), engine="second")
+    assert diff(a, near, tolerance=5e-6, floor=floors).verdict == CANNOT_BE_TOLD
+
+
+def apart(name, t):
+    """Two bodies that are a metre apart."""
+    return column(float(name == "mover") + 0 * t, 0, 0)
+
+
+@pytest.mark.parametrize("noise", CHAOTIC.values(), ids=CHAOTIC)
+def test_growing_noise_ends_the_comparison_where_it_passes_the_tolerance(noise):
+    a = run(FINE, apart)
+    b = run(FINE, lambda name, t: apart(name, t) + column((name == "mover") * noise(t), 0, 0), engine="second")
+    floors = [noise_of("first", noise), noise_of("second", noise)]
+    found = diff(a, b, tolerance=1e-9, floor=floors)
+    past = int(np.argmax(FLOOR_FACTOR * noise(a.time) > 1e-9))
+    assert past
+    assert found.horizon == a.time[past]
+    assert found.compared_until == a.time[past - 1]
+    assert found.verdict == WITHIN
+
+
+def test_one_body_in_chaos_does_not_hide_the_bounded_noise_of_another_before():
+    """The horizon is that of the body whose noise grows, not the time at which another's noise reaches its level."""
+    a = run(FINE, apart)
+    b = run(
+        FINE,
+        lambda name, t: apart(name, t) + column(np.where(name == "still", 1e-4 * (t > 1.0), 0.0), 0, 0),
+        engine="b",
+    )
+    position = np.stack(
+        [np.where(a.time < 0.25, 1e-15, LEVEL), np.maximum.accumulate(1e-15 * np.exp(1.6 * a.time))], axis=-1
+    )
+    floor = Floor("first", a.time, position, 0.0 * position, True, 1e-15)
+    found = diff(a, b, tolerance=1e-5, floor=[floor])
+    assert found.horizon == a.time[np.argmax(FLOOR_FACTOR * position[:, 1] > 1e-5)]
+    assert found.first_out.body == "still"
 
 
 def test_the_floor_only_grows():
@@ -218,3 +310,26 @@ def test_quantities_are_those_of_each_run():
     assert found["linear momentum at the end"] == (0.0, pytest.approx(2 * 2.0 * 3.0))
     assert found["energy at the end"] == (0.0, pytest.approx(2 * 0.5 * 2.0 * 9.0))
     assert summary(a)["speed at the end"] == 0.0
+
+
+def shifted(one, by: float):
+    """The run as if recorded ``by`` seconds later, but for the first row."""
+    time = one.time + by * (np.arange(len(one.time)) > 0)
+    return dataclasses.replace(one, arrays={**one.arrays, "time": time})
+
+
+@pytest.mark.parametrize("steps", [0.6, 1.0, 3.0, 5.0])
+def test_rows_more_than_half_a_step_apart_are_not_of_one_time(steps):
+    """A body at 1 m/s is 10 mm further after each step: rows of neighbouring steps are not comparable."""
+    a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), steps * TWO.physics.timestep)
+    assert diff(a, b).compared_until == 0.0  # the first rows alone are of one time
+    late = dataclasses.replace(
+        b, arrays={name: values[1:] for name, values in b.arrays.items() if "contact" not in name}
+    )
+    with pytest.raises(SpecError, match="recorded no common time"):
+        diff(a, late)
+
+
+def test_rows_within_half_a_step_are_of_one_time():
+    a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), 0.4 * TWO.physics.timestep)
+    assert diff(a, b).compared_until == 1.0

@@ -1,0 +1,93 @@
+"""What ``simspec run`` ends with: --fail-on-diff acts on what was told, whatever the engines are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simspec import cli
+from simspec.comparison.floor import Floor
+from simspec.comparison.runs import diff
+from simspec.comparison.study import Study
+from simspec.errors import EXIT_FAILED, EXIT_OK, SpecError
+from simspec.report import session
+from tests.runner.synthetic import column, free_body, run, world
+
+ONE = world(free_body("ball"))
+
+
+def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
+    """A study of two engines whose runs lie ``apart`` from each other."""
+    runs = {
+        name: run(ONE, lambda body, t, name=name: column(0 * t + apart * (name == "second"), 0, 0), engine=name)
+        for name in ("first", "second")[:engines]
+    }
+    flat = {name: np.zeros(one.arrays["pose"].shape[:2]) for name, one in runs.items()}
+    floors = {name: Floor(name, one.time, flat[name] + noise, flat[name], True, 1e-15) for name, one in runs.items()}
+    pairs = [tuple(runs.values())] if engines == 2 else []
+    diffs = tuple(diff(a, b, tolerance=tolerance, floor=list(floors.values())) for a, b in pairs)
+    return Study(ONE, None, runs, {}, floors, {}, diffs)
+
+
+@pytest.mark.parametrize(
+    ("apart", "noise", "asked", "code", "said"),
+    [
+        (2e-3, 1e-6, True, EXIT_FAILED, ""),
+        (2e-3, 1e-6, False, EXIT_OK, ""),
+        (1e-4, 1e-6, True, EXIT_OK, ""),
+        (1e-4, 5e-3, True, EXIT_FAILED, "cannot be told"),
+        (1e-4, 5e-3, False, EXIT_OK, ""),
+    ],
+    ids=["out", "out, not asked", "within", "cannot be told", "cannot be told, not asked"],
+)
+@pytest.mark.parametrize("as_json", [False, True])
+def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart, noise, asked, code, said, as_json):
+    monkeypatch.setattr(session, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
+    found = session.run(
+        ONE,
+        ["first", "second"],
+        tmp_path / "run",
+        locate=lambda path: None,
+        prove=False,
+        repeats=True,
+        keep_going=False,
+        tolerance=1e-3,
+        fail_on_diff=asked,
+        pythons={},
+        deadline=1.0,
+        source={},
+        as_json=as_json,
+    )
+    assert found == code
+    if said and not as_json:
+        assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("option", "code"), [([], EXIT_OK), (["--fail-on-diff", "1e-3"], EXIT_FAILED)])
+def test_the_option_reaches_the_comparison(monkeypatch, tmp_path, capsys, option, code):
+    monkeypatch.setattr(session, "study", lambda *_, tolerance, **__: of(2e-3, 1e-6, tolerance))
+    words = ["run", "bouncing-ball", "--engine", "mujoco", "--engine", "dart", "--out", str(tmp_path), *option]
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == code
+
+
+def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
+    with pytest.raises(SpecError, match="compares engines with each other"):
+        session.run(
+            ONE,
+            ["first"],
+            tmp_path / "run",
+            locate=lambda path: None,
+            prove=False,
+            repeats=True,
+            keep_going=False,
+            tolerance=1e-3,
+            fail_on_diff=True,
+            pythons={},
+            deadline=1.0,
+            source={},
+            as_json=False,
+        )
+    assert not (tmp_path / "run").exists()
+    assert session.diff_code([]) == EXIT_FAILED
