@@ -248,17 +248,46 @@ def _cross(names: Iterable[str], values: Mapping[Pair, float], friction: Mapping
     while open_pairs:
         half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
         if half_known is None:
-            start = next((name for pair in open_pairs for name in pair if name not in known), None)
-            if start is None:
+            apart = _two_sides({pair: ratios[pair] for pair in open_pairs})
+            if not apart:
                 break
-            found[start] = min(ratio for pair, ratio in ratios.items() if start in pair) / 2.0
-            known.add(start)
+            found.update(apart)
+            known.update(apart)
         else:
             given, asked = half_known if half_known[0] in known else half_known[::-1]
             found[asked] = max(0.0, ratios[half_known] - found[given])  # below zero: no such numbers, and checked
             known.add(asked)
         open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
     return {name: found[name] * friction[name] for name in found}
+
+
+def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:
+    """Of ρ₁ + ρ₂ = ratio where no ρ is known: those of the names that hang together with the first pair's.
+
+    Along pairs every ρ is ± that of the first name and a constant. A ring of an odd number of pairs says how large that one is;
+    else any that leaves all of them above zero will do, and it is the middle of these: two materials have half each.
+    """
+    neighbours: dict[str, list[tuple[str, float]]] = {}
+    for (first, second), ratio in ratios.items():
+        neighbours.setdefault(first, []).append((second, ratio))
+        neighbours.setdefault(second, []).append((first, ratio))
+    if not neighbours:
+        return {}
+    start = next(iter(neighbours))
+    constant, sign = {start: 0.0}, {start: 1.0}
+    queue, value = [start], None
+    for name in queue:
+        for other, ratio in neighbours[name]:
+            if other not in sign:
+                constant[other], sign[other] = ratio - constant[name], -sign[name]
+                queue.append(other)
+            elif sign[other] == sign[name] and value is None:
+                value = 0.5 * sign[name] * (ratio - constant[name] - constant[other])
+    if value is None:
+        lowest = max(-constant[name] for name in queue if sign[name] > 0.0)
+        highest = min(constant[name] for name in queue if sign[name] < 0.0)
+        value = 0.5 * (lowest + highest)
+    return {name: max(0.0, constant[name] + sign[name] * value) for name in queue}
 
 
 @dataclass(frozen=True, slots=True)

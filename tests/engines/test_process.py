@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from pathlib import Path
 from typing import ClassVar
@@ -128,6 +129,30 @@ def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded():
     assert arrays["step"].tolist() == [0, 1, 2, 3]
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("what", ["pose", "velocity"])
+def test_poses_and_velocities_are_both_looked_at(what, value):
+    """A state whose positions are numbers and whose velocities are none is not finite either, and the other way round."""
+
+    class Odd(Growing):
+        def body_states(self):
+            pose, velocity = np.array([[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+            if self.height > 1.0:
+                {"pose": pose, "velocity": velocity}[what][0, 2] = value
+            return pose, velocity
+
+        def get_state(self):
+            return np.zeros(1), np.zeros(1)
+
+        def step(self, count, effort=None):
+            self.height += count
+
+    odd = Odd()
+    odd.height = -1.0
+    result, _ = record(odd, {}, {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]})
+    assert result["failed"] == "the state is not finite after step 3"
+
+
 def test_a_long_run_says_how_far_it_is(monkeypatch):
     """The share that is done is told while it runs, and grows."""
     monkeypatch.setattr(process, "LOOK_EVERY", 0.01)
@@ -143,3 +168,23 @@ def test_a_long_run_says_how_far_it_is(monkeypatch):
     assert said == sorted(said)
     assert said
     assert all(0.0 < share < 1.0 for share in said)
+
+
+@pytest.mark.parametrize("own", [None, "3"])
+def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tmp_path, own):
+    """A threaded BLAS sums in another order from run to run: what an engine's process sees is looked at in that process."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    for name in names:
+        monkeypatch.delenv(name, raising=False)
+        if own is not None:
+            monkeypatch.setenv(name, own)
+    seen = tmp_path / "seen.json"
+    python = tmp_path / "python"
+    script = (
+        f"import json, os; json.dump({{name: os.environ.get(name) for name in {names!r}}}, open({str(seen)!r}, 'w'))"
+    )
+    python.write_text(f"#!{sys.executable}\n{script}\n")
+    python.chmod(0o755)
+    with pytest.raises(EngineError):  # it gives no result: what it saw is all that is wanted
+        run(worlds.damped_springs(), "mujoco", python=str(python))
+    assert json.loads(seen.read_text()) == dict.fromkeys(names, own or "1")

@@ -14,6 +14,7 @@ from simspec.formats.contact_plan import (
     MOST_SPLIT_MATERIALS,
     QUANTITIES,
     Rules,
+    _cross,
     combine,
     contact_plan,
     meeting_laws,
@@ -161,6 +162,34 @@ def test_without_layers_missed_pairs_stay_missed(rules):
 def test_rolling_friction_without_sliding_friction_cannot_be_had_under_the_cross_rule():
     laws = {("a", "a"): PairContact("a", "a", 0.0, 0.0, rolling_friction=0.01)}
     assert contact_plan(table_world(laws), ENGINE_RULES["product"], True).missed == (("a", "a"),)
+
+
+@settings(max_examples=60, deadline=None)
+@given(count=st.integers(2, 7), seed=st.integers(0, 10**6), ring=st.booleans())
+def test_crossed_numbers_that_exist_are_found(count, seed, ring):
+    """Materials that meet along a tree, or a tree and one pair more: any ρ ≥ 0 behind the values are numbers for them."""
+    generator = random.Random(seed)
+    names = [f"m{index}" for index in range(count)]
+    friction = {name: generator.uniform(0.1, 1.0) for name in names}
+    behind = {name: generator.choice((0.0, generator.uniform(0.0, 0.02))) for name in names}
+    met = [(names[generator.randrange(index)], names[index]) for index in range(1, count)]
+    generator.shuffle(met)
+    if ring and count > 2:
+        met.append((names[0], names[-1]))
+    values = {
+        (a, b): (behind[a] + behind[b]) * friction[a] * friction[b]
+        for a, b in sorted({tuple(sorted(pair)) for pair in met})
+    }
+    found = _cross(names, values, friction)
+    assert min(found.values()) >= 0.0
+    for (a, b), value in values.items():
+        assert found[a] * friction[b] + found[b] * friction[a] == pytest.approx(value, rel=1e-12, abs=1e-15)
+
+
+def test_two_materials_that_meet_each_other_alone_have_half_each():
+    found = _cross(["a", "b"], {("a", "b"): 0.004}, {"a": 0.5, "b": 0.25})
+    # ρ₁ + ρ₂ = c/(μ₁ μ₂) = 0.032 m, half of it each, times μ
+    assert found == {"a": pytest.approx(0.008), "b": pytest.approx(0.004)}
 
 
 def test_very_many_materials_are_not_split():

@@ -32,6 +32,18 @@ def test_a_flat_body_stays_inside_the_triangle_inequality():
     assert moments[2] < moments[0] + moments[1]
 
 
+@settings(max_examples=100, deadline=None)
+@given(st.tuples(*[st.floats(1e-3, 1)] * 2), st.tuples(unit, unit, unit, unit).filter(any), st.integers(-9, 4))
+def test_a_flat_body_of_any_size_and_turn_keeps_the_margin(parts, raw, exponent):
+    """The largest moment of a plate is the sum of the others: engines that sum them in another order must not find it above."""
+    a, b = (10.0**exponent * part for part in parts)
+    inertia = frames.turn_inertia(frames.normalise(raw), (a, b, a + b, 0.0, 0.0, 0.0))
+    moments, _ = passes.principal_axes(inertia)
+    smaller, middle, largest = sorted(moments)
+    assert largest <= (smaller + middle) * (1.0 - 2.0**-41)
+    assert largest >= (smaller + middle) * (1.0 - 2.0**-39)
+
+
 def test_a_diagonal_tensor_is_left_as_it_is():
     assert passes.principal_axes((3.0, 1.5, 2.0, 0.0, 0.0, 0.0)) == ((3.0, 1.5, 2.0), frames.IDENTITY)
 
