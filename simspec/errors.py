@@ -18,6 +18,15 @@ EXIT_ENGINE = 3
 """An engine failed or is missing."""
 
 
+MOST_TEXT = 400
+"""Characters of a text of somebody else's that a message quotes."""
+
+
+def clipped(text: str, most: int = MOST_TEXT) -> str:
+    """``text``, or its beginning and its length where it is longer than ``most`` characters."""
+    return text if len(text) <= most else f"{text[:most]}… ({len(text):,} characters)"
+
+
 @dataclass(frozen=True, slots=True)
 class Location:
     """A place in a file; line and column count from 1."""

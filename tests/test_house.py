@@ -10,6 +10,9 @@ import pytest
 PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "errors",
+    "reading",
+    "scratch",
+    "mapped",
     "resources",
     "spec",
     "world",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from simspec.engines.process import DEADLINE
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.runner.expectations import Outcome, evaluate
 from simspec.runner.run import Run, failed_run, run, run_jobs
+from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
 if TYPE_CHECKING:
@@ -119,8 +119,8 @@ def _folder(folder: Path | None) -> Iterator[Path]:
     if folder is not None:
         yield folder
         return
-    with tempfile.TemporaryDirectory(prefix="simspec-study-") as name:
-        yield Path(name) / "compiled"
+    with scratch_folder("study") as place:
+        yield place / "compiled"
 
 
 def _prove(

@@ -1,29 +1,35 @@
 """simspec's side of the folder contract: an engine at work in a process of its own, under a deadline.
 
-A crash, a hang, an unreadable result: each becomes an :class:`EngineError` that says so, with the end of the engine's own
-output, and is nobody else's problem.
+A crash, a hang, an answer to something else (``answers.py`` reads them all): each becomes an :class:`EngineError` that says so,
+with the end of the engine's own output, and is nobody else's problem. Nothing that such a process does is an exception of any
+other kind here, and nothing of it is left when the block is left, or when this process ends, however it does (``keeper.py``).
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
-import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO
 
 import numpy as np
 
-from simspec.engines import worker
+from simspec.engines import keeper, worker
+from simspec.engines.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
 from simspec.engines.base import find_engine
-from simspec.errors import EngineError
+from simspec.errors import EngineError, clipped
+from simspec.reading import read_bytes
+from simspec.scratch import scratch_folder
 
 DEADLINE = 600.0
 """Seconds that one engine process may take when the caller does not say: ten minutes, more than any library scenario."""
@@ -34,28 +40,14 @@ LOOK_EVERY = 0.5
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
 BLAS changes sums from run to run (and DART is 2 to 5 % slower beside its idle threads: measured)."""
+GRACE = 2.0
+"""s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
 LOG_TAIL = 2000
 """Characters of the engine's own output that an error quotes."""
-
-
-@dataclass(frozen=True)
-class Operation:
-    """One thing to do in the engine's process (see ``engines/worker.py``): name, parameters, arrays."""
-
-    op: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What an operation gave: plain data, arrays, seconds for loading and for the work, the engine's warnings."""
-
-    result: dict[str, Any]
-    arrays: dict[str, np.ndarray]
-    load_seconds: float
-    seconds: float
-    log: list[str]
+LOG_BYTES = 100_000
+"""Of the beginning and of the end of the engine's own output, that are kept."""
+LOG_PATIENCE = 1.0
+"""s to wait for the end of that output when the process has ended: something else may hold the pipe open."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +91,7 @@ def start(
     engine_class = find_engine(engine)
     if python is None and engine_class.version() is None:
         raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
-    with tempfile.TemporaryDirectory(prefix=f"simspec-{engine}-") as name:
-        folder = Path(name)
+    with scratch_folder(engine) as folder:
         request = {
             "schema": worker.SCHEMA,
             "engine": f"{engine_class.__module__}:{engine_class.__qualname__}",
@@ -115,7 +106,7 @@ def start(
         }
         if arrays:
             np.savez(folder / "request.npz", **arrays)  # type: ignore[arg-type]
-        running = Running(engine, folder, len(operations), python or sys.executable, deadline)
+        running = Running(engine, folder, operations, python or sys.executable, deadline)
         try:
             yield running
         finally:
@@ -123,30 +114,37 @@ def start(
 
 
 class Running:
-    """An engine process at work."""
+    """An engine process at work: a keeper (``keeper.py``), and below it whatever the engine makes of it."""
 
-    def __init__(self, engine: str, folder: Path, operations: int, python: str, deadline: float):
+    def __init__(self, engine: str, folder: Path, operations: Sequence[Operation], python: str, deadline: float):
         self.engine = engine
         self._folder = folder
-        self._operations = operations
+        self._operations = tuple(operations)
         self._started = time.perf_counter()
         self._ends = self._started + deadline
         self._deadline = deadline
         environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
-        with open(folder / "log.txt", "wb") as log:
+        # a name alone is sought on the path, as a shell does; the process itself starts in its own folder
+        program = os.path.abspath(python) if os.sep in python else shutil.which(python) or python
+        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES)]
+        try:
             self._process = subprocess.Popen(
-                [python, worker.__file__, str(folder)],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
+                words,
+                stdin=subprocess.PIPE,  # never written: it closes when this process ends, which the keeper notices
+                stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 cwd=folder,
                 env=environment,
                 start_new_session=True,
             )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise EngineError(engine, f"{python} cannot be started: {reason}") from None
+        self._log = _Log(self._process.stdout)
 
     def wait(self, progress: Callable[[float], None] | None = None) -> Reply:
         """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``).
-        Raises EngineError."""
+        Raises EngineError, whatever came back or did not."""
         while progress is not None and self._ends - time.perf_counter() > LOOK_EVERY:
             try:
                 self._process.wait(timeout=LOOK_EVERY)
@@ -161,49 +159,83 @@ class Running:
                 self.engine, f"no result within its deadline of {self._deadline:g} s; killed{self._tail()}"
             ) from None
         wall = time.perf_counter() - self._started
-        if not (self._folder / "result.json").exists():
-            raise EngineError(self.engine, f"the process {_ending(code)} without a result{self._tail()}")
-        result = json.loads((self._folder / "result.json").read_text(encoding="utf-8"))
-        if result.get("schema") != worker.SCHEMA:
-            raise EngineError(self.engine, f"its result has schema {result.get('schema')!r}, not {worker.SCHEMA}")
-        if result["status"] != "ok":
-            raise EngineError(self.engine, result["error"].removeprefix(f"EngineError: {self.engine}: "))
-        with np.load(self._folder / "result.npz", allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
-        if len(result["operations"]) != self._operations:
-            raise EngineError(self.engine, f"{len(result['operations'])} answers to {self._operations} operations")
-        answers = []
-        for index, entry in enumerate(result["operations"]):
-            prefix = f"{index}."
-            own = {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
-            answers.append(Answer(entry["result"], own, entry["load_seconds"], entry["seconds"], entry["log"]))
-        names = ("engine_version", "python_version", "numpy_version", "platform", "machine")
-        return Reply(answers, {name: str(result[name]) for name in names}, wall, self._output())
+        self.kill()  # what it left behind must not change what is read now
+        try:
+            answers, versions, refused = read_answers(self._folder, self._operations)
+        except FileNotFoundError:
+            raise EngineError(self.engine, f"the process {_ending(code)} without a result{self._tail()}") from None
+        except BadAnswerError as error:
+            raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
+        if refused is not None:
+            raise EngineError(self.engine, clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL))
+        return Reply(answers, versions, wall, self._log.text())
 
     def _tell(self, progress: Callable[[float], None]) -> None:
+        """Pass on the share that is done. It is a courtesy: what says nothing sensible says nothing."""
         try:
-            progress(float((self._folder / PROGRESS_FILE).read_text(encoding="ascii")))
-        except FileNotFoundError:
+            share = float(read_bytes(self._folder / PROGRESS_FILE, 64))
+        except (OSError, ValueError):
             return  # nothing said yet: the next look will find it
+        if 0.0 <= share <= 1.0:
+            progress(share)
 
     def kill(self) -> None:
-        """End the process and everything it started."""
-        if self._process.poll() is None:
-            try:
-                os.killpg(self._process.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                return  # it ended by itself in between
-            self._process.wait()
-
-    def _output(self) -> str:
-        return (self._folder / "log.txt").read_text(encoding="utf-8", errors="replace")
+        """End the process and everything it started, if anything is left of it."""
+        process = self._process
+        if process.stdin is not None and not process.stdin.closed:
+            process.stdin.close()  # the keeper ends all that the engine started, also what left its process group
+        if process.poll() is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=keeper.PATIENCE)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        self._log.end()
 
     def _tail(self) -> str:
-        output = self._output().strip()
+        output = self._log.text().strip()
         return f"; its last output: {output[-LOG_TAIL:]}" if output else ""
+
+
+class _Log:
+    """An engine's own output: read while it runs, whatever its length; the beginning and the end are kept."""
+
+    def __init__(self, pipe: IO[bytes] | None):
+        self._first, self._last, self._left_out = b"", b"", 0
+        self._pipe = pipe
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        pipe = self._pipe
+        if pipe is None:
+            return
+        while block := os.read(pipe.fileno(), 65536):
+            if len(self._first) < LOG_BYTES:
+                self._first += block
+                continue
+            self._last += block
+            if len(self._last) > 2 * LOG_BYTES:
+                self._left_out += len(self._last) - LOG_BYTES
+                self._last = self._last[-LOG_BYTES:]
+
+    def end(self) -> None:
+        """All who could write are gone, or are given up: wait for the rest of what they wrote."""
+        self._thread.join(LOG_PATIENCE)
+        if not self._thread.is_alive() and self._pipe is not None:
+            self._pipe.close()
+
+    def text(self) -> str:
+        """What was kept."""
+        gap = f"\n… {self._left_out:,} bytes left out …\n".encode() if self._left_out else b""
+        return (self._first + gap + self._last).decode("utf-8", errors="replace")
 
 
 def _ending(code: int) -> str:
     if code < 0:
-        return f"was ended by signal {-code} ({signal.Signals(-code).name})"
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = "a real-time signal"
+        return f"was ended by signal {-code} ({name})"
     return f"ended with code {code}"

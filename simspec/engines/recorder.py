@@ -13,6 +13,7 @@ from simspec.control.law import Control
 from simspec.control.native import Servos
 from simspec.control.request import from_request
 from simspec.engines.base import CONTACT_FIELDS, Actuation, Engine
+from simspec.errors import EngineError
 
 
 class Stepper:
@@ -46,45 +47,194 @@ class Stepper:
         self.seconds["cpu"] += time.process_time() - cpu
 
 
-class Recording:
-    """What a run leaves behind: rows of the named channels, taken one by one; see :func:`record` for their meaning."""
+CHUNK_BYTES = 4_000_000
+"""Size of the buffer that rows are collected in before they are written."""
+CONTACT_CHUNK = 20_000
+"""Contacts that are collected before they are written."""
+MOST_BYTES = 16 * 2**30
+"""Where a request does not say how much may be recorded."""
 
-    def __init__(self, engine: Engine, channels: Iterable[str], control: Control | None):
-        self._engine, self._control, self._channels = engine, control, frozenset(channels)
-        names = ("step", "q", "v", "pose", "velocity", "energy", "control.target", "control.effort")
-        self._rows: dict[str, list[Any]] = {name: [] for name in names}
-        self._contacts: list[tuple[int, dict[str, np.ndarray]]] = []
+
+class _Columns:
+    """Rows of float64 of several channels, side by side in one buffer that is written when it is full: one file for each
+    channel. Memory does not grow with the number of rows."""
+
+    def __init__(self, shapes: dict[str, tuple[int, ...]], place: Path):
+        sizes = {name: int(np.prod(shape, dtype=int)) for name, shape in shapes.items()}
+        width = sum(sizes.values())
+        self._rows = max(1, CHUNK_BYTES // max(1, 8 * width))
+        self._block = np.empty((self._rows, width))
+        self.views: dict[str, np.ndarray] = {}
+        """The buffer of each channel (rows, ...)."""
+        self.ends: dict[str, int] = {}
+        """The column after each channel's last."""
+        self._shapes, self._files = shapes, {}
+        first = 0
+        for name, shape in shapes.items():
+            last = first + sizes[name]
+            self.views[name] = self._block[:, first:last].reshape(self._rows, *shape)
+            self.ends[name] = first = last
+            self._files[name] = open(f"{place}{name}.bin", "wb")  # noqa: SIM115 (closed in close())
+        self.at = 0
+        """The row to be filled."""
+        self._written = 0
+
+    def row(self) -> np.ndarray:
+        """The row that is being filled, all channels."""
+        return self._block[self.at]
+
+    def done(self) -> int:
+        """The row is filled. Returns the bytes that were written because of it."""
+        self.at += 1
+        return self.write() if self.at == self._rows else 0
+
+    def write(self) -> int:
+        """Write what is collected; returns its size in bytes."""
+        for name, file in self._files.items():
+            file.write(np.ascontiguousarray(self.views[name][: self.at], dtype="<f8").data)
+        size = self.at * self._block.shape[1] * 8
+        self._written += self.at
+        self.at = 0
+        return size
+
+    def close(self) -> dict[str, dict[str, Any]]:
+        """Write the rest; returns kind and shape of each channel's array."""
+        self.write()
+        for file in self._files.values():
+            file.close()
+        return {name: {"kind": "f8", "shape": [self._written, *shape]} for name, shape in self._shapes.items()}
+
+
+class _Contacts:
+    """Ragged contacts, written as :class:`_Columns` are."""
+
+    def __init__(self, place: Path):
+        self._shapes = {"row": (), **CONTACT_FIELDS}
+        self._kinds = {name: "i8" if name in ("row", "body") else "f8" for name in self._shapes}
+        self._files = {
+            name: open(f"{place}contact.{name}.bin", "wb")  # noqa: SIM115 (closed in close())
+            for name in self._shapes
+        }
+        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in self._shapes}
+        self._collected = self._written = 0
+
+    def add(self, row: int, found: dict[str, np.ndarray]) -> int:
+        """Add the contacts of a row. Returns the bytes that were written because of it."""
+        count = len(found["distance"])
+        if not count:
+            return 0
+        self._blocks["row"].append(np.full(count, row, dtype=np.int64))
+        for name, shape in CONTACT_FIELDS.items():
+            self._blocks[name].append(np.asarray(found[name]).reshape(count, *shape))
+        self._collected += count
+        return self.write() if self._collected >= CONTACT_CHUNK else 0
+
+    def write(self) -> int:
+        """Write what is collected; returns its size in bytes."""
+        size = 0
+        for name, blocks in self._blocks.items():
+            if blocks:
+                whole = np.ascontiguousarray(np.concatenate(blocks), dtype=f"<{self._kinds[name]}")
+                self._files[name].write(whole.data)
+                size += whole.nbytes
+                blocks.clear()
+        self._written += self._collected
+        self._collected = 0
+        return size
+
+    def close(self) -> dict[str, dict[str, Any]]:
+        """Write the rest; returns kind and shape of each array."""
+        self.write()
+        for file in self._files.values():
+            file.close()
+        return {
+            f"contact.{name}": {"kind": self._kinds[name], "shape": [self._written, *shape]}
+            for name, shape in self._shapes.items()
+        }
+
+
+class Recording:
+    """What a run leaves behind: rows of the named channels, taken one by one into files ``<place><channel>.bin``; see
+    :func:`record` for their meaning. Raises EngineError when that becomes more than ``most`` bytes."""
+
+    def __init__(self, engine: Engine, channels: Iterable[str], control: Control | None, place: Path | str, most: int):
+        self._engine, self._control, self._place = engine, control, Path(place)
+        channels = frozenset(channels)
+        self._energy = "energy" in channels
+        self._contacts = _Contacts(self._place) if "contacts" in channels else None
+        self._columns: _Columns | None = None
+        self._own: np.ndarray | None = None
+        """Columns of efforts that only the engine knows, where it has controllers of its own."""
+        self._most, self._bytes = most, 0
+        self._row = 0
+        self.failed: dict[str, Any] | None = None
+        """The first number that was not finite: ``step``, ``channel``, and ``place`` in the channel's row."""
         self.seconds = 0.0
         """Wall time of all rows."""
 
     def take(self, done: int) -> bool:
-        """Add a row, after ``done`` steps. Returns whether the state is finite."""
+        """Add a row, after ``done`` steps. Returns whether all of it is finite."""
         started = time.perf_counter()
-        engine, control, rows = self._engine, self._control, self._rows
+        engine, control = self._engine, self._control
         pose, velocity = engine.body_states()
         q, v = engine.get_state()
-        for name, value in (("step", done), ("q", q), ("v", v), ("pose", pose), ("velocity", velocity)):
-            rows[name].append(value)
-        if "energy" in self._channels:
-            rows["energy"].append(engine.energy())
-        if "contacts" in self._channels and done:
-            self._contacts.append((len(rows["step"]) - 1, engine.contacts()))
+        row: dict[str, Any] = {"step": done, "q": q, "v": v, "pose": pose, "velocity": velocity}
+        if self._energy:
+            row["energy"] = engine.energy()
         if control is not None:
-            rows["control.target"].append(control.target if done else q[control.q_places])
-            rows["control.effort"].append(control.applied)
+            row["control.target"] = control.target if done else q[control.q_places]
+            row["control.effort"] = control.applied
+        columns = self._columns
+        if columns is None:
+            columns = self._columns = self._begin(row)
+        views, at = columns.views, columns.at
+        for name, value in row.items():
+            views[name][at] = value
+        if not (np.isfinite(columns.row()).all() if self._own is None else np.isfinite(columns.row()[self._own]).all()):
+            self.failed = self._which(row, done)
+        self._bytes += columns.done()
+        if self._contacts is not None and done:
+            found = engine.contacts()
+            if len(found["distance"]) and self.failed is None:
+                self.failed = _which_contact(found, done)
+            self._bytes += self._contacts.add(self._row, found)
+        if self._bytes > self._most:
+            raise EngineError(engine.NAME, f"more than {self._most:,} bytes are recorded; record less often, or less")
+        self._row += 1
         self.seconds += time.perf_counter() - started
-        return bool(np.isfinite(pose).all() and np.isfinite(velocity).all())
+        return self.failed is None
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """All rows, by channel."""
-        found = {name: np.array(values) for name, values in self._rows.items() if values}
-        if "contacts" in self._channels:
-            lengths = [len(block["distance"]) for _, block in self._contacts]
-            found["contact.row"] = np.repeat([row for row, _ in self._contacts], lengths).astype(np.int64)
-            for name, shape in CONTACT_FIELDS.items():
-                blocks = [block[name] for _, block in self._contacts if len(block["distance"])]
-                found[f"contact.{name}"] = np.concatenate(blocks) if blocks else np.zeros((0, *shape))
-        return found
+    def _begin(self, row: dict[str, Any]) -> _Columns:
+        columns = _Columns({name: np.shape(value) for name, value in row.items()}, self._place)
+        native = () if self._control is None else self._control.native_places
+        if len(native):
+            known = np.ones(len(columns.row()), dtype=bool)
+            first = columns.ends["control.effort"] - np.size(row["control.effort"])
+            known[first + np.asarray(native)] = False
+            self._own = known
+        return columns
+
+    def _which(self, row: dict[str, Any], done: int) -> dict[str, Any] | None:
+        for name, value in row.items():
+            bad = ~np.isfinite(np.asarray(value, dtype=float))
+            if name == "control.effort" and self._control is not None:
+                bad[self._control.native_places] = False
+            if bad.any():
+                return {"step": done, "channel": name, "place": [int(k) for k in np.argwhere(bad)[0]]}
+        return None
+
+    def arrays(self) -> dict[str, dict[str, Any]]:
+        """Close the files; returns kind and shape of every array."""
+        found = self._columns.close() if self._columns is not None else {}
+        return found | (self._contacts.close() if self._contacts is not None else {})
+
+
+def _which_contact(found: dict[str, np.ndarray], done: int) -> dict[str, Any] | None:
+    for name in ("distance", "normal_force", "position", "normal"):
+        bad = ~np.isfinite(found[name])
+        if bad.any():
+            return {"step": done, "channel": f"contact.{name}", "place": [int(k) for k in np.argwhere(bad)[0]]}
+    return None
 
 
 def _tell(place: Path, share: float) -> None:
@@ -95,9 +245,10 @@ def _tell(place: Path, share: float) -> None:
 
 
 def record(
-    engine: Engine, arrays: dict[str, np.ndarray], operation: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Run ``operation["steps"]`` steps, recording every ``operation["every"]`` into the named ``channels``.
+    engine: Engine, arrays: dict[str, np.ndarray], operation: dict[str, Any], place: Path | str
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Run ``operation["steps"]`` steps, recording every ``operation["every"]`` into the named ``channels``, of at most
+    ``operation["most"]`` bytes, in files ``<place><channel>.bin``: little-endian numbers, row after row.
 
     ``arrays`` may hold q and v (another initial state), and with ``operation["control"]`` the references of the controllers
     (see ``control/request.py``). Row k of every array is the state *after* step ``step[k]``, the initial state first. Contacts
@@ -110,23 +261,21 @@ def record(
     Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
     ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
-    ``failed``: None, or what went wrong and when (the state stopped being finite); and the arrays.
+    ``failed``: None, or the first number of any channel that was not finite: after which ``step``, in which ``channel``, at
+    which ``place`` of the channel's row; there the run ended. And kind and shape of the arrays.
     """
     if "q" in arrays:
         engine.set_state(arrays["q"], arrays["v"])
     stepper = Stepper(engine, from_request(operation, arrays))
     control = stepper.control
-    recording = Recording(engine, operation["channels"], control)
+    recording = Recording(engine, operation["channels"], control, place, operation.get("most", MOST_BYTES))
     steps, every = operation["steps"], operation["every"]
-    done, failed = 0, None
+    done = 0
     begun = time.perf_counter()
     progress = operation.get("progress")
     told = begun
     while True:
-        if not recording.take(done):
-            failed = f"the state is not finite after step {done}"
-            break
-        if done >= steps:
+        if not recording.take(done) or done >= steps:
             break
         if progress is not None and time.perf_counter() - told >= progress["every"]:
             told = time.perf_counter()
@@ -141,7 +290,7 @@ def record(
         "control_seconds": stepper.seconds["control"],
         "record_seconds": recording.seconds,
         "run_seconds": time.perf_counter() - begun,
-        "failed": failed,
+        "failed": recording.failed,
     }
     if control is not None:
         native = np.isin(np.arange(len(control.joints)), control.native_places)

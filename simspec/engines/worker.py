@@ -1,20 +1,24 @@
-"""The engine's side of the folder contract: read a request, work, write a result. Run as a script.
+"""The engine's side of the folder contract: read a request, work, write a result. Started by ``keeper.py``, beside this file.
 
-``python worker.py FOLDER`` in any environment that has numpy and the engine: this file makes its own ``simspec`` package
-importable without putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
+It works in any environment that has numpy and the engine: this file makes its own ``simspec`` package importable without
+putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
 FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
                       name another folder of artifacts, and be an ``attempt``: an exception is then its answer, as
                       ``{"refused": message}``, and the next operation follows)
 FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
-FOLDER/result.json    schema, status (ok | error), error, versions, one entry per finished operation
-FOLDER/result.npz     arrays of the results, named "<index>.<name>"
+FOLDER/result.json    schema, status (ok | error), error, versions, one entry per operation; an entry's ``arrays`` says the
+                      kind (f8, i8) and shape of each array of its result, and where it is
+FOLDER/result.bin     the arrays that are ``stored`` there: little-endian, one after the other, in the order of the entries
+FOLDER/<index>.<name>.bin   an array that was written row by row, while the operation was at work
 
-The result is written to a temporary name and renamed: a result that exists is whole.
+The result is written to a temporary name and renamed: a result that exists is whole. What each operation must give is said in
+``answers.py``; the other side checks all of it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.util
 import json
@@ -26,7 +30,11 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-SCHEMA = 1
+SCHEMA = 2
+KINDS = {"f": "f8", "i": "i8", "b": "i8", "u": "i8"}
+"""Kinds of arrays as they are written, by numpy's kinds."""
+LINES, LINE, MESSAGE = 200, 2000, 8000
+"""Lines of an engine's log, characters of each, and characters of an error, that are passed on."""
 
 
 def _make_simspec_importable() -> None:
@@ -159,7 +167,7 @@ def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) ->
 def _run(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     from simspec.engines.recorder import record
 
-    return record(engine, arrays, operation)
+    return record(engine, arrays, operation, operation["place"])
 
 
 OPERATIONS = {
@@ -174,7 +182,7 @@ OPERATIONS = {
 }
 
 
-def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
     import numpy as np
 
     from simspec.formats.base import read_sidecar
@@ -189,24 +197,32 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
         with np.load(folder / "request.npz", allow_pickle=False) as archive:
             given = {key: archive[key] for key in archive.files}
     entries: list[dict[str, Any]] = []
-    results: dict[str, Any] = {}
+    stored: list[Any] = []
     for index, operation in enumerate(request["operations"]):
         prefix = f"{index}."
         arrays = {key[len(prefix) :]: value for key, value in given.items() if key.startswith(prefix)}
         engine = engine_class()
+        failing = True
         started = loaded = time.perf_counter()
         try:
             place = Path(operation.get("artifacts", artifacts))
             engine.load(place, read_sidecar(place))
             loaded = time.perf_counter()
+            operation["place"] = folder / prefix
             entry, found = OPERATIONS[operation["op"]](engine, arrays, operation)
-            log = engine.log()
+            log = [line[:LINE] for line in engine.log()[:LINES]]
+            own: list[Any] = []
+            described = {key: _described(value, own) for key, value in found.items()}
+            stored += own
+            failing = False
         except Exception as error:  # only where the request says so: what it refuses is then this operation's answer
             if not operation.get("attempt", False):
                 raise
-            entry, found, log = {"refused": f"{type(error).__name__}: {error}"}, {}, []
+            entry, described, log = {"refused": f"{type(error).__name__}: {error}"[:MESSAGE]}, {}, []
         finally:
-            engine.close()
+            # what closing a half-loaded engine complains of must not hide why it could not be loaded
+            with contextlib.suppress(*((Exception,) if failing else ())):
+                engine.close()
         entries.append(
             {
                 "op": operation["op"],
@@ -214,9 +230,9 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
                 "seconds": time.perf_counter() - loaded,
                 "log": log,
                 "result": entry,
+                "arrays": described,
             }
         )
-        results.update({f"{prefix}{key}": value for key, value in found.items()})
     return (
         {
             "status": "ok",
@@ -228,37 +244,43 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], dict[s
             "machine": platform.machine(),
             "operations": entries,
         },
-        results,
+        stored,
     )
+
+
+def _described(value: Any, stored: list[Any]) -> dict[str, Any]:
+    """What result.json says of an array; those that are not in a file yet are added to ``stored``."""
+    import numpy as np
+
+    if isinstance(value, dict):  # written row by row: see the recorder
+        return {**value, "stored": False}
+    kind = KINDS.get(np.asarray(value).dtype.kind)
+    if kind is None:
+        raise TypeError(f"an array of {np.asarray(value).dtype}, not of numbers")
+    stored.append(np.ascontiguousarray(value, dtype=f"<{kind}"))
+    return {"kind": kind, "shape": list(stored[-1].shape), "stored": True}
 
 
 def main(folder: Path) -> int:
     """Work off the request in ``folder``; 0 when a result with status ok was written."""
     _make_simspec_importable()
     request = json.loads((folder / "request.json").read_text(encoding="utf-8"))
-    arrays: dict[str, Any] = {}
+    stored: list[Any] = []
     try:
-        result, arrays = _work(folder, request)
+        result, stored = _work(folder, request)
+        text = json.dumps({**result, "schema": SCHEMA})
     except Exception as error:  # recorded, whole, as this run's result: the other side decides what it means
+        stored = []
         result = {
             "status": "error",
-            "error": f"{type(error).__name__}: {error}",
-            "traceback": traceback.format_exc(),
+            "error": f"{type(error).__name__}: {error}"[:MESSAGE],
+            "traceback": traceback.format_exc()[-MESSAGE:],
         }
-    import numpy as np
-
-    result["schema"] = SCHEMA
-    with open(folder / "result.npz.part", "wb") as file:
-        np.savez(file, **arrays)
-    os.replace(folder / "result.npz.part", folder / "result.npz")
-    (folder / "result.json.part").write_text(json.dumps(result), encoding="utf-8")
+        text = json.dumps({**result, "schema": SCHEMA})
+    with open(folder / "result.bin.part", "wb") as file:
+        for value in stored:
+            value.tofile(file)
+    os.replace(folder / "result.bin.part", folder / "result.bin")
+    (folder / "result.json.part").write_text(text, encoding="utf-8")
     os.replace(folder / "result.json.part", folder / "result.json")
     return 0 if result["status"] == "ok" else 1
-
-
-if __name__ == "__main__":
-    sys.path.pop(0)  # this script's own folder, which would shadow engines' packages (engines/mujoco.py)
-    code = main(Path(sys.argv[1]))
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)  # engines' own exit handlers have been seen to crash after all work was done

@@ -11,8 +11,8 @@ Many mutations share one engine process; when that ends without a result, its ha
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -31,6 +31,7 @@ from simspec.formats.mutations import KINDS, Mutation, MutationTable, mutations
 from simspec.proof.checks import Check
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
+from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain
 from simspec.world.kinematics import layout
 from simspec.world.types import ReadBack, World
@@ -292,18 +293,18 @@ class _Bench:
         """The answers to ``operations`` for each mutation, or the error of the process that ended over it alone."""
         if not batch:
             return
-        with tempfile.TemporaryDirectory(prefix="simspec-mutations-") as name:
+        with scratch_folder("mutations") as place:
             asked = []
             for index, mutation in enumerate(batch):
-                folder = Path(name) / str(index)
+                folder = place / str(index)
                 folder.mkdir()
                 for file, text in {**self.compiled.files, mutation.file: mutation.text}.items():
                     (folder / file).write_text(text, encoding="utf-8")
                 more = {"artifacts": str(folder), "attempt": True}
-                asked += [Operation(one.op, {**one.parameters, **more}, one.arrays) for one in operations]
+                asked += [dataclasses.replace(one, parameters={**one.parameters, **more}) for one in operations]
             try:
                 deadline = DEADLINE + EACH * len(batch)
-                answers = call(self.engine.NAME, Path(name), asked, deadline=deadline).answers
+                answers = call(self.engine.NAME, place, asked, deadline=deadline).answers
             except EngineError as error:
                 if len(batch) == 1:
                     yield batch[0], error

@@ -56,7 +56,7 @@ class Response:
         """What an engine is asked (see ``engines/worker.py``)."""
         parameters, arrays = to_request(self.world)
         arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": rubbing(self.world)}
-        return Operation("respond", {**parameters, "steps": STEPS, "every": EVERY}, arrays)
+        return Operation("respond", {**parameters, "steps": STEPS, "every": EVERY}, arrays, self.world)
 
     @property
     def tolerance(self) -> float:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.errors import UnsupportedError
@@ -16,6 +14,7 @@ from simspec.formats.defects import NAMES, Plant
 from simspec.proof.checks import NOTHING
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.proof.verify import Probes, prepare, verify
+from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
 DEADLINE = 120.0
@@ -132,8 +131,8 @@ class _Bench:
         plant = defects_of(compiled.format)[defect]
         if isinstance(plant, str):
             return Outcome(self.engine, defect, None, reason=plant)
-        with tempfile.TemporaryDirectory(prefix="simspec-defect-") as place:
-            folder = Path(place) / self.engine
+        with scratch_folder("defect") as place:
+            folder = place / self.engine
             write_folder(plant(compiled.files), folder)
             certificate = verify(
                 world,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +29,8 @@ from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
 from simspec.proof.touch import Meetings, touch_checks
-from simspec.world.canonical import from_plain, sha256
+from simspec.scratch import scratch_folder
+from simspec.world.canonical import sha256
 from simspec.world.types import ReadBack, World
 
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6", "L7")
@@ -54,19 +54,20 @@ class Probes:
 
     def operations(self) -> list[Operation]:
         """What each engine is asked, in the order in which :func:`engine_checks` reads the answers."""
+        world = self.oracle.world
         still = np.zeros_like(self.v)
         both = {"q": np.concatenate([self.q, self.q]), "v": np.concatenate([self.v, still])}
         velocity = np.zeros((1, self.oracle.nv))
         found = [
-            Operation("read_back"),
-            Operation("kinematics", {}, {"q": self.q, "v": self.v}),
-            Operation("dynamics", {}, both),
-            Operation("touching", {}, {"q": self.meetings.q, "v": velocity}),
+            Operation("read_back", world=world),
+            Operation("kinematics", {}, {"q": self.q, "v": self.v}, world),
+            Operation("dynamics", {}, both, world),
+            Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world),
         ]
         if self.motion is not None:
             one = self.motion
             arrays = {"q": one.q, "v": one.v, "effort": one.effort, "rubbing": one.rubbing}
-            found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays))
+            found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays, world))
         if self.response is not None:
             found.append(self.response.operation())
         return found
@@ -111,7 +112,7 @@ def verify(
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})
         if not set(compiled) <= set(folders):
-            place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simspec-verify-")))
+            place = stack.enter_context(scratch_folder("verify"))
             for name in compiled.keys() - folders.keys():
                 folders[name] = place / name
                 write_folder(compiled[name].files, folders[name])
@@ -218,7 +219,9 @@ def engine_checks(
     world: World, engine: type[Engine], answers: Sequence[Answer], probes: Probes
 ) -> tuple[list[Check], dict[str, str]]:
     """The checks of everything that ``probes.operations()`` asked one engine, and what it could not be asked for."""
-    held = from_plain(ReadBack, answers[0].result)
+    held = answers[0].held
+    if held is None:
+        raise ValueError("the first answer is the read-back")
     still = np.zeros_like(probes.v)
     checks = read_back_checks(world, engine, held)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)

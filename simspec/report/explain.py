@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -18,6 +16,7 @@ from simspec.formats.base import SIDECAR, formats
 from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
 from simspec.formats.passes import solid_shapes
 from simspec.report.terminal import decisions, table
+from simspec.scratch import scratch_folder
 from simspec.world.control import Controller
 from simspec.world.types import Hardness, PairContact, Surface, World
 
@@ -108,8 +107,8 @@ def explained(world: World, compiled: Compiled) -> Explained:
 def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
     """How many pairs of shapes the files list, by the sorted names of their materials."""
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name) / compiled.engine
+    with scratch_folder("explain") as place:
+        folder = place / compiled.engine
         write_folder(compiled.files, folder)
         held = formats()[compiled.format].read(folder).pairs
     found: Counter[tuple[str, str]] = Counter()

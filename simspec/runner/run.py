@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,10 +17,12 @@ import numpy as np
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
 from simspec.engines import process
+from simspec.engines.answers import RECORDED_BYTES, Operation
 from simspec.engines.base import find_engine, resolve_settings
-from simspec.engines.process import DEADLINE, PROGRESS_FILE, Operation, Reply, Running, start
+from simspec.engines.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
+from simspec.scratch import scratch_folder
 from simspec.spec.strict import near
 from simspec.world.canonical import sha256
 from simspec.world.coordinates import Coordinates, coordinates
@@ -168,8 +169,8 @@ def compiled_folder(world: World, engine: str, artifacts: Path | None = None) ->
     Raises UnsupportedError when the world cannot be compiled for the engine, SpecError when ``artifacts`` are not of it.
     """
     if artifacts is None:
-        with tempfile.TemporaryDirectory(prefix=f"simspec-{engine}-") as name:
-            folder = Path(name) / engine
+        with scratch_folder(engine) as place:
+            folder = place / engine
             write_folder(compile_world(world, [engine])[engine].files, folder)
             yield folder
         return
@@ -201,13 +202,16 @@ def start_run(
     """
     record = record or world.record
     parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
+    parameters["most"] = RECORDED_BYTES
     parameters["progress"] = {"file": PROGRESS_FILE, "every": 2.0 * process.LOOK_EVERY}
     asked, arrays = to_request(world)
     parameters |= asked
     if perturb:
         arrays["q"], arrays["v"] = perturbed_state(world, perturb)
     started = datetime.now(UTC)
-    with start(engine, artifacts, [Operation("run", parameters, arrays)], python=python, deadline=deadline) as running:
+    with start(
+        engine, artifacts, [Operation("run", parameters, arrays, world)], python=python, deadline=deadline
+    ) as running:
         facts = {
             "schema": SCHEMA,
             "simspec": version("simspec"),
@@ -260,9 +264,33 @@ def _finish(world: World, engine: str, facts: Mapping[str, Any], reply: Reply) -
         },
         "warnings": answer.log,
     }
-    if "control" in answer.result:
+    if answer.result["control"] is not None:
         provenance["control"] = answer.result["control"]
-    return Run(world, engine, arrays, provenance, answer.result["failed"])
+    return Run(world, engine, arrays, provenance, _not_finite(world, answer.result["failed"]))
+
+
+PARTS = {
+    "pose": (*"xyz", "qw", "qx", "qy", "qz"),
+    "velocity": ("vx", "vy", "vz", "wx", "wy", "wz"),
+    "energy": ("kinetic", "potential"),
+}
+"""Names of the numbers of a row of a channel."""
+
+
+def _not_finite(world: World, failed: Mapping[str, Any] | None) -> str | None:
+    """In words, what the recorder found to be no number: None, or the channel, whose it is, and when."""
+    if failed is None:
+        return None
+    channel, place = failed["channel"], list(failed["place"])
+    what = channel
+    if channel in ("pose", "velocity") and len(place) == 2:
+        what = f"{channel} of {world.bodies[place[0]].name} ({PARTS[channel][place[1]]})"
+    elif channel == "energy" and len(place) == 1:
+        what = f"{PARTS[channel][place[0]]} energy"
+    elif place:
+        what = f"{channel}[{', '.join(map(str, place))}]"
+    step = failed["step"]
+    return f"the state is not finite after step {step} ({step * world.physics.timestep:.6g} s): {what}"
 
 
 def run(

@@ -121,12 +121,14 @@ class Growing(Engine):
         self.height *= 1e3**count
 
 
-def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded():
+def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded(tmp_path):
     operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]}
-    result, arrays = record(Growing(), {}, operation)
-    assert result["failed"] == "the state is not finite after step 3"
+    result, arrays = record(Growing(), {}, operation, tmp_path / "0.")
+    assert result["failed"] == {"step": 3, "channel": "q", "place": [0]}
     assert result["steps"] == 3
-    assert arrays["step"].tolist() == [0, 1, 2, 3]
+    assert arrays["step"] == {"kind": "f8", "shape": [4]}
+    assert np.fromfile(tmp_path / "0.step.bin").tolist() == [0, 1, 2, 3]
+    assert np.fromfile(tmp_path / "0.pose.bin").reshape(arrays["pose"]["shape"])[2, 0, 2] == 1e306
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -26,6 +25,7 @@ from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, size, spin
 from simspec.proof.contact.held import Held, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout
 from simspec.world.types import Body, Physics, World
@@ -145,7 +145,7 @@ def measure(
         jobs.append(_size_job(engine, whole, sizes, use_cache))
     with ExitStack() as stack:
         operations: list[Operation] = []
-        place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simspec-contact-")))
+        place = stack.enter_context(scratch_folder("contact"))
         for job in jobs:
             if job.known is None:
                 for compiled, operation in zip(job.compiled, job.operations, strict=True):
@@ -187,7 +187,7 @@ def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cach
     )
     world = dataclasses.replace(sizes.world, contact=contact, engines=(whole.options,))
     compiled = compile_world(world, [engine.NAME], plans={engine.NAME: whole.plan})[engine.NAME]
-    operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout(world.bodies).nv))})
+    operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout(world.bodies).nv))}, world)
     name = _key(engine, [compiled], [operation], None, size.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
     return _Job(name, None, None, (compiled,), (operation,), sizes=sizes, known=None if known is None else tuple(known))
@@ -227,7 +227,7 @@ def _drive(world: World, trial: Trial) -> Operation:
         for name, given in phase.effort.items():
             row[places.velocity[index[name]]] = given
     phases = [[phase.steps, phase.every] for phase in trial.phases]
-    return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort})
+    return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort}, world)
 
 
 def _figures(job: _Job, answers: Sequence[Answer]) -> Sequence[Figure]:
