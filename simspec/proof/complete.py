@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 
@@ -181,9 +180,9 @@ class _Bench:
             _, check = certificate.failures()[0]
             raise AssertionError(f"{engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}")
         scenes = _scenes(world, probes)
-        with tempfile.TemporaryDirectory(prefix="simspec-sound-") as place:
-            write_folder(compiled.files, Path(place) / engine)
-            answers = call(engine, Path(place) / engine, [*scenes, *scenes]).answers
+        with scratch_folder("sound") as place:
+            write_folder(compiled.files, place / engine)
+            answers = call(engine, place / engine, [*scenes, *scenes]).answers
         still = tuple(answer.arrays for answer in answers[: len(scenes)])
         again = tuple(answer.arrays for answer in answers[len(scenes) :])
         if not _moves_alike(still, again):
@@ -251,8 +250,8 @@ class _Bench:
                 yield mutation, self._proven(mutation) or self._verdict(mutation, "missed")
 
     def _proven(self, mutation: Mutation) -> Verdict | None:
-        with tempfile.TemporaryDirectory(prefix="simspec-mutation-") as place:
-            folder = Path(place) / self.engine.NAME
+        with scratch_folder("mutation") as place:
+            folder = place / self.engine.NAME
             write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
 
             def checks() -> list[Check]:

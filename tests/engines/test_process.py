@@ -131,28 +131,40 @@ def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded(tmp_path):
     assert np.fromfile(tmp_path / "0.pose.bin").reshape(arrays["pose"]["shape"])[2, 0, 2] == 1e306
 
 
+CHANNELS = {"pose": (1, 7), "velocity": (1, 6), "q": (2,), "v": (2,), "energy": (2,)}
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("what", ["pose", "velocity"])
-def test_poses_and_velocities_are_both_looked_at(what, value):
-    """A state whose positions are numbers and whose velocities are none is not finite either, and the other way round."""
+@pytest.mark.parametrize("what", CHANNELS)
+def test_every_channel_is_looked_at(what, value, tmp_path):
+    """A run whose positions are numbers and whose velocities are none is not finite either, and so on for each channel."""
 
     class Odd(Growing):
+        def found(self, name):
+            numbers = np.zeros(CHANNELS[name])
+            if name == what and self.height > 1.0:
+                numbers.flat[-1] = value
+            return numbers
+
         def body_states(self):
-            pose, velocity = np.array([[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
-            if self.height > 1.0:
-                {"pose": pose, "velocity": velocity}[what][0, 2] = value
-            return pose, velocity
+            return self.found("pose"), self.found("velocity")
 
         def get_state(self):
-            return np.zeros(1), np.zeros(1)
+            return self.found("q"), self.found("v")
+
+        def energy(self):
+            return tuple(self.found("energy"))
 
         def step(self, count, effort=None):
             self.height += count
 
     odd = Odd()
     odd.height = -1.0
-    result, _ = record(odd, {}, {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]})
-    assert result["failed"] == "the state is not finite after step 3"
+    operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose", "energy"]}
+    result, arrays = record(odd, {}, operation, tmp_path / "0.")
+    place = [k - 1 for k in CHANNELS[what]]
+    assert result["failed"] == {"step": 3, "channel": what, "place": place}
+    assert arrays["step"]["shape"] == [4]
 
 
 def test_a_long_run_says_how_far_it_is(monkeypatch):
