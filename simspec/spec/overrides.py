@@ -8,6 +8,7 @@ from typing import Any
 from simspec.errors import Location, Problem, SpecError
 from simspec.spec import walk
 from simspec.spec.document import Document, Mark, parse
+from simspec.spec.hints import hint_for_key
 from simspec.spec.models import File
 from simspec.spec.strict import near, show
 
@@ -81,7 +82,8 @@ def _unknown(holder: dict[str, Any], kind: Any, step: str, path: str, place: Loc
     else:
         words = list(holder)
     allowed = ", ".join(words[:30]) + (", ..." if len(words) > 30 else "")
-    return Problem(f"the spec has no {path!r}", path, place, found=step, allowed=allowed, hint=near(step, words))
+    hint = (hint_for_key(step, kind.__name__) if walk.is_model(kind) else None) or near(step, words)
+    return Problem(f"the spec has no {path!r}", path, place, found=step, allowed=allowed, hint=hint)
 
 
 def _index(step: str, length: int) -> int | None:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from simspec.errors import Problem
 from simspec.spec import walk
 from simspec.spec.document import Document
+from simspec.spec.hints import hint_for_key
 from simspec.spec.models import File
 from simspec.spec.strict import FAULT, REPORTED, Strict, near, show
 
@@ -56,8 +57,10 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
 
 
 def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem:
-    words = walk.keys(walk.at(root, path[:-1]))
-    hint = near(path[-1], words) or _elsewhere(str(path[-1]), root)
+    owner = walk.at(root, path[:-1])
+    words = walk.keys(owner)
+    known = hint_for_key(str(path[-1]), owner.__name__) if walk.is_model(owner) else None
+    hint = known or near(path[-1], words) or _elsewhere(str(path[-1]), root)
     return document.problem(path, f"unknown key {path[-1]!r}", key=True, allowed=", ".join(words), hint=hint)
 
 

@@ -12,6 +12,7 @@ from pydantic_core import core_schema
 
 from simspec.spec import units
 from simspec.spec.document import INVALID
+from simspec.spec.hints import hint_for_word
 from simspec.spec.strict import Fault, Faults, fault, near, raised, replace_loc, show
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
@@ -273,7 +274,7 @@ class Word(Reader):
     def read(self, value: Any) -> str:
         if isinstance(value, str) and value in self.words:
             return value
-        hint = near(value, self.words) if isinstance(value, str) else None
+        hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
         raise fault("not one of the words that may stand here", show(value), ", ".join(self.words), hint)
 
     def describe(self) -> str:
