@@ -18,17 +18,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
-from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, resolve_settings, restore_velocities
 from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts
+from simspec.engines.pybullet_expected import expected
+from simspec.engines.pybullet_inventory import inventory, neutral
 from simspec.engines.pybullet_probe import Probe
 from simspec.engines.pybullet_readback import read_back
 from simspec.engines.pybullet_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
-from simspec.formats.contact_plan import Rules
+from simspec.formats.contact_plan import Rules, contact_plan
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
-from simspec.world.types import ReadBack, World
+from simspec.world.types import HeldValue, ReadBack, World
 
 _NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
@@ -159,8 +161,8 @@ class PyBullet(Engine):
         ),
         "friction_erp": Setting(
             0.0,
-            "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor "
-            "on every link); 0: none, friction at the velocity level alone, as the law has it. What is carried slips by a "
+            "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
+            "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law has it. What is carried slips by a "
             "little in every step, and the anchor takes that back: at 16 ms a stack of cylinders ends 1 mm off, not 10 "
             "(measured).",
             minimum=0.0,
@@ -177,7 +179,8 @@ class PyBullet(Engine):
         "contact_processing_threshold": Setting(
             0.0,
             "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
-            "1, got 0.005. 0: touching bodies only.",
+            "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); where two other links "
+            "meet, an impact of them bounces as it should all the same.",
             minimum=0.0,
         ),
         "contact_breaking_threshold": Setting(
@@ -207,6 +210,10 @@ class PyBullet(Engine):
         "control.native": "PyBullet's own controllers are switched on when a run begins",
         "collision_group": "PyBullet does not give back its collision masks; the filter is probed instead",
     }
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        return expected(world, resolve_settings(cls, world), contact_plan(world, cls.RULES, cls.LAYERS), neutral)
 
     def __init__(self) -> None:
         self._sim: Simulation | None = None
@@ -239,7 +246,13 @@ class PyBullet(Engine):
         self._sim.set_state(*self._sim.initial_state)
 
     def read_back(self) -> ReadBack:
-        return dataclasses.replace(read_back(self._simulation, self._outside), unreadable=dict(self.UNREADABLE))
+        sim = self._simulation
+        return dataclasses.replace(
+            read_back(sim, self._outside),
+            unreadable=dict(self.UNREADABLE),
+            inventory=inventory(sim),
+            neutral=neutral(sim),
+        )
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         self._simulation.set_state(q, v)

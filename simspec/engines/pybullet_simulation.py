@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.pybullet_calls import Called, Recording
 from simspec.engines.pybullet_sleeping import Sleepers
 from simspec.errors import EngineError
 from simspec.world import frames
@@ -103,11 +104,15 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         self.log: list[str] = []
+        self.calls: list[Called] = []
+        """What PyBullet was told while loading."""
         self.client = -1
         try:
             with captured_output(self.log):
-                self._connect()
+                module = self._connect()
+                self.bullet = recording = Recording(module)
                 self._load(folder, sidecar)
+                self.bullet, self.calls = module, recording.calls
         except EngineError as error:
             self.close()
             raise EngineError("pybullet", "; ".join([str(error).removeprefix("pybullet: "), *self.log])) from error
@@ -115,15 +120,17 @@ class Simulation:
             self.close()
             raise
 
-    def _connect(self) -> None:
+    def _connect(self) -> Any:
+        """PyBullet's module, with a client made."""
         try:
             import pybullet
         except ImportError as error:
             raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
-        self.bullet = pybullet
+        self.bullet: Any = pybullet
         self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise EngineError("pybullet", "no physics client could be made")
+        return pybullet
 
     # --- loading ----------------------------------------------------------------------------------------------
 
@@ -156,8 +163,7 @@ class Simulation:
         # the sidecar names no sleepers when the setting is off
         may_sleep = set(sidecar.get("sleepers", ()))
         self._sleepers = Sleepers(
-            self.bullet,
-            self.client,
+            self,
             (tree.uid for tree in self.trees if self.names[tree.links[0].index] in may_sleep),
         )
         self._set_filter(sidecar["collision_filter"])

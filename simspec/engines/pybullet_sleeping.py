@@ -16,14 +16,15 @@ class Sleepers:
     What touches a sleeping body wakes it within the step. Efforts and new velocities do not: PyBullet drops them (measured).
     """
 
-    def __init__(self, bullet: Any, client: int, uids: Iterable[int]):
-        self._bullet, self._client, self._uids = bullet, client, set(uids)
+    def __init__(self, sim: Any, uids: Iterable[int]):
+        self._sim, self._uids = sim, set(uids)
+        bullet = sim.bullet
         self._any, self._stepped = bool(self._uids), False
         for uid in self._uids:
             self._change(uid, activationState=bullet.ACTIVATION_STATE_ENABLE_SLEEPING, sleepThreshold=SLOW)
 
     def _change(self, uid: int, **given: Any) -> None:
-        self._bullet.changeDynamics(uid, -1, physicsClientId=self._client, **given)
+        self._sim.bullet.changeDynamics(uid, -1, physicsClientId=self._sim.client, **given)
 
     def __contains__(self, uid: int) -> bool:
         return uid in self._uids
@@ -36,14 +37,15 @@ class Sleepers:
         """Wake all, by a step that the caller must undo: a woken body is still left out of the next step (measured)."""
         if not (self._any and self._stepped):
             return
+        bullet = self._sim.bullet
         for uid in self._uids:
-            self._change(uid, activationState=self._bullet.ACTIVATION_STATE_WAKE_UP)
-        self._bullet.stepSimulation(physicsClientId=self._client)
+            self._change(uid, activationState=bullet.ACTIVATION_STATE_WAKE_UP)
+        bullet.stepSimulation(physicsClientId=self._sim.client)
         self._stepped = False
 
     def forbid(self, uid: int) -> None:
         """One body will sleep no more; ``wake`` must follow."""
-        bullet = self._bullet
+        bullet = self._sim.bullet
         self._change(uid, activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING)
         self._change(uid, activationState=bullet.ACTIVATION_STATE_WAKE_UP)
         self._uids.discard(uid)

@@ -1,0 +1,223 @@
+"""What PyBullet's inventory must be (``pybullet_inventory.py``), from the world and the settings that follow from it alone.
+
+Runs outside the engine's process, without PyBullet: its numbers stand here as PyBullet's manual and headers give them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK, named_set
+from simspec.formats.contact_plan import ContactPlan, Part, meeting_laws, parts
+from simspec.world.kinematics import free_rigid, rigid_groups, trees
+from simspec.world.types import Body, HeldValue, World
+
+LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
+"""URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
+MULTI_BODY = 2
+"""Body type of getDynamicsInfo."""
+STATIC, STIFFNESS_DAMPING, FRICTION_ANCHOR = 1, 128, 512
+"""Flags of a collider: cannot move; has a stiffness and a damping; friction remembers where it took hold."""
+NO_CONE = 2048
+"""Mode of the solver: friction along each of two axes for itself."""
+LINK_MARGIN = 0.001
+"""The margin (m) that PyBullet keeps around the shapes of links other than bases, whatever it is told (measured)."""
+ROUND = ("sphere", "capsule", "plane")
+"""Kinds of shapes without a margin of their own."""
+FIXED = 4
+"""Joint type."""
+NEVER = 1e30
+"""A velocity clamp that never acts."""
+SLEEPY, SLOW = 1, 1e-4
+"""Activation state that lets a body sleep, and below which v² + ω² it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """A link: its name, body, and what it carries (None: the body has no collision shape); ``own``: the body's own link."""
+
+    name: str
+    body: Body
+    part: Part | None
+    own: bool
+    base: bool
+
+
+def expected(
+    world: World, settings: Mapping[str, bool | int | float | str], plan: ContactPlan, neutral: Mapping[str, HeldValue]
+) -> dict[str, HeldValue]:
+    """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are PyBullet's own values."""
+    groups = rigid_groups(world)
+    sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
+    found = _world(world, settings, neutral)
+    found["count.bodies"] = len(trees(world))
+    solid = []
+    for root, bodies in trees(world).items():
+        links = list(_tree_links(bodies, plan))
+        world_link = not links[0].base
+        for link in links:
+            found.update(_link(link, settings, neutral))
+            if link.part is not None:
+                solid.append(link)
+                still = groups[link.body.name] == "world"
+                found.update(_collider(link, still, settings, neutral))
+        if world_link:
+            name = f"{root}/world"
+            found.update(_told(name, settings))
+            found.update(
+                {f"link.{name}.body_type": MULTI_BODY, f"link.{name}.mass": 0.0, f"link.{name}.inertia": (0.0, 0.0, 0.0)}
+            )
+        base = f"{root}/world" if world_link else root
+        found[f"calls.loadURDF.{base}.flags"] = LOAD_FLAGS
+        found[f"calls.loadURDF.{base}.useFixedBase"] = int(bodies[0].joint.kind != "free")
+    for name in sleepers:
+        found[f"calls.changeDynamics.{name}.activationState"] = SLEEPY
+        found[f"calls.changeDynamics.{name}.sleepThreshold"] = SLOW
+    for body in world.bodies:
+        found.update(_motor(body))
+    found.update(_apart(world, plan, solid, groups))
+    return found
+
+
+def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[_Link]:
+    """The links of one tree but for one that stands for the world. A root on a joint, or fixed with a mass, is not the base."""
+    root = bodies[0]
+    on_base = root.joint.kind == "free" or (root.joint.kind == "fixed" and not root.inertial.mass)
+    for body in bodies:
+        first, *copies = parts(body, plan) or (None,)
+        yield _Link(body.name, body, first, True, on_base and body is root)
+        for part in copies:
+            yield _Link(f"{body.name}__{part.material}.{part.layer}", body, part, False, False)
+
+
+def _world(
+    world: World, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
+) -> dict[str, HeldValue]:
+    """The world's own numbers, and what its parameters were set to."""
+    found = {name: value for name, value in neutral.items() if name.startswith(("world.", "count.", "parameter."))}
+    laws = meeting_laws(world).values()
+    elliptic = world.contact.friction_cone == "elliptic"
+    mode = int(neutral["world.solverInfo.solverMode"])  # type: ignore[arg-type]
+    told: dict[str, HeldValue] = {
+        "numSolverIterations": settings["iterations"],
+        "solverResidualThreshold": settings["residual_threshold"],
+        "erp": settings["joint_erp"],
+        "frictionERP": settings["friction_erp"],
+        "restitutionVelocityThreshold": max((x.restitution_threshold for x in laws if x.restitution), default=0.0),
+        "contactBreakingThreshold": settings["contact_breaking_threshold"],
+        "enableConeFriction": int(elliptic),
+        "deterministicOverlappingPairs": int(settings["deterministic_pairs"]),
+        "numSubSteps": 0,
+    }
+    found["world.solverInfo.numIterations"] = found["parameter.numSolverIterations"] = settings["iterations"]
+    found["world.solverInfo.erp"] = settings["joint_erp"]
+    found["world.solverInfo.solverMode"] = mode & ~NO_CONE if elliptic else mode | NO_CONE
+    if not any(law.hardness.kind == "native" for law in laws):
+        told |= {"contactERP": settings["contact_erp"], "contactSlop": settings["contact_slop"]}
+        found["world.solverInfo.erp2"] = settings["contact_erp"]
+        found["world.solverInfo.linearSlop"] = settings["contact_slop"]
+    found |= {f"calls.setPhysicsEngineParameter.{name}": value for name, value in told.items()}
+    return found | {"count.constraints": 0, "count.user_data": 0}
+
+
+def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[str, HeldValue]:
+    """What was asked for every link."""
+    asked: dict[str, HeldValue] = {
+        "linearDamping": 0.0,
+        "angularDamping": 0.0,
+        "maxJointVelocity": NEVER,
+        "contactProcessingThreshold": settings["contact_processing_threshold"],
+        "collisionMargin": settings["collision_margin"],
+    }
+    if settings["friction_erp"]:
+        asked["frictionAnchor"] = 1
+    return {f"calls.changeDynamics.{name}.{key}": value for key, value in asked.items()}
+
+
+def _link(
+    link: _Link, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
+) -> dict[str, HeldValue]:
+    found = _told(link.name, settings)
+    found[f"link.{link.name}.body_type"] = MULTI_BODY
+    kind = link.body.joint.kind if link.own else None
+    if not link.own:
+        found |= {f"link.{link.name}.mass": 0.0, f"link.{link.name}.inertia": (0.0, 0.0, 0.0)}
+        found |= {f"joint.{link.name}.type": FIXED, f"joint.{link.name}.parent": link.body.name}
+        found |= {f"joint.{link.name}.place": (0.0, 0.0, 0.0), f"joint.{link.name}.turn": (0.0, 0.0, 0.0)}
+    if not link.base:
+        left_out = OF_THE_READ_BACK.get(kind, set(JOINT_INFO))
+        found |= {f"joint.{link.name}.{key}": neutral[f"joint.{key}"] for key in JOINT_INFO if key not in left_out}
+    return found
+
+
+def _collider(
+    link: _Link, still: bool, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
+) -> dict[str, HeldValue]:
+    kind = "base" if link.base else "link"
+    found = {
+        f"collider.{link.name}.{member}": neutral[f"collider.{kind}.{member}"]
+        for member, why in COLLIDER.items()
+        if not why
+    }
+    # of links other than bases PyBullet keeps its own anchor and threshold, whatever it is told (measured)
+    flags = int(still) * STATIC | (FRICTION_ANCHOR if settings["friction_erp"] and link.base else 0)
+    if link.part is not None and link.part.surface.hardness is not None:
+        flags |= STIFFNESS_DAMPING if link.part.surface.hardness.kind == "stiffness" else 0
+    found[f"collider.{link.name}.collisionFlags"] = flags
+    margin = float(np.float32(settings["collision_margin"] if link.base else LINK_MARGIN))
+    edged = [shape for shape in (link.part.shapes if link.part else ()) if shape.kind not in ROUND]
+    found[f"shape.{link.name}.margins"] = (margin,) * len(edged)
+    if link.base:
+        found[f"collider.{link.name}.contactProcessingThreshold"] = settings["contact_processing_threshold"]
+    return found
+
+
+def _motor(body: Body) -> dict[str, HeldValue]:
+    """A hinge's and slide's motor is its dry friction; a ball's is off."""
+    if body.joint.kind in ("hinge", "slide"):
+        held: dict[str, HeldValue] = {"mode": "velocity", "targetVelocity": 0.0, "force": body.joint.dry_friction}
+    elif body.joint.kind == "ball":
+        held = {"mode": "position", "targetPosition": (0.0, 0.0, 0.0, 1.0), "force": (0.0, 0.0, 0.0)}
+        held |= {"positionGain": 0.0, "velocityGain": 0.0}
+    else:
+        held = {}
+    return {f"calls.motor.{body.name}.{key}": value for key, value in held.items()}
+
+
+def _apart(world: World, plan: ContactPlan, solid: list[_Link], groups: Mapping[str, str]) -> dict[str, HeldValue]:
+    """Of every link the others that must not touch it: of its own rigid group, or both still, of groups that ignore each other,
+    of bodies that the world names, or of materials and layers that do not meet."""
+    kinds: dict[tuple[bool, str, str, int], set[str]] = {}
+    kind_of, of_body, of_group = {}, {}, {}
+    for link in solid:
+        if link.part is None:
+            continue
+        still, name = groups[link.body.name] == "world", link.name
+        kind = (still, link.body.collision_group, link.part.material, link.part.layer)
+        kind_of[name] = kind
+        kinds.setdefault(kind, set()).add(name)
+        of_body.setdefault(link.body.name, set()).add(name)
+        of_group.setdefault(groups[link.body.name], set()).add(name)
+    ignored = set(world.contact.ignored_groups)
+
+    def meet(one: tuple[bool, str, str, int], other: tuple[bool, str, str, int]) -> bool:
+        pair = (min(one[1], other[1]), max(one[1], other[1]))
+        return not (one[0] and other[0]) and pair not in ignored and plan.meet(one[2:], other[2:])
+
+    by_kind = {
+        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held) for kind in kinds
+    }
+    named: dict[str, set[str]] = {}
+    for one, other in world.contact.excluded_bodies:
+        named.setdefault(one, set()).update(of_body.get(other, ()))
+        named.setdefault(other, set()).update(of_body.get(one, ()))
+    return {
+        f"apart.{link.name}": named_set(
+            (by_kind[kind_of[link.name]] | named.get(link.body.name, set()) | of_group[groups[link.body.name]])
+            - {link.name}
+        )
+        for link in solid
+    }
