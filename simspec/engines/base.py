@@ -20,7 +20,9 @@ import numpy as np
 from simspec.control.native import Servos
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
+from simspec.formats.base import SIDECAR_SCHEMA
 from simspec.formats.contact_plan import Rules
+from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -283,6 +285,14 @@ def written_settings(engine: type[Engine], world: World) -> dict[str, bool | int
     found = resolve_settings(engine, world)
     off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
     return {name: value for name, value in found.items() if name not in off}
+
+
+def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
+    """What a sidecar must say it is for, and its settings, by the names that inventories give them."""
+    labels: dict[str, HeldValue] = {"schema": SIDECAR_SCHEMA, "format": engine.FORMAT, "engine": engine.NAME}
+    labels["world"] = sha256(world)
+    found = {f"sidecar.{name}": value for name, value in labels.items()}
+    return found | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}
 
 
 def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:

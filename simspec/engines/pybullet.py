@@ -18,7 +18,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
-from simspec.engines.base import Actuation, Engine, Setting, empty_contacts, resolve_settings, restore_velocities
+from simspec.engines.base import (
+    Actuation,
+    Engine,
+    Setting,
+    empty_contacts,
+    expected_labels,
+    resolve_settings,
+    restore_velocities,
+)
 from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts
@@ -162,9 +170,9 @@ class PyBullet(Engine):
         "friction_erp": Setting(
             0.0,
             "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
-            "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law has it. What is carried slips by a "
-            "little in every step, and the anchor takes that back: at 16 ms a stack of cylinders ends 1 mm off, not 10 "
-            "(measured).",
+            "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law "
+            "has it. What is carried slips by a little in every step, and the anchor takes that back: at 16 ms a stack of "
+            "cylinders ends 1 mm off, not 10 (measured).",
             minimum=0.0,
             maximum=1.0,
         ),
@@ -179,8 +187,8 @@ class PyBullet(Engine):
         "contact_processing_threshold": Setting(
             0.0,
             "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
-            "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); where two other links "
-            "meet, an impact of them bounces as it should all the same.",
+            "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
+            "off each other as they should all the same.",
             minimum=0.0,
         ),
         "contact_breaking_threshold": Setting(
@@ -213,7 +221,8 @@ class PyBullet(Engine):
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
-        return expected(world, resolve_settings(cls, world), contact_plan(world, cls.RULES, cls.LAYERS), neutral)
+        found = expected(world, resolve_settings(cls, world), contact_plan(world, cls.RULES, cls.LAYERS), neutral)
+        return found | expected_labels(cls, world)
 
     def __init__(self) -> None:
         self._sim: Simulation | None = None

@@ -1,8 +1,8 @@
 """What PyBullet was told while a world was loaded, for what it does not give back.
 
 PyBullet returns few of its settings, and its dump of the world (``bullet_file.py``) lacks some that act: the thresholds of its
-solver and of restitution, damping of free flight, velocity clamps, motors, pairs that do not touch. Of these the proof knows the
-calls themselves. Steps are not recorded, and what a run does later is not either.
+solver and of restitution, damping of free flight, velocity clamps, motors, pairs that do not touch. Of these the proof knows
+the calls themselves. Steps are not recorded, and what a run does later is not either.
 """
 
 from __future__ import annotations

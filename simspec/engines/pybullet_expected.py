@@ -53,6 +53,7 @@ def expected(
     groups = rigid_groups(world)
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
     found = _world(world, settings, neutral)
+    found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
     found["count.bodies"] = len(trees(world))
     solid = []
     for root, bodies in trees(world).items():
@@ -66,10 +67,8 @@ def expected(
                 found.update(_collider(link, still, settings, neutral))
         if world_link:
             name = f"{root}/world"
-            found.update(_told(name, settings))
-            found.update(
-                {f"link.{name}.body_type": MULTI_BODY, f"link.{name}.mass": 0.0, f"link.{name}.inertia": (0.0, 0.0, 0.0)}
-            )
+            found |= _told(name, settings) | _empty(name) | _untouched(name, neutral)
+            found[f"link.{name}.body_type"] = MULTI_BODY
         base = f"{root}/world" if world_link else root
         found[f"calls.loadURDF.{base}.flags"] = LOAD_FLAGS
         found[f"calls.loadURDF.{base}.useFixedBase"] = int(bodies[0].joint.kind != "free")
@@ -143,14 +142,29 @@ def _link(
     found = _told(link.name, settings)
     found[f"link.{link.name}.body_type"] = MULTI_BODY
     kind = link.body.joint.kind if link.own else None
+    if link.part is None:
+        found |= _untouched(link.name, neutral)
     if not link.own:
-        found |= {f"link.{link.name}.mass": 0.0, f"link.{link.name}.inertia": (0.0, 0.0, 0.0)}
+        found |= _empty(link.name)
         found |= {f"joint.{link.name}.type": FIXED, f"joint.{link.name}.parent": link.body.name}
         found |= {f"joint.{link.name}.place": (0.0, 0.0, 0.0), f"joint.{link.name}.turn": (0.0, 0.0, 0.0)}
     if not link.base:
         left_out = OF_THE_READ_BACK.get(kind, set(JOINT_INFO))
         found |= {f"joint.{link.name}.{key}": neutral[f"joint.{key}"] for key in JOINT_INFO if key not in left_out}
     return found
+
+
+def _empty(name: str) -> dict[str, HeldValue]:
+    """A link without mass, its inertial frame its own."""
+    held = {"mass": 0.0, "inertia": (0.0, 0.0, 0.0), "place": (0.0, 0.0, 0.0), "turn": (0.0, 0.0, 0.0, 1.0)}
+    return {f"link.{name}.{key}": value for key, value in held.items()}
+
+
+def _untouched(name: str, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    """The surface of a link that has no shapes."""
+    held: dict[str, HeldValue] = dict.fromkeys(("friction", "restitution", "rolling", "spinning"), 0.0)
+    held |= {key: neutral[f"link.{key}"] for key in ("damping", "stiffness")}
+    return {f"link.{name}.{key}": value for key, value in held.items()}
 
 
 def _collider(
@@ -208,7 +222,8 @@ def _apart(world: World, plan: ContactPlan, solid: list[_Link], groups: Mapping[
         return not (one[0] and other[0]) and pair not in ignored and plan.meet(one[2:], other[2:])
 
     by_kind = {
-        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held) for kind in kinds
+        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held)
+        for kind in kinds
     }
     named: dict[str, set[str]] = {}
     for one, other in world.contact.excluded_bodies:

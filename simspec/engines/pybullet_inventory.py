@@ -59,8 +59,24 @@ PARAMETERS: Mapping[str, str] = {
     "gravityAccelerationZ": "a field of the read-back",
 }
 """Keys of getPhysicsEngineParameters that are not in the inventory, with the reason."""
-JOINT_INFO: Mapping[str, int] = {"damping": 6, "friction": 7, "lower": 8, "upper": 9, "max_force": 10, "max_velocity": 11}
+JOINT_INFO: Mapping[str, int] = {
+    "damping": 6,
+    "friction": 7,
+    "lower": 8,
+    "upper": 9,
+    "max_force": 10,
+    "max_velocity": 11,
+}
 """Numbers of getJointInfo; those that a joint kind makes a field of the read-back are left out there."""
+SURFACE: Mapping[str, int] = {
+    "friction": 1,
+    "restitution": 5,
+    "rolling": 6,
+    "spinning": 7,
+    "damping": 8,
+    "stiffness": 9,
+}
+"""Numbers of getDynamicsInfo; of a link with shapes they are fields of the read-back."""
 OF_THE_READ_BACK: Mapping[str | None, set[str]] = {"fixed": set(), "ball": {"damping"}, None: set()}
 """Which of these are fields of the read-back, by the kind of joint; of other kinds all are."""
 ROUND = {8, 10}
@@ -86,9 +102,9 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     p, client = sim.bullet, sim.client
     names = link_names(sim)
     held = p.getPhysicsEngineParameters(physicsClientId=client)
-    found: dict[str, HeldValue] = {
-        f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS
-    }
+    found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
+    found.update(sidecar_labels(sim.sidecar))
+    found.update({f"tree.{one['bodies'][0]}.model": one["model"] for one in sim.sidecar["instances"]})
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
@@ -128,12 +144,20 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
                 held = plain(row["m_colObjData"])
                 found.update({f"collider.{kind}.{member}": held[member] for member, why in COLLIDER.items() if not why})
         info = p.getJointInfo(uid, 0, physicsClientId=client)
+        dynamics = p.getDynamicsInfo(uid, 0, physicsClientId=client)
+        found.update({f"link.{name}": dynamics[place] for name, place in SURFACE.items()})
         found.update({f"joint.{name}": info[place] for name, place in JOINT_INFO.items()})
         held = p.getPhysicsEngineParameters(physicsClientId=client)
         found.update({f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS})
     finally:
         p.disconnect(physicsClientId=client)
     return found
+
+
+def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
+    """What a sidecar says it is for, and the settings that it gives."""
+    found = {f"sidecar.{name}": sidecar[name] for name in ("schema", "format", "engine", "world")}
+    return found | {f"settings.{name}": value for name, value in sidecar["settings"].items()}
 
 
 def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
@@ -226,6 +250,10 @@ def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) ->
         if kind is None:  # it only carries shapes, or stands for the world
             found[f"link.{name}.mass"] = dynamics[0]
             found[f"link.{name}.inertia"] = tuple(dynamics[2])
+            found[f"link.{name}.place"] = tuple(dynamics[3])
+            found[f"link.{name}.turn"] = tuple(dynamics[4])
+        if not p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
+            found.update({f"link.{name}.{key}": dynamics[at] for key, at in SURFACE.items()})
         if link < 0:
             continue
         info = p.getJointInfo(tree.uid, link, physicsClientId=client)

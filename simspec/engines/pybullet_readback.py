@@ -237,7 +237,10 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
         kind = _kind(entry[2])
         pose = Pose(tuple(entry[5]), from_xyzw(entry[6]))
-        shape = Shape("", kind, _size(kind, entry[3]), pose, collision=False, colour=tuple(entry[7]))
+        size = _size(kind, entry[3])
+        if kind != "plane" and not any(size):
+            continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes
+        shape = Shape("", kind, size, pose, collision=False, colour=tuple(entry[7]))
         found.setdefault(entry[1], []).append(shape)
     return found
 

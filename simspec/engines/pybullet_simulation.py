@@ -17,6 +17,7 @@ import numpy as np
 from simspec.engines.pybullet_calls import Called, Recording
 from simspec.engines.pybullet_sleeping import Sleepers
 from simspec.errors import EngineError
+from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
 
@@ -135,6 +136,10 @@ class Simulation:
     # --- loading ----------------------------------------------------------------------------------------------
 
     def _load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        try:
+            check_sidecar(sidecar)
+        except ValueError as error:
+            raise EngineError("pybullet", str(error)) from error
         self.settings = sidecar["settings"]
         self.sidecar = sidecar
         self.names = [body["name"] for body in sidecar["bodies"]]

@@ -46,6 +46,9 @@ GEOMETRY: Mapping[str, tuple[str, tuple[tuple[str, slice], ...]]] = {
 
 PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)),))
 
+UNSEEN = "unseen"
+"""Name of the visual of no size."""
+
 POSITION_NUMBERS = 128
 """Numbers that PyBullet exchanges of one tree's position, 7 of them for its base, fixed or not; beyond that it gives
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
@@ -328,7 +331,7 @@ def _model(bodies: tuple[Body, ...], some: Mapping[str, tuple[Part, ...]]) -> di
                 "mass": body.inertial.mass,
                 "moments": moments,
                 "contact": contact_values(own.surface),
-                "shapes": [_shape(shape, shape in own.shapes) for shape in body.shapes],
+                **_shown([_shape(shape, shape in own.shapes) for shape in body.shapes]),
             }
         )
         if body.joint.parent is not None:
@@ -349,8 +352,15 @@ def _massless(name: str, surface: Surface, shapes: tuple[Shape, ...]) -> dict[st
         "mass": 0.0,
         "moments": (0.0, 0.0, 0.0),
         "contact": contact_values(surface),
-        "shapes": [{**_shape(shape, True), "visual": False} for shape in shapes],
+        **_shown([{**_shape(shape, True), "visual": False} for shape in shapes]),
     }
+
+
+def _shown(shapes: list[dict[str, Any]]) -> dict[str, Any]:
+    """The shapes of a link, and whether it needs a visual of no size: PyBullet shows the collision shapes of a link that has no
+    visual at all (measured)."""
+    unseen = any(shape["collision"] for shape in shapes) and not any(shape["visual"] for shape in shapes)
+    return {"shapes": shapes, "unseen": UNSEEN if unseen else None}
 
 
 def _weld(name: str, parent: str) -> dict[str, Any]:

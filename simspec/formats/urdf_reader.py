@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
+from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -32,6 +33,9 @@ from simspec.world.types import (
 )
 
 KINDS = {"fixed": "fixed", "revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball"}
+
+NOTHING = (0.0,)
+"""Size of a visual that only keeps PyBullet from showing the collision shapes."""
 
 UNREADABLE = {
     "collision_group": "the files carry what touches what, not the names of groups",
@@ -130,6 +134,8 @@ def _shapes(link: Any, dialect: _Dialect, names: list[str], copied: bool = False
     for role, elements in (("collision", link.collisions), ("visual", link.visuals)):
         for element in elements:
             kind, size = dialect.geometry.get((link.name, role, element.name)) or _geometry(element.geometry)
+            if role == "visual" and size == NOTHING:
+                continue
             shape = Shape(element.name, kind, size, _pose(element.origin), collision=False, visual=False)
             known = found.get(element.name)
             if known is not None and (known.kind, known.size, known.pose) != (kind, size, shape.pose):
@@ -287,6 +293,7 @@ def read_folder(folder: Path) -> ReadBack:
     Raises ValueError where the files and the sidecar do not fit together.
     """
     content = read_sidecar(folder)
+    check_sidecar(content)
     files = {name: _read_file(folder / name) for name in sorted({one["file"] for one in content["instances"]})}
     first: dict[str, Mapping[str, Any]] = {}
     found: dict[str, Body] = {}
