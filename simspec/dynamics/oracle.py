@@ -286,6 +286,22 @@ class Oracle:
                 full[np.ix_(at_v, at_v)] = tree.mass_matrix(q[at_q])
         return full
 
+    def mobility(self, q: np.ndarray) -> np.ndarray:
+        """The diagonal of M⁻¹ (nv,): the acceleration that a unit effort on one coordinate alone gives it."""
+        found = np.zeros(self.nv)
+        for tree, _, at_q, at_v in self._parts:
+            if len(at_v):
+                found[at_v] = np.diag(np.linalg.inv(tree.mass_matrix(q[at_q])))
+        return found
+
+    def effort_for(self, q: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """M(q) v̇ (nv,)."""
+        found = np.zeros(self.nv)
+        for tree, _, at_q, at_v in self._parts:
+            if len(at_v):
+                found[at_v] = tree.mass_matrix(q[at_q]) @ acceleration[at_v]
+        return found
+
     def _by_tree(self, method: str, q: np.ndarray, v: np.ndarray, *more: np.ndarray) -> np.ndarray:
         found = np.zeros(self.nv)
         for tree, _, at_q, at_v in self._parts:

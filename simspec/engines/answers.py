@@ -70,6 +70,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "energy": Form(("rows", 2)),
     },
     "motion": STATE,
+    "trials": {"v": STATE["v"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
     "touching": {"touching": Form(("pairs", 3), "i8")},
@@ -308,7 +309,7 @@ def _conditions(operation: Operation) -> set[str]:
 def _planned(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
     asked = operation.parameters
-    if operation.op in ("kinematics", "dynamics"):
+    if operation.op in ("kinematics", "dynamics", "trials"):
         return len(operation.arrays["q"])
     if operation.op in ("motion", "respond", "run"):
         return 1 + -(-asked["steps"] // asked["every"])

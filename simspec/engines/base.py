@@ -108,6 +108,8 @@ class Engine:
     """Whether pairs that no numbers give are had by copies of shapes in layers (see ``formats/contact_plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
+    DRY_FRICTION_CREEP: ClassVar[float] = 0.0
+    """Speed (m/s, rad/s) of a joint with dry friction that its solver may leave or miss, whatever the friction is."""
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {}
     """The friction cone that it may hold in place of another, where the spec accepts that (``accept: [contact.cone.X]``)."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}

@@ -190,6 +190,12 @@ class Dart(Engine):
             "at the same speed.",
             minimum=0.0,
         ),
+        "dry_friction_tolerance": Setting(
+            1e-8,
+            "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
+            "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
+            minimum=0.0,
+        ),
         "contact_overflow": Setting(
             "error",
             "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
@@ -227,6 +233,8 @@ class Dart(Engine):
         Deviation("stop-oblong", 0.021, _TRIPS, friction=1.25, timestep=0.0072),
         Deviation("stop-oblong", 0.09, _TRIPS, timestep=0.0144),
     )
+    DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
+    # ten times dry_friction_tolerance, at which NSGS ends; joints on joints add up
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",

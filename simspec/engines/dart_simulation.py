@@ -150,7 +150,15 @@ class Simulation:
         chosen.law = kind.Law.Coulomb if self.sidecar["friction_cone"] == "elliptic" else kind.Law.Box
         chosen.maxSweeps = given["iterations"]
         chosen.tolerance = given["tolerance"]
+        if self._rubs():
+            chosen.tolerance = min(given["tolerance"], given["dry_friction_tolerance"])
         solver.setBoxedLcpSolver(kind(chosen))
+
+    def _rubs(self) -> bool:
+        """Whether a joint has dry friction."""
+        skeletons = (self.world.getSkeleton(index) for index in range(self.world.getNumSkeletons()))
+        joints = (joint for skeleton in skeletons for joint in skeleton.getJoints())
+        return any(joint.getCoulombFriction(dof) for joint in joints for dof in range(joint.getNumDofs()))
 
     def _set_limits(self) -> None:
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}

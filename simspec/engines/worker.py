@@ -110,6 +110,20 @@ def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> t
     return {"steps": done}, {name: np.array(values) for name, values in found.items()}
 
 
+def _trials(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Short contact-free motions, each from q (k, nq), v (k, nv) under a constant effort (k, nv), for ``steps``
+    (k) -> v (k, nv)."""
+    import numpy as np
+
+    engine.disable_contact()
+    found = []
+    for q, v, effort, steps in zip(arrays["q"], arrays["v"], arrays["effort"], operation["steps"], strict=True):
+        engine.set_state(q, v)
+        engine.step(steps, effort)
+        found.append(engine.get_state()[1])
+    return {}, {"v": np.array(found)}
+
+
 def _drive(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """Motion with contact from the files' initial state: phases of (steps, every), effort (phases, nv).
 
@@ -175,6 +189,7 @@ OPERATIONS = {
     "kinematics": _kinematics,
     "dynamics": _dynamics,
     "motion": _motion,
+    "trials": _trials,
     "drive": _drive,
     "respond": _respond,
     "touching": _touching,

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
-from simspec.world.kinematics import rigid_groups
+from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
+from simspec.world.kinematics import rigid_groups, rubbing
 from simspec.world.types import VELOCITY_SIZE, World
 
 NOT_ASKED = "not asked for"
@@ -45,6 +46,10 @@ def _driven(world: World) -> str:
     return "joints are driven by the engines' own controllers alone, a declared difference" if native else ""
 
 
+def _rubs(world: World) -> str:
+    return "" if len(rubbing(world)) else "no joint has dry friction"
+
+
 PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L0", ""): _always,
     ("L1", ""): _always,
@@ -59,6 +64,8 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L5", ""): _contact,
     ("L6", ""): _always,
     ("L6", "motion"): _always,
+    ("L6", SLIDING_CHECK): _rubs,
+    ("L6", REST_CHECK): _rubs,
     ("L7", ""): _driven,
     ("L7", "step response"): _driven,
 }

@@ -18,13 +18,14 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
 from simspec.formats.contact_plan import meeting_laws
-from simspec.proof import control, motion, touch
+from simspec.proof import control, dry_friction, motion, touch
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, inventory_checks, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
+from simspec.proof.dry_friction import DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
@@ -51,6 +52,7 @@ class Probes:
     meetings: Meetings
     motion: Motion | None
     response: Response | None = None
+    rubbing: DryFriction | None = None
 
     def operations(self) -> list[Operation]:
         """What each engine is asked, in the order in which :func:`engine_checks` reads the answers."""
@@ -68,6 +70,8 @@ class Probes:
             one = self.motion
             arrays = {"q": one.q, "v": one.v, "effort": one.effort, "rubbing": one.rubbing}
             found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays, world))
+        if self.rubbing is not None:
+            found.append(self.rubbing.operation(world))
         if self.response is not None:
             found.append(self.response.operation())
         return found
@@ -81,7 +85,8 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     empty = Meetings(np.zeros((0, oracle.nq)), [])
     meetings = touch.plan(world, oracle) if "L4" in wanted else empty
     moving = motion.plan(world, oracle) if "L6" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, control.plan(world) if "L7" in wanted else None)
+    rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
+    return Probes(oracle, q, v, meetings, moving, control.plan(world) if "L7" in wanted else None, rubbing)
 
 
 def verify(
@@ -231,6 +236,8 @@ def engine_checks(
         checks += touch_checks(world, probes.meetings, answers[3].arrays["touching"])
     if probes.motion is not None:
         checks += motion_checks(world, probes.motion, answers[4].arrays)
+    if probes.rubbing is not None:
+        checks += dry_friction_checks(world, probes.rubbing, answers[5].arrays, engine.DRY_FRICTION_CREEP)
     if probes.response is not None:
         checks += control_checks(probes.response, answers[-1].arrays)
     return checks, not_checked(world, held.unreadable)

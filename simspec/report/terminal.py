@@ -371,8 +371,7 @@ def _level_cell(checks: list[Check], worst: Check | None) -> Text:
         return Text(f"{bad} FAILED", style="bold red")
     if worst is None:
         return Text("not compared", style="dim")
-    largest = max((check.worst or 0.0 for check in checks), default=0.0)
-    return Text(f"{largest:.1e}" if largest else "equal", style="green")
+    return Text(f"{worst.worst:.1e}" if worst.worst else "equal", style="green")
 
 
 def _failures(certificate: Certificate) -> list[Table]:
@@ -392,8 +391,11 @@ def certificate_notes(certificate: Certificate) -> list[str]:
     """What must be known beside the verdict: what was not compared and why, the motion's own floor, approximations, what could
     not be asked."""
     proofs = certificate.engines.values()
-    reasons = {f"{name} not compared: {why}": None for proof in proofs for name, why in proof.not_compared.items()}
-    notes = list(reasons)
+    reasons: dict[str, dict[str, None]] = {}
+    for proof in proofs:
+        for name, why in proof.not_compared.items():
+            reasons.setdefault(why, {})[name] = None
+    notes = [f"not compared: {'; '.join(names)}: {why}" for why, names in reasons.items()]
     motion = {
         check.detail: None for proof in certificate.engines.values() for check in proof.level("L6") if check.detail
     }

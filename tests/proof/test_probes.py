@@ -419,15 +419,33 @@ def test_motion_keeps_off_the_limits():
     assert (states < 2.0).all()
 
 
+def narrow(low: float, high: float) -> World:
+    return worlds.world(worlds.tree(["fixed", "hinge", "hinge", "hinge"], 8, position_limits=(low, high)))
+
+
 def test_motion_that_cannot_keep_off_the_limits_says_how_far_it_goes():
-    world = worlds.world(worlds.tree(["fixed", "hinge", "hinge", "hinge"], 8, position_limits=(-0.3, 0.4)))
+    world = narrow(-0.03, 0.04)
     oracle, plan = moved(world)
-    assert 0 < plan.steps < 2000
+    assert motion.FEWEST < plan.steps < 2000
     states, _ = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, 1)
-    assert (states > -0.3).all()
-    assert (states < 0.4).all()
+    assert (states > -0.03).all()
+    assert (states < 0.04).all()
+    assert (np.ptp(states, axis=0) > 1e-4).all(), "every joint moves"
     (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert check.passed
     assert f"{plan.steps} steps" in check.detail
+
+
+def test_a_range_of_a_hair_is_enough_and_too_few_steps_fail(monkeypatch):
+    world = narrow(-3e-8, 4e-8)
+    _, plan = moved(world)
+    assert plan.steps >= motion.FEWEST
+    assert motion.motion_checks(world, plan, {"pose": plan.poses})[0].passed
+    monkeypatch.setattr(motion, "FEWEST", plan.steps + 1)
+    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert not check.passed
+    assert check.count == 0
+    assert "until a joint comes to a limit" in check.detail
 
 
 def test_motion_is_asked_without_dry_friction_and_says_so():

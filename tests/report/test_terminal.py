@@ -125,7 +125,7 @@ def test_a_certificate_shows_the_worst_of_each_level_and_what_is_behind_it(width
     assert max(len(line) for line in text.splitlines()[:14]) <= width
     lines = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
     assert any("not compared" in line and "3.0e-12" in line for line in text.splitlines())
-    assert "L1 not compared: nothing moves" in text
+    assert "not compared: L1: nothing moves" in text
     assert lines["L0"][-2:] == ["equal", "equal"]
     assert lines["L6"][-3:] == ["2.0e-08", "1.0e-08", "1.0e-08"]
     assert lines["verdict"][1:] == ["valid", "valid"]

@@ -1,0 +1,151 @@
+"""Dry friction in joints, measured against closed forms (level L6, beside the motion, for which it is switched off).
+
+A joint that slides is braked by f against its velocity, whatever that is; one at rest stays there while the effort that is left
+for it is below f. Efforts are chosen by the oracle's M and h so that each joint with friction has a wanted acceleration, all
+others none; then what must come is a motion under constant efforts, which the oracle has:
+
+    M a + h + f sign(v) = τ    a joint slides, to both sides, gaining speed, losing it, and from rest
+    a = 0                      a joint at rest is held, just below f, to both sides
+
+So nothing sticks that should slide within a probe, and no law of stick and slip is needed beside the engine's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.dynamics.oracle import Oracle
+from simspec.engines.process import Operation
+from simspec.proof.checks import Check, Tally
+from simspec.proof.probes import SEED, random_states
+from simspec.world.kinematics import rubbing
+from simspec.world.types import World
+
+LEVEL = "L6"
+SLIDING_CHECK, REST_CHECK = "dry friction, sliding", "dry friction, at rest"
+STEPS = (20, 10, 5, 2, 1)
+"""Steps of one trial: as many of these as keep all joints sliding that should; one step always does."""
+SLIDING, BELOW = 0.5, 0.99
+"""Acceleration of a joint that slides, in units of what its own friction could give it, and the share of f that must not move
+one at rest."""
+RANGE, REACH = 0.05, 0.01
+"""Largest share of a joint's range, and rad or m, that a trial may cross: efforts are right where it begins. A single step may
+cross more than ``REACH``: what friction does to a speed is settled before anything moves."""
+SLIDE_TOLERANCE = 1e-8
+"""Of the speed that f alone gives in a trial: where all joints slide, friction is a constant effort, held to round-off (largest
+measured in 16 × 36 arms of 0.5 to 16 ms and f of 2e-3 to 20 N m: 5e-11)."""
+HOLD_TOLERANCE = 2e-3
+"""Of the same speed, at rest: friction is then a constraint, which MuJoCo has soft and iterative solvers solve in part (largest
+measured in the same: MuJoCo 3.3e-4, DART 3.8e-4, PyBullet 1.5e-4). A fifth of what f off by 1 % makes."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One beginning (``q``, ``v``, ``effort``), and the velocities (nv,) that must have come after ``steps``; ``name`` says
+    what is tried, ``tolerance`` how near they must be, in units of what a joint's friction alone makes of its speed."""
+
+    name: str
+    q: np.ndarray
+    v: np.ndarray
+    effort: np.ndarray
+    steps: int
+    expected: np.ndarray
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class DryFriction:
+    """The trials of a world, the places in v of its joints with dry friction, and the accelerations (joints,) that their
+    friction alone gives them."""
+
+    trials: tuple[Trial, ...]
+    places: np.ndarray
+    strength: np.ndarray
+
+    def operation(self, world: World) -> Operation:
+        """What an engine is asked (see ``engines/worker.py``)."""
+        names = ("q", "v", "effort")
+        arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in names}
+        return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)
+
+
+def plan(world: World, oracle: Oracle) -> DryFriction | None:
+    """The trials; None where no joint has dry friction."""
+    places = rubbing(world)
+    if not len(places):
+        return None
+    friction = np.zeros(oracle.nv)
+    room = np.full(oracle.nv, np.inf)
+    q = random_states(world, 1, SEED + 300)[0][0]
+    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+        friction[at_v] = body.joint.dry_friction
+        if body.joint.position_limits is not None:
+            low, high = body.joint.position_limits
+            q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
+    strength = oracle.mobility(q) * friction
+    gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
+    side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
+    return DryFriction(tuple(_trials(oracle, q, friction, gain, room, side)), places, strength[places])
+
+
+def _trials(
+    oracle: Oracle, q: np.ndarray, friction: np.ndarray, gain: np.ndarray, room: np.ndarray, side: np.ndarray
+) -> Iterator[Trial]:
+    """``gain``: the acceleration of a joint that slides; ``room``: how far it may go."""
+    rest = np.zeros(oracle.nv)
+    steps = next((count for count in STEPS if _way(gain, count * oracle.timestep, room)), STEPS[-1])
+    seconds = steps * oracle.timestep
+    for sign, word in ((side, "one way"), (-side, "the other way")):
+        for name, v, a in (
+            ("slides and gains speed", gain * seconds, gain),
+            ("slides and loses speed", 2.0 * gain * seconds, -gain),
+            ("breaks away", rest, gain),
+        ):
+            v, a, brake = v * sign, a * sign, friction * sign
+            left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
+            count, expected = _sliding(oracle, q, v, left, brake, steps)
+            yield Trial(f"{name}, {word}", q, v, left + brake, count, expected, SLIDE_TOLERANCE)
+        held = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
+        yield Trial(f"is held, {word}", q, rest, held + BELOW * friction * sign, STEPS[0], rest, HOLD_TOLERANCE)
+
+
+def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
+    """Whether no joint leaves its room, or the neighbourhood for which efforts were chosen."""
+    return bool((1.5 * gain * seconds**2 <= np.minimum(room, REACH)).all())
+
+
+def _sliding(
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: np.ndarray, most: int
+) -> tuple[int, np.ndarray]:
+    """The most of ``STEPS``, up to ``most``, in which all joints with ``friction`` slide against it, and the velocities then.
+
+    A joint that comes to rest or turns round on its way is held back by less than its friction, or the other way.
+    """
+    speeds = oracle.motion(q, v, effort, most, 1)[1][1:]
+    slides = (speeds * friction > 0.0)[:, friction != 0.0].all(axis=1)
+    until = len(slides) if slides.all() else int(np.argmin(slides))
+    steps = next(count for count in STEPS if count <= max(until, 1))
+    return steps, speeds[steps - 1]
+
+
+def dry_friction_checks(world: World, plan: DryFriction, found: Mapping[str, np.ndarray], creep: float) -> list[Check]:
+    """One check for joints that slide and one for joints at rest; ``creep`` is the speed (m/s, rad/s) that the engine's solver
+    is declared to leave (``Engine.DRY_FRICTION_CREEP``)."""
+    tally = Tally()
+    names = [body.joint.name for body in world.bodies if body.joint.dry_friction]
+    speeds = found["v"][:, plan.places]
+    for row, trial in enumerate(plan.trials):
+        slides = trial.tolerance == SLIDE_TOLERANCE
+        expected = trial.expected[plan.places]
+        scale = plan.strength * trial.steps * world.physics.timestep + creep / trial.tolerance
+        shares = np.abs(speeds[row] - expected) / scale
+        for joint, name in enumerate(names):
+            detail = (
+                f"{trial.name}: {speeds[row, joint]:.6g} after {trial.steps} steps, should be {expected[joint]:.6g}"
+            )
+            check = SLIDING_CHECK if slides else REST_CHECK
+            tally.add(LEVEL, check, trial.tolerance, float(shares[joint]), f"joints.{name}", detail)
+    return tally.checks()
