@@ -15,15 +15,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
-from simspec.engines.base import Actuation, Deviation, Engine, Setting, empty_contacts, restore_velocities
+from simspec.engines.base import (
+    Actuation,
+    Deviation,
+    Engine,
+    Setting,
+    empty_contacts,
+    resolve_settings,
+    restore_velocities,
+)
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_control import NATIVE, Drive, explicit_servos_hold
+from simspec.engines.mujoco_expected import expected_inventory
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.formats.contact_plan import Rules
 from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
 DISTRIBUTIONS = ("mujoco-core", "mujoco")
 """Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
@@ -199,6 +208,10 @@ class MuJoCo(Engine):
                 continue
         return None
 
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        return expected_inventory(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
+
     # --- life -----------------------------------------------------------------------------------------------------
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
@@ -211,6 +224,7 @@ class MuJoCo(Engine):
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
         self._sidecar = sidecar
         self._check_flags()
+        self._disabled_by_file = int(self.model.opt.disableflags)
         # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self.data = mujoco.MjData(self.model)
@@ -254,7 +268,7 @@ class MuJoCo(Engine):
         self._offsets = np.array([entry["frame_offset"] for entry in entries]).reshape(-1, 3)
 
     def read_back(self) -> ReadBack:
-        return read_back(self._mujoco, self.model, self._sidecar)
+        return read_back(self._mujoco, self.model, self._sidecar, self._disabled_by_file)
 
     def log(self) -> list[str]:
         found = list(self._log)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from simspec.engines.mujoco_inventory import inventory
 from simspec.errors import EngineError
 from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
 from simspec.formats.mjcf_surface import CommonLaw, surface
@@ -51,12 +53,13 @@ CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 GROUP_IS_VISUAL = {0: True, 2: True, 3: False, 4: False}
 
 
-def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any]) -> ReadBack:
-    """The model as ``mjModel`` holds it.
+def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int) -> ReadBack:
+    """The model as ``mjModel`` holds it; ``disableflags`` as the file gave them.
 
     It has no place for the names of models and of rigid joints; these come from the sidecar.
     """
-    return _ReadBack(mujoco, model, sidecar).world()
+    found, neutral = inventory(mujoco, model, sidecar, disableflags)
+    return dataclasses.replace(_ReadBack(mujoco, model, sidecar).world(), inventory=found, neutral=neutral)
 
 
 def _vector(values: Any) -> Vector3:

@@ -98,6 +98,18 @@ def _on_one_line(found: re.Match[str]) -> str:
     return "[" + ", ".join(found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
 
 
+def flat(content: Any, prefix: str) -> dict[str, Any]:
+    """Nested plain data as one level: ``{"settings.solver": ..., "bodies.0.name": ...}`` under ``prefix``; a list of plain
+    values is one value, an empty list or dict too. For the inventory of what an engine holds (``ReadBack.inventory``)."""
+    if isinstance(content, Mapping) and content:
+        items = content.items()
+    elif isinstance(content, (list, tuple)) and any(isinstance(item, (Mapping, list, tuple)) for item in content):
+        items = enumerate(content)
+    else:
+        return {prefix: tuple(content) if isinstance(content, (list, tuple, Mapping)) else content}
+    return {key: value for name, item in items for key, value in flat(item, f"{prefix}.{name}").items()}
+
+
 def read_sidecar(folder: Path) -> dict[str, Any]:
     """The sidecar of a folder of artifacts. Raises ValueError for another schema version."""
     content: dict[str, Any] = json.loads((folder / SIDECAR).read_text(encoding="utf-8"))

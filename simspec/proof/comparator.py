@@ -40,6 +40,9 @@ JOINT_NUMBERS = (
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 """Level and name of the check of ``ReadBack.inventory``."""
+SMALL_SHARE = 1e-6
+"""Share of the largest number of a list below which another is held to that share, not to itself: what is zero but for
+round-off must not fail, what is small must not hide."""
 
 
 def compare(
@@ -73,8 +76,8 @@ def relative(expected: float, found: float) -> float:
 def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, HeldValue]) -> list[Check]:
     """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
 
-    A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to the largest
-    of their list.
+    A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to themselves,
+    small ones to ``SMALL_SHARE`` of the largest of their list.
     """
     tally = Tally()
     for name in sorted(expected.keys() | found.keys()):
@@ -102,7 +105,8 @@ def held_apart(expected: object, found: object) -> float | None:
     apart = 0.0
     for a, b in zip(one, two, strict=True):
         if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
-            apart = max(apart, abs(a - b) / scale if scale and math.isfinite(scale) else abs(a - b))
+            own = max(abs(a), abs(b), SMALL_SHARE * scale if math.isfinite(scale) else 0.0)
+            apart = max(apart, abs(a - b) / own if own else 0.0)
         elif a != b or isinstance(a, bool) != isinstance(b, bool):
             return None
     return apart

@@ -1,0 +1,184 @@
+"""Every field of ``mjModel`` and ``mjOption``, and what the proof makes of it: data.
+
+A test holds these tables against the installed MuJoCo, so that a field of a new version has to be looked at before it can be
+used unseen. Fields are named as MuJoCo's reference names them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+ELEMENTS = {
+    "body": ("nbody", "BODY"),
+    "jnt": ("njnt", "JOINT"),
+    "dof": ("nv", "JOINT"),
+    "geom": ("ngeom", "GEOM"),
+    "pair": ("npair", "PAIR"),
+    "actuator": ("nu", "ACTUATOR"),
+    "key": ("nkey", "KEY"),
+}
+"""By prefix of an array: its count, and MuJoCo's word for what has the names of its rows."""
+
+COUNTS = (
+    *(
+        "nq",
+        "nv",
+        "nu",
+        "na",
+        "nbody",
+        "njnt",
+        "ngeom",
+        "nsite",
+        "ncam",
+        "nlight",
+        "nflex",
+        "nmesh",
+        "nskin",
+        "nhfield",
+    ),
+    *("nmat", "ntex", "npair", "nexclude", "neq", "ntendon", "nwrap", "nsensor", "nnumeric", "ntext", "ntuple", "nkey"),
+    *("nmocap", "nplugin", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon"),
+    *("nuser_actuator", "nuser_sensor", "nuserdata", "nhistory", "nplastic", "nactuator", "nout", "ngravcomp"),
+    *("njmax", "nconmax", "flg_gravcomp", "flg_adhesion", "flg_surfacevel"),
+)
+"""Compared each, as ``count.NAME``; the numbers of things that simspec never writes must be an empty model's."""
+
+OPTIONS = (
+    *("timestep", "gravity", "cone", "solver", "iterations", "tolerance", "ls_iterations", "ls_tolerance"),
+    *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance", "impratio", "integrator", "jacobian"),
+    *(
+        "density",
+        "viscosity",
+        "wind",
+        "magnetic",
+        "disableactuator",
+        "sdf_initpoints",
+        "sdf_iterations",
+        "sleep_tolerance",
+    ),
+    *("o_margin", "o_solref", "o_solimp", "o_friction"),
+)
+"""Compared each, as ``opt.NAME``; ``disableflags`` and ``enableflags`` bit by bit, as ``flags.NAME``."""
+FLAG_FIELDS = ("disableflags", "enableflags")
+
+NEUTRAL = (
+    *("body_mocapid", "body_gravcomp", "body_plugin", "body_margin"),
+    *("jnt_pos", "jnt_margin", "jnt_actfrclimited", "jnt_actfrcrange", "jnt_actgravcomp"),
+    *("jnt_stiffnesspoly", "jnt_springyield", "jnt_plasticadr", "dof_dampingpoly"),
+    *(
+        "geom_dataid",
+        "geom_matid",
+        "geom_plugin",
+        "geom_priority",
+        "geom_solmix",
+        "geom_margin",
+        "geom_gap",
+        "geom_fluid",
+    ),
+    *("geom_adhesion", "geom_surfacevel", "pair_margin", "pair_gap", "pair_adhesion"),
+    *("actuator_dyntype", "actuator_dynprm", "actuator_gaintype", "actuator_trntype", "actuator_actnum"),
+    *("actuator_actadr", "actuator_actearly", "actuator_actlimited", "actuator_actrange", "actuator_ctrllimited"),
+    *("actuator_ctrlrange", "actuator_gear", "actuator_cranklength", "actuator_group", "actuator_plugin"),
+    *("actuator_armature", "actuator_damping", "actuator_dampingpoly", "actuator_delay", "actuator_history"),
+    *("actuator_historyadr", "actuator_lengthrange", "actuator_ctrlnum", "actuator_ctrlspec", "actuator_outnum"),
+    "key_time",
+)
+"""Arrays of which every row must be as in a model that says nothing of it, asked from the engine itself. Such a field is one
+entry (``geom.gap: neutral``), and every row that is otherwise is one more."""
+
+EXPECTED = (
+    *("body_mass", "jnt_solref", "jnt_solimp", "jnt_stiffness", "jnt_range", "qpos0", "qpos_spring"),
+    *("dof_solref", "dof_solimp", "dof_armature", "dof_damping", "dof_frictionloss"),
+    *("geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_group", "geom_contype", "geom_conaffinity"),
+    *("pair_dim", "pair_friction", "pair_solref", "pair_solimp", "pair_solreffriction", "pair_geom1", "pair_geom2"),
+    *("exclude_signature", "tree_sleep_policy", "key_ctrl"),
+)
+"""Compared row by row with what ``mujoco_expected.py`` makes of the world."""
+
+COVERED: Mapping[str, str] = {
+    "body_parentid": "L2, parent",
+    "body_pos": "L2, origin; of a free body it is qpos0",
+    "body_quat": "L2, origin; of a free body it is qpos0",
+    "body_ipos": "L1, centre of mass",
+    "body_iquat": "L1, inertia tensor",
+    "body_inertia": "L1, inertia tensor",
+    "body_jntnum": "L2, joint type",
+    "jnt_type": "L2, joint type",
+    "jnt_bodyid": "L2, joint of each body",
+    "jnt_axis": "L2, axis",
+    "jnt_limited": "L2, position limits",
+    "jnt_user": "L2, velocity and effort limit",
+    "geom_type": "L4, shape type",
+    "geom_bodyid": "L4, shapes of each body",
+    "geom_size": "L4, shape size",
+    "geom_pos": "L4, shape position",
+    "geom_quat": "L4, shape orientation",
+    **dict.fromkeys(
+        (
+            *("actuator_trnid", "actuator_gainprm", "actuator_biastype", "actuator_biasprm"),
+            *("actuator_forcelimited", "actuator_forcerange"),
+        ),
+        "L2, controllers",
+    ),
+    "key_qpos": "L2, initial position",
+    "key_qvel": "L2, initial velocity",
+}
+"""Compared as fields of the read-back, by that check; indices into other arrays with what they lead to."""
+
+DERIVED: Mapping[str, str] = {
+    **dict.fromkeys(
+        (
+            *("body_rootid", "body_weldid", "body_jntadr", "body_dofnum", "body_dofadr", "body_treeid", "body_geomnum"),
+            *("body_geomadr", "jnt_qposadr", "jnt_dofadr", "dof_bodyid", "dof_jntid", "dof_parentid", "dof_treeid"),
+            *("dof_Madr", "dof_simplenum", "tree_bodyadr", "tree_bodynum", "tree_dofadr", "tree_dofnum", "ntree"),
+            *("jnt_actuatorid", "actuator_outadr", "actuator_ctrladr", "pair_signature"),
+        ),
+        "from the order and the parents of bodies and joints",
+    ),
+    **dict.fromkeys(
+        ("body_simple", "body_sameframe", "geom_sameframe"),
+        "from poses: shorter ways to the same numbers, proven by L2 and L3",
+    ),
+    **dict.fromkeys(
+        (
+            *("body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length"),
+            *("actuator_acc0", "actuator_length0"),
+        ),
+        "by the compiler from masses and joints at qpos0; no file can say them",
+    ),
+    **dict.fromkeys(("body_contype", "body_conaffinity"), "the masks of the body's shapes together"),
+    **dict.fromkeys(("geom_rbound", "geom_aabb"), "from sizes, by the compiler"),
+    **dict.fromkeys(
+        ("nB", "nC", "nD", "nM", "nJmom", "nJten", "nJfe", "B_*", "M_*", "D_*", "map*", "efm*", "nefm*", "nemax"),
+        "the pattern of non-zeros of the mass matrix and its factors",
+    ),
+}
+
+INERT: Mapping[str, str] = {
+    **dict.fromkeys(("names", "names_map", "name_*", "nnames", "nnames_map", "paths", "npaths", "text_data"), "names"),
+    **dict.fromkeys(("nbuffer", "narena", "signature"), "sizes of memory, and the compiler's checksum"),
+    **dict.fromkeys(
+        ("nbvh", "nbvhstatic", "nbvhdynamic", "bvh_*", "body_bvhadr", "body_bvhnum", "noct"),
+        "boxes that spare the collision search pairs which are far apart",
+    ),
+    **dict.fromkeys(("vis", "geom_rgba", "geom_castshadow", "jnt_group", "body_user"), "for the eye, or nobody's data"),
+    "stat": "for viewers; its meaninertia is compared, since versions before 4 scale the solver's tolerance by it",
+}
+
+EMPTY: Mapping[str, str] = {
+    **dict.fromkeys(("site_*", "cam_*", "light_*", "mat_*", "tex_*", "skin_*"), "count.nsite, count.ncam, ..."),
+    **dict.fromkeys(
+        ("mesh_*", "hfield_*", "flex_*", "flexedge_*", "oct_*", "nflex?*", "nmesh?*", "nskin?*"), "count.nmesh, ..."
+    ),
+    **dict.fromkeys(
+        ("ntexdata", "nhfielddata", "ntextdata", "nnumericdata", "ntupledata", "nsensordata"), "no such things"
+    ),
+    **dict.fromkeys(("eq_*", "tendon_*", "ten_*", "wrap_*", "sensor_*"), "count.neq, count.ntendon, count.nsensor"),
+    **dict.fromkeys(
+        ("numeric_*", "text_adr", "text_size", "tuple_*", "plugin*", "npluginattr", "npluginstate"),
+        "count.nnumeric, ...",
+    ),
+    **dict.fromkeys(("key_act", "key_mpos", "key_mquat", "key_plastic"), "count.na, count.nmocap, count.nplastic"),
+    **dict.fromkeys(("geom_user", "actuator_user", "npolygonmax"), "count.nuser_geom, count.nuser_actuator"),
+}
+"""Contents of things of which there are none: their count is compared."""
