@@ -122,8 +122,8 @@ def _pythons(words: list[str] | None) -> dict[str, str]:
     found = {}
     for word in words or ():
         engine, equals, path = word.partition("=")
-        if not equals or not Path(path).is_file():
-            raise SpecError([Problem(f"--python {word}: no such interpreter", allowed="ENGINE=/path/to/python")])
+        if not equals or not path:
+            raise SpecError([Problem(f"--python {word}: no interpreter is named", allowed="ENGINE=/path/to/python")])
         found[find_engine(engine).NAME] = path
     return found
 

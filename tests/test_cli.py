@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.engines.base import engines
 from simspec.resources import resource_folder
+from simspec.runner.store import load_run
 
 PACKAGE = Path(cli.__file__).resolve().parent
 COMMANDS = ("new", "check", "fmt", "schema", "compile", "verify", "run", "diff", "engines")
@@ -154,8 +155,24 @@ def test_which_engines_must_be_said(folder, words):
 
 
 def test_another_python_that_is_not_there(folder):
-    done = simspec("run", "fall.yaml", "--engine", "mujoco", "--python", "mujoco=/nowhere/python", code=2)
-    assert "no such interpreter" in done.stderr
+    done = simspec("run", "fall.yaml", "--engine", "mujoco", "--python", "mujoco=/nowhere/python", code=3)
+    assert "mujoco failed: /nowhere/python cannot be started: No such file or directory" in done.stderr.replace(
+        "\n", " "
+    )
+    done = simspec("run", "fall.yaml", "--engine", "mujoco", "--python", "/nowhere/python", code=2)
+    assert "no interpreter is named" in done.stderr
+
+
+def test_an_engine_that_answers_nonsense_leaves_the_others_their_runs(folder):
+    """With --keep-going: exit code 3, and what the others made of it is on disk."""
+    impostor = folder / "python"
+    impostor.write_text('#!/bin/sh\necho "[1, 2]" > "$2"/result.json\n')
+    impostor.chmod(0o755)
+    words = ("run", "fall.yaml", "--all-engines", "--keep-going", "--no-verify", "--no-repeats")
+    done = simspec(*words, "--python", "dart=./python", code=3)
+    assert "dart failed: its result.json is wrong" in done.stderr.replace("\n", " ")
+    for engine in ("mujoco", "pybullet"):
+        assert load_run(folder / "runs" / "fall" / engine).failed is None
 
 
 # --- new, check, fmt, schema --------------------------------------------------------------------------------------------

@@ -35,6 +35,10 @@ FREE_BYTES = 2**30
 """Size of arrays whose length is the engine's to choose (which bodies touch), at most."""
 
 
+UNIT = 1e-6
+"""How far from 1 the length of a quaternion that was read back may be: that of a single-precision one is 1e-7."""
+
+
 class BadAnswerError(ValueError):
     """What came back is not an answer to what was asked."""
 
@@ -381,7 +385,7 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
     """The read-back from plain data. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
     try:
         held = from_plain(ReadBack, value)
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise BadAnswerError(clipped(f"no read-back: {type(error).__name__}: {error}")) from None
     seen = set()
     for body in held.bodies:
@@ -395,6 +399,11 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
         for numbers, table, what in sizes:
             if len(numbers) not in (0, table[joint.kind]):
                 raise BadAnswerError(f"{place}: {what} has {len(numbers)} numbers, should have {table[joint.kind]}")
+        turns = [joint.origin.quaternion, *(shape.pose.quaternion for shape in body.shapes)]
+        if joint.kind in ("ball", "free") and joint.position:
+            turns.append(joint.position[-4:])  # type: ignore[arg-type]
+        if not all(abs(math.hypot(*turn) - 1.0) <= UNIT for turn in turns):
+            raise BadAnswerError(f"{place}: an orientation that is no unit quaternion")
         for shape in body.shapes:
             if shape.kind not in SHAPE_KINDS:
                 raise BadAnswerError(clipped(f"{place}: no shape is a {shape.kind!r}"))
@@ -407,7 +416,8 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
 
 def _plain_value(value: Any) -> bool:
     items = value if isinstance(value, list) else [value]
-    return all(isinstance(item, (bool, int, float, str)) for item in items)
+    # a whole number that no double holds would end every comparison of numbers
+    return all(isinstance(item, (float, str)) or (isinstance(item, int) and abs(item) < 2**63) for item in items)
 
 
 def _touching(found: np.ndarray, dimensions: Mapping[str, int]) -> None:
@@ -430,10 +440,9 @@ def _motion(operation: Operation, result: Mapping[str, Any], arrays: Mapping[str
 def _run(operation: Operation, result: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of a run, ``step`` as whole numbers: all rows there and finite, or, where it failed, all but the last."""
     asked, failed, rows = operation.parameters, result["failed"], len(arrays["step"])
-    step = arrays["step"].astype(np.int64)
     planned = np.minimum(np.arange(rows) * asked["every"], asked["steps"])
     whole = rows == _planned(operation)
-    if not rows or not np.array_equal(step, planned) or result["steps"] != step[-1] or not (whole or failed):
+    if not (rows and np.array_equal(arrays["step"], planned) and result["steps"] == planned[-1] and (whole or failed)):
         raise BadAnswerError(f"{rows} rows, should be {_planned(operation)}, one every {asked['every']} steps")
     release(arrays["step"])
     if failed is not None and (failed["channel"] not in arrays or failed["step"] != result["steps"]):
@@ -448,7 +457,7 @@ def _run(operation: Operation, result: dict[str, Any], arrays: dict[str, np.ndar
         raise BadAnswerError("controllers where none were asked for")
     if "contact.row" in arrays:
         _check_contacts(operation, arrays, rows, certain)
-    return {**arrays, "step": step}
+    return {**arrays, "step": planned}
 
 
 def _check_control(

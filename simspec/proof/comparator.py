@@ -58,7 +58,7 @@ def compare(
 
 def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
     """The length of a − b in units of ``scale``; None-safe callers check lengths first."""
-    return math.sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True))) / scale
+    return math.dist(a, b) / scale
 
 
 def turn_between(a: Quaternion, b: Quaternion) -> float:
@@ -70,7 +70,8 @@ def turn_between(a: Quaternion, b: Quaternion) -> float:
 def relative(expected: float, found: float) -> float:
     """|found − expected| relative to the larger of both; 0 when both are 0."""
     largest = max(abs(expected), abs(found))
-    return abs(found - expected) / largest if largest else 0.0
+    # beside a zero, max() passes a NaN over: the difference has it
+    return abs(found - expected) / (largest or 1.0)
 
 
 def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, HeldValue]) -> list[Check]:
