@@ -13,7 +13,7 @@ FOLDER/result.bin     the arrays that are ``stored`` there: little-endian, one a
 FOLDER/<index>.<name>.bin   an array that was written row by row, while the operation was at work
 
 The result is written to a temporary name and renamed: a result that exists is whole. What each operation must give is said in
-``answers.py``; the other side checks all of it.
+``answer_forms.py``; the other side checks all of it.
 """
 
 from __future__ import annotations
