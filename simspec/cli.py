@@ -236,12 +236,12 @@ def schema_command(
       # yaml-language-server: $schema=simspec.schema.json
     """
     from simspec.report.files import one_file
-    from simspec.spec.schema import schema_text
+    from simspec.spec.schema import is_schema, schema_text
 
     if str(out) == "-":
         sys.stdout.write(schema_text())
         return EXIT_OK
-    return one_file(out, schema_text(), check, as_json, "simspec schema")
+    return one_file(out, schema_text(), is_schema, check, as_json, "simspec schema")
 
 
 @app.command("compile")
@@ -272,18 +272,16 @@ def compile_command(
     simspec compile --check                 in CI: is generated/ what specs/ compile to?
     simspec compile robot.yaml --explain
     """
-    from simspec import generated
     from simspec.report import files
 
     names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
         raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
 
-    def build(name: str) -> generated.Built:
-        spec, world = _load(name, sets, allow_outside)
-        return generated.build(world, _engine_names(engine), spec.locate)
+    def load(name: str) -> tuple[Spec, World]:
+        return _load(name, sets, allow_outside)
 
-    return files.compile_specs(names, build, out, check=check, explain=explain, as_json=as_json)
+    return files.compile_specs(names, load, _engine_names(engine), out, check=check, explain=explain, as_json=as_json)
 
 
 @app.command("verify")
@@ -315,6 +313,7 @@ def verify_command(
     simspec verify box-on-ramp --contact        what friction and restitution each engine really has, with a plot
     simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
     """
+    from simspec import generated
     from simspec.report import verification
 
     names, pythons = _engine_names(engine), _pythons(python)
@@ -323,7 +322,12 @@ def verify_command(
     _demand(names, pythons)
     if spec is None:
         return verification.self_test(names, pythons, as_json)
+    if out is not None:
+        verification.check_target(out, spec)
     loaded, world = _load(spec, sets, allow_outside)
+    verification.check_target(out or generated.GENERATED / world.name, spec)
+    if contact:
+        verification.check_plots(world)
     return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache)
 
 
@@ -456,7 +460,7 @@ def engines_command(
     if markdown:
         from simspec.report.files import one_file
 
-        return one_file(out, matrix.markdown(), check, as_json, "simspec engines --markdown")
+        return one_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
     if as_json:
         _print_json({"engines": matrix.engine_data()})
         return EXIT_OK
@@ -478,9 +482,9 @@ def help_text() -> str:
 def main(arguments: list[str]) -> int:
     """Run one command line; the exit code."""
     if arguments == ["--write-help"]:
-        from simspec.generated import write_text
+        from simspec.outputs.writing import write_file
 
-        write_text(help_text(), Path(__file__).with_name("help.txt"))
+        write_file(Path(__file__).with_name("help.txt"), help_text(), lambda old: b"simspec" in old[:100])
         return EXIT_OK
     if arguments == ["--version"]:
         from importlib.metadata import version

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.control.native import fed_forward
 from simspec.engines.base import Engine, check_settings, engines, find_engine, written_settings
-from simspec.errors import Location, Problem, SpecError, UnsupportedError
+from simspec.errors import Location, Problem, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Format, Target, formats
 from simspec.formats.contact_plan import (
@@ -24,6 +21,7 @@ from simspec.formats.contact_plan import (
     pair_needs,
     unreachable,
 )
+from simspec.outputs.writing import write_private
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
@@ -192,27 +190,11 @@ def check_control(world: World, locate: Callable[[str], Location | None] = _nowh
 
 
 def write_folder(files: Mapping[str, str], folder: Path) -> None:
-    """Write ``files`` as the whole content of ``folder``: into a temporary folder beside it, then renamed over it.
+    """Write ``files`` into a folder of the caller's own, in a temporary place: it must not exist yet, or be empty.
 
-    Raises SpecError when a path would leave the folder.
+    What a user named is written by :mod:`simspec.outputs`. Raises SpecError when a path would leave the folder.
     """
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as name:
-        fresh = Path(name) / "new"
-        fresh.mkdir()
-        for path, text in files.items():
-            place = (fresh / path).resolve()
-            if not place.is_relative_to(fresh.resolve()):
-                raise SpecError([Problem(f"the file name {path!r} leaves the output folder")])
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(text, encoding="utf-8", newline="\n")
-        old = Path(name) / "old"
-        if folder.exists():
-            os.replace(folder, old)
-        os.replace(fresh, folder)
-        if old.exists():
-            shutil.rmtree(old)
+    write_private(files, folder)
 
 
 def output_files(world: World, compiled: Mapping[str, Compiled]) -> dict[str, str]:

@@ -1,19 +1,23 @@
 """The committed output, ``generated/<name>/``: made, kept current, and checked for being current.
 
-A folder holds world.json, one folder of artifacts per engine, and certificate.json. The certificate belongs to exactly the
-hashes that it names: one that names others is dropped when the folder is written, and reported by :func:`check`.
+A folder holds world.json, one folder of artifacts per engine, certificate.json, and the marker that says so. The certificate
+belongs to exactly the hashes that it names: one that names others is dropped when the folder is written, and reported by
+:func:`check`. What others have put into the folder stays, and is read by nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simspec.compiler import Compiled, compile_world, output_files, write_folder
-from simspec.errors import Location
-from simspec.formats.base import read_sidecar
+from simspec.compiler import Compiled, compile_world, output_files
+from simspec.errors import Location, Problem, SpecError
+from simspec.formats.base import SIDECAR, read_sidecar
+from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
+from simspec.outputs.reading import files_below, read_bytes, read_text
+from simspec.outputs.writing import update_folder
 from simspec.world.canonical import sha256
 from simspec.world.types import World
 
@@ -49,48 +53,63 @@ class Written:
 
 
 def write(built: Built, folder: Path) -> Written:
-    """Write a compiled spec as the content of ``folder``.
+    """Write a compiled spec as simspec's content of ``folder``.
 
     Engines that were not compiled this time keep their artifacts as long as they are of the same world; a certificate is kept
-    as long as it is of these very files.
+    as long as it is of these very files. Raises SpecError when the folder may not be written (:mod:`simspec.outputs.targets`).
     """
-    files = dict(built.files)
-    dropped = None
-    if folder.is_dir():
-        for engine in other_engines(built, folder):
-            found = folder / engine
-            files.update(
-                {f"{engine}/{path.relative_to(found).as_posix()}": path.read_bytes().decode() for path in _files(found)}
-            )
-        certificate = folder / CERTIFICATE_FILE
-        if certificate.is_file():
-            dropped = certificate_mismatch(built, folder)
-            if dropped is None:
-                files[CERTIFICATE_FILE] = certificate.read_text(encoding="utf-8")
-    changed = bool(compare(files, folder)) or set(_names(folder)) != set(files)
-    if changed:
-        write_folder(files, folder)
-    return Written(folder, changed, dropped)
+    dropped: list[str] = []
+
+    def change(real: Path | None) -> dict[str, bytes] | None:
+        files = {name: text.encode() for name, text in built.files.items()}
+        now = {} if real is None else owned_files(real)
+        if real is not None:
+            kept = other_engines(built, real, now)
+            files.update({name: content for name, content in now.items() if name.split("/")[0] in kept})
+            if CERTIFICATE_FILE in now:
+                why = certificate_mismatch(built, real)
+                if why is None:
+                    files[CERTIFICATE_FILE] = now[CERTIFICATE_FILE]
+                else:
+                    dropped.append(why)
+        return None if now == files else files
+
+    changed = update_folder(change, folder, COMPILED) is not None
+    return Written(folder, changed, dropped[0] if dropped else None)
 
 
-def other_engines(built: Built, folder: Path) -> list[str]:
-    """The engines that have artifacts of the same world in ``folder``, but were not compiled this time."""
-    found = []
-    for place in sorted(path for path in folder.iterdir() if path.is_dir() and path.name not in built.compiled):
+def owned_files(folder: Path) -> dict[str, bytes]:
+    """What simspec wrote into a folder, as far as it is there: content by relative path."""
+    marker = read_marker(folder)
+    found = {}
+    for name in sorted(marker.files) if marker is not None else ():
         try:
-            if read_sidecar(place).get("world") == sha256(built.world):
-                found.append(place.name)
-        except (OSError, ValueError):
-            continue  # no artifacts, or unreadable ones: not worth keeping
+            found[name] = read_bytes(folder / name, root=folder)
+        except (FileNotFoundError, NotADirectoryError):
+            continue  # removed by somebody: it will be written again
     return found
 
 
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
+def other_engines(built: Built, folder: Path, names: Iterable[str]) -> list[str]:
+    """The engines that have artifacts of the same world among files of ``folder``, but were not compiled this time.
+
+    Raises SpecError where one's sidecar cannot be read.
+    """
+    engines = sorted({name.split("/")[0] for name in names if name.count("/") and name.endswith(f"/{SIDECAR}")})
+    found = []
+    for name in engines:
+        if name not in built.compiled:
+            try:
+                content = read_sidecar(folder / name)
+            except ValueError as error:
+                raise SpecError([Problem(str(error), hint=f"compile for {name} too, or remove its folder")]) from None
+            if content.get("world") == sha256(built.world):
+                found.append(name)
+    return found
 
 
 def _names(folder: Path) -> list[str]:
-    return [path.relative_to(folder).as_posix() for path in _files(folder)] if folder.is_dir() else []
+    return files_below(folder) if folder.is_dir() else []
 
 
 def compare(files: Mapping[str, str], folder: Path) -> list[str]:
@@ -98,25 +117,37 @@ def compare(files: Mapping[str, str], folder: Path) -> list[str]:
     found = []
     for name, text in sorted(files.items()):
         path = folder / name
-        if not path.is_file():
+        try:
+            if read_bytes(path, root=folder) != text.encode():
+                found.append(f"stale: {path.as_posix()}")
+        except (FileNotFoundError, NotADirectoryError):
             found.append(f"missing: {path.as_posix()}")
-        elif path.read_bytes() != text.encode():
-            found.append(f"stale: {path.as_posix()}")
     return found
 
 
 def check(built: Built, folder: Path) -> list[str]:
-    """How ``folder`` differs from what compiling would write, its certificate included."""
+    """How ``folder`` differs from what compiling would write, its certificate included.
+
+    Files that simspec did not write are none of its business, unless they lie among an engine's files.
+    """
     found = compare(built.files, folder)
-    kept = set(built.files) | {CERTIFICATE_FILE}
-    others = other_engines(built, folder) if folder.is_dir() else []
-    found += [
-        f"not of this spec: {(folder / name).as_posix()}"
-        for name in _names(folder)
-        if name not in kept and name.split("/")[0] not in others
-    ]
+    names = _names(folder)
+    others = other_engines(built, folder, names)
+    marker = read_marker(folder)
+    owned = {name for name in names if marker is None or marker.owns(name)}
+    for name in names:
+        top = name.split("/")[0]
+        expected = name in built.files or name in (CERTIFICATE_FILE, MARKER_FILE) or (top in others and name in owned)
+        if not expected and (name in owned or top in built.compiled or top in others):
+            found.append(f"not of this spec: {(folder / name).as_posix()}")
+    if marker is None and names:
+        found.append(
+            f"missing: {(folder / MARKER_FILE).as_posix()} (remove the folder, then simspec compile writes it)"
+        )
+    elif marker is not None and marker != Marker(COMPILED, frozenset(owned - {MARKER_FILE})):
+        found.append(f"stale: {(folder / MARKER_FILE).as_posix()}")
     path = (folder / CERTIFICATE_FILE).as_posix()
-    if not (folder / CERTIFICATE_FILE).is_file():
+    if CERTIFICATE_FILE not in names:
         found.append(f"missing: {path} (simspec verify writes it)")
     elif why := certificate_mismatch(built, folder):
         found.append(f"stale: {path}: {why} (simspec verify writes it anew)")
@@ -128,8 +159,8 @@ def read_certificate(folder: Path) -> Certificate | None:
     from simspec.proof.certificate import Certificate
 
     try:
-        return Certificate.from_json((folder / CERTIFICATE_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError, KeyError, TypeError):
+        return Certificate.from_json(read_text(folder / CERTIFICATE_FILE, root=folder))
+    except (OSError, ValueError, KeyError, TypeError, SpecError):
         return None
 
 
@@ -157,11 +188,23 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
     An old one with the same hashes, versions and verdict stays as it is: its timings and last digits may differ, and a
     repository should be quiet when nothing that matters has changed.
     """
-    old = read_certificate(folder)
-    if old is not None and _identity(old) == _identity(certificate):
-        return False
-    write_text(certificate.to_json(), folder / CERTIFICATE_FILE)
-    return True
+
+    def change(real: Path | None) -> dict[str, bytes] | None:
+        if real is None:
+            raise SpecError([Problem(f"{folder}: removed while its content was being proven", hint="verify again")])
+        now = owned_files(real)
+        for engine, wanted in certificate.artifacts_sha256.items():
+            files = {name: content.decode() for name, content in now.items() if name.startswith(f"{engine}/")}
+            texts = {name.removeprefix(f"{engine}/"): text for name, text in files.items()}
+            if Compiled(engine, "", texts, ()).sha256 != wanted:
+                message = f"{folder / engine}: other files than those that were proven; the certificate is not written"
+                raise SpecError([Problem(message, hint="verify again")])
+        old = read_certificate(real)
+        if old is not None and _identity(old) == _identity(certificate):
+            return None
+        return now | {CERTIFICATE_FILE: certificate.to_json().encode()}
+
+    return update_folder(change, folder, COMPILED) is not None
 
 
 def _identity(certificate: Certificate) -> tuple[object, ...]:
@@ -171,13 +214,3 @@ def _identity(certificate: Certificate) -> tuple[object, ...]:
         sorted(dict(certificate.versions).items()),
         certificate.valid,
     )
-
-
-def write_text(text: str, path: Path) -> None:
-    """Write one file whole: to a temporary name beside it, then renamed."""
-    import os
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(part, path)

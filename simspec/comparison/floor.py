@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from simspec.errors import Problem, SpecError
+from simspec.outputs.marker import RUN
+from simspec.outputs.writing import add_file
 from simspec.runner.metrics import rotation_vectors
 from simspec.runner.run import Run
 
@@ -110,8 +112,9 @@ def save_floor(floor: Floor, folder: Path) -> Path:
 
     facts = {"engine": floor.engine, "bitwise": floor.bitwise, "perturbation": floor.perturbation}
     table = pa.table({"time": floor.time, "position": lists(floor.position), "angle": lists(floor.angle)})
-    parquet.write_table(table.replace_schema_metadata({"simspec": json.dumps(facts)}), folder / FLOOR_FILE)
-    return folder / FLOOR_FILE
+    sink = pa.BufferOutputStream()
+    parquet.write_table(table.replace_schema_metadata({"simspec": json.dumps(facts)}), sink)
+    return add_file(folder, RUN, FLOOR_FILE, sink.getvalue().to_pybytes())
 
 
 def load_floor(folder: Path) -> Floor | None:

@@ -12,8 +12,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, ClassVar
 
+from simspec.errors import SpecError
 from simspec.features import Table, check_total
 from simspec.formats.contact_plan import ContactPlan, Rules
+from simspec.outputs.reading import read_text
 from simspec.resources import resource_folder
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import ReadBack, Vector3, World
@@ -111,10 +113,22 @@ def flat(content: Any, prefix: str) -> dict[str, Any]:
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
-    """The sidecar of a folder of artifacts. Raises ValueError for another schema version."""
-    content: dict[str, Any] = json.loads((folder / SIDECAR).read_text(encoding="utf-8"))
-    if content.get("schema") != SIDECAR_SCHEMA:
-        raise ValueError(f"{folder / SIDECAR}: schema {content.get('schema')!r}, this simspec reads {SIDECAR_SCHEMA}")
+    """The sidecar of a folder of artifacts.
+
+    Raises FileNotFoundError when there is none, and ValueError, which names it, when it is no regular file, not JSON, or of
+    another schema version.
+    """
+    path = folder / SIDECAR
+    try:
+        content = json.loads(read_text(path))
+    except SpecError as error:
+        raise ValueError(str(error)) from None
+    except (ValueError, RecursionError) as error:
+        why = str(error)[:200] if isinstance(error, ValueError) else "nested too deeply"
+        raise ValueError(f"{path}: not JSON: {why}") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != SIDECAR_SCHEMA:
+        raise ValueError(f"{path}: schema {schema!r}, this simspec reads {SIDECAR_SCHEMA}")
     return content
 
 

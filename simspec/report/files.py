@@ -5,20 +5,35 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simspec import generated
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.generated import GENERATED, Built, Written, write_text
+from simspec.generated import GENERATED, Built, Written
+from simspec.outputs.marker import COMPILED
+from simspec.outputs.reading import read_bytes
+from simspec.outputs.targets import LARGEST_OWN, check_file, check_folder, demand, folder_problem
+from simspec.outputs.writing import write_file
 from simspec.report.plain import text
+from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
+if TYPE_CHECKING:
+    from simspec.spec.load import Spec
+    from simspec.world.types import World
 
-def one_file(path: Path, wanted: str, check: bool, as_json: bool, how: str) -> int:
-    """Write one generated file, or see whether it is current. ``how`` is the command that writes it."""
-    current = path.is_file() and path.read_bytes() == wanted.encode()
+
+def one_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool, as_json: bool, how: str) -> int:
+    """Write one generated file, or see whether it is current. ``how`` is the command that writes it; ``ours`` says of what is
+    there whether that command wrote it: anything else is not replaced."""
+    if not check:
+        check_file(path, ours)
+    try:
+        current = read_bytes(path, LARGEST_OWN) == wanted.encode()
+    except (FileNotFoundError, NotADirectoryError):
+        current = False
     if not check and not current:
-        write_text(wanted, path)
+        write_file(path, wanted, ours)
     if as_json:
         sys.stdout.write(text({"file": path, "current": current, "written": not check and not current}))
     elif check and not current:
@@ -30,25 +45,30 @@ def one_file(path: Path, wanted: str, check: bool, as_json: bool, how: str) -> i
 
 def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
     """Lay out every file, or say which would change; nothing is written when one of them is no spec."""
-    from simspec.spec.document import decode
+    from simspec.spec.document import LARGEST_FILE, decode
     from simspec.spec.formatting import format_text
 
     problems: list[Problem] = []
-    results: list[tuple[Path, bool, str]] = []
+    results: list[tuple[Path, bytes, str]] = []
     for path in files:
         try:
-            after = format_text(decode(path.read_bytes(), str(path)), str(path))
+            before = read_bytes(path, LARGEST_FILE)
+            after = format_text(decode(before, str(path)), str(path))
+            if not check and before != after.encode():
+                check_file(path, before.__eq__)
+        except FileNotFoundError:
+            problems.append(Problem(f"{path}: no such file"))
         except SpecError as error:
             problems.extend(error.problems)
-            continue
-        results.append((path, path.read_bytes() == after.encode(), after))
+        else:
+            results.append((path, before, after))
     if problems:
         raise SpecError(problems)
-    changed = [path for path, same, _ in results if not same]
+    changed = [path for path, before, after in results if before != after.encode()]
     if not check:
-        for path, same, after in results:
-            if not same:
-                write_text(after, path)
+        for path, before, after in results:
+            if before != after.encode():
+                write_file(path, after, before.__eq__)  # only over the very text that was laid out
     if as_json:
         sys.stdout.write(text({"changed": changed, "written": not check}))
     else:
@@ -59,7 +79,8 @@ def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
 
 def compile_specs(
     names: Sequence[str],
-    build: Callable[[str], Built],
+    load: Callable[[str], tuple[Spec, World]],
+    engines: list[str],
     out: Path | None,
     *,
     check: bool,
@@ -67,21 +88,33 @@ def compile_specs(
     as_json: bool,
 ) -> int:
     """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
-    built: list[Built] = []
+    alone = out is not None and len(names) == 1
+    if alone and out is not None and not check:
+        check_folder(out, COMPILED, [find_spec(names[0])])
     problems: list[Problem] = []
+    loaded: list[tuple[Spec, World]] = []
+    holds: list[Path] = []
     for name in names:
         try:
-            built.append(build(name))
+            loaded.append(load(name))
+            holds.append(find_spec(name))
         except SpecError as error:
             problems.extend(error.problems)
-    worlds = [one.world.name for one in built]
+    worlds = [world.name for _, world in loaded]
     twice = sorted({name for name in worlds if worlds.count(name) > 1})
     if twice:
         problems.append(Problem(f"several specs are called {', '.join(twice)}, and would share one folder"))
-    if problems:
-        raise SpecError(problems)
-    alone = out is not None and len(built) == 1
     folders = [out if alone and out is not None else (out or GENERATED) / name for name in worlds]
+    refused = [] if check else [folder_problem(folder, COMPILED, holds) for folder in folders]
+    if any(refused):
+        demand([*problems, *refused])
+    built: list[Built] = []
+    for spec, world in loaded:
+        try:
+            built.append(generated.build(world, engines, spec.locate))
+        except SpecError as error:
+            problems.extend(error.problems)
+    demand(problems)
     if check:
         return _check(built, folders, as_json)
     written = [generated.write(one, folder) for one, folder in zip(built, folders, strict=True)]

@@ -16,9 +16,11 @@ WORDS = {
     Level.APPROXIMATE: "approximate",
     Level.UNSUPPORTED: "no",
 }
-HEAD = """# Support matrix
+SIGNATURE = "Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit."
+"""The line by which a page is known to be simspec's, and may be replaced."""
+HEAD = f"""# Support matrix
 
-Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit.
+{SIGNATURE}
 
 | word | meaning |
 |---|---|
@@ -57,6 +59,11 @@ def engine_data() -> dict[str, Any]:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
+
+
+def is_matrix(page: bytes) -> bool:
+    """Whether a page was written by :func:`markdown`, in whatever version."""
+    return page.startswith(HEAD[: HEAD.index(SIGNATURE) + len(SIGNATURE)].encode())
 
 
 def markdown() -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,11 +29,11 @@ LEAST_WIDTH = 6.4
 SHAPES = {"elliptic": "circle", "pyramid-inscribed": "diamond", "pyramid-circumscribed": "square"}
 
 
-def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -> list[Path]:
+def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, bytes]:
     """Draw the ``push-oblong`` figures (by engine), one panel for each pair of materials with friction, as SVG and PNG.
 
-    ``path`` is completed by the two suffixes; the SVG's bytes depend on the figures alone. Returns the files written:
-    none when no pair has friction. Raises SpecError where matplotlib is not installed.
+    Returns the pictures by suffix (".svg", ".png"); the SVG's bytes depend on the figures alone. None when no pair has
+    friction. Raises SpecError where matplotlib is not installed.
     """
     panels: dict[str, dict[str, Figure]] = {}
     for engine, some in figures.items():
@@ -41,7 +41,7 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -
             if figure.probe == PROBE and figure.expected and figure.points:
                 panels.setdefault(figure.subject, {})[engine] = figure
     if not panels:
-        return []
+        return {}
     plot = _matplotlib()
     most, side = FEW if len(panels) <= 2 * FEW[0] else MANY
     columns = min(most, len(panels))
@@ -77,14 +77,13 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str, path: Path) -
             fontsize=9,
         )
         chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (side * rows + 0.7)))
-        written = []
-        path.parent.mkdir(parents=True, exist_ok=True)
+        drawn = {}
         for suffix, more in ((".svg", {"metadata": {"Date": None}}), (".png", {"dpi": 110})):
-            file = path.with_suffix(suffix)
-            chart.savefig(file, **more)
-            written.append(file)
+            picture = io.BytesIO()
+            chart.savefig(picture, format=suffix[1:], **more)
+            drawn[suffix] = picture.getvalue()
         plot.close(chart)
-    return written
+    return drawn
 
 
 def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Sequence[str], cone: str) -> None:

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 from simspec.errors import Problem, SpecError
+from simspec.outputs.targets import NEVER
+from simspec.outputs.writing import write_file
 
 STARTER = """\
 # yaml-language-server: $schema=simspec.schema.json
@@ -64,9 +66,5 @@ def write_starter(name: str, folder: Path) -> Path:
             ]
         )
     path = folder / f"{name}.yaml"
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(STARTER.replace("NAME", name))
-    except FileExistsError:
-        raise SpecError([Problem(f"{path} exists; simspec new never overwrites")]) from None
+    write_file(path, STARTER.replace("NAME", name), NEVER)
     return path

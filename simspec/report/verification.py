@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING
 
 from simspec import generated
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location
+from simspec.outputs.marker import COMPILED, STUDY
+from simspec.outputs.targets import check_folder
+from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import plain, text
+from simspec.resources import find_spec
 from simspec.world.types import World
 
 if TYPE_CHECKING:
@@ -20,6 +24,16 @@ if TYPE_CHECKING:
 
 PLOTS = Path("runs")
 """Where plots go, in a folder of the world's name: the generated folder holds what compiling and proving write, and no more."""
+
+
+def check_target(folder: Path, spec: str) -> None:
+    """Raise SpecError when ``folder`` may not be written for this spec: before anything is compiled or proven."""
+    check_folder(folder, COMPILED, [find_spec(spec)])
+
+
+def check_plots(world: World) -> None:
+    """The same for the folder of plots."""
+    check_folder(PLOTS / world.name, STUDY)
 
 
 def verify(
@@ -40,10 +54,10 @@ def verify(
     built = generated.build(world, engines, locate)
     generated.write(built, folder)
     with terminal.progress(not as_json) as progress:
+        # in a private copy: the folder may be written again meanwhile, and its certificate names the hashes of these files
         certificate = prove(
             world,
             engines,
-            artifacts={name: folder / name for name in engines},
             pythons=pythons,
             locate=locate,
             deadline=deadline,
@@ -75,7 +89,8 @@ def show_contact(certificate: Certificate, world: World, screen: Console) -> lis
         return []
     for table in contact_table(figures):
         screen.print(table)
-    return polar_plot(figures, world.contact.friction_cone, PLOTS / world.name / "contact")
+    drawn = polar_plot(figures, world.contact.friction_cone)
+    return [add_file(PLOTS / world.name, STUDY, f"contact{suffix}", picture) for suffix, picture in drawn.items()]
 
 
 def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:

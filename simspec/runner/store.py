@@ -9,10 +9,7 @@ bit for bit.
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +17,8 @@ import numpy as np
 
 from simspec.engines.base import CONTACT_FIELDS
 from simspec.errors import Problem, SpecError
+from simspec.outputs.marker import RUN
+from simspec.outputs.writing import build_folder, put
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.coordinates import coordinates
@@ -40,26 +39,25 @@ COORDINATES = b"simspec.coordinates"
 
 
 def save_run(run: Run, folder: Path) -> Path:
-    """Write ``run`` as the whole content of ``folder``: into a temporary folder beside it, then renamed over it."""
+    """Write ``run`` as what simspec has in ``folder``, whole or not at all.
+
+    Raises SpecError when the folder may not be written (:mod:`simspec.outputs.targets`).
+    """
     import pyarrow.parquet
 
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as name:
-        fresh, old = Path(name) / "new", Path(name) / "old"
-        fresh.mkdir()
+    def build(fresh: Path) -> Iterator[str]:
         for table_name, table in _tables(run).items():
             pyarrow.parquet.write_table(table, fresh / f"{table_name}.parquet", compression="zstd")
-        (fresh / WORLD_FILE).write_text(canonical_json(run.world) + "\n", encoding="utf-8")
+            yield f"{table_name}.parquet"
+        put(fresh / WORLD_FILE, canonical_json(run.world) + "\n")
+        yield WORLD_FILE
         facts = {**run.provenance, "failed": run.failed}
         text = json.dumps(facts, indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-        (fresh / PROVENANCE_FILE).write_text(text + "\n", encoding="utf-8")
-        if folder.exists():
-            os.replace(folder, old)
-        os.replace(fresh, folder)
-        if old.exists():
-            shutil.rmtree(old)
-    return folder
+        put(fresh / PROVENANCE_FILE, text + "\n")
+        yield PROVENANCE_FILE
+
+    build_folder(build, folder, RUN)
+    return folder.absolute()
 
 
 def _tables(run: Run) -> dict[str, pyarrow.Table]:

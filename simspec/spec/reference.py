@@ -103,8 +103,11 @@ def main(path: str = "docs/language.md") -> None:
     """Write the tables of a page anew."""
     from pathlib import Path
 
-    page = Path(path)
-    page.write_text(update(page.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
+    from simspec.outputs.reading import read_bytes
+    from simspec.outputs.writing import write_file
+
+    before = read_bytes(Path(path))
+    write_file(Path(path), update(before.decode()), before.__eq__)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,15 @@ def schema_text() -> str:
     return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
+def is_schema(content: bytes) -> bool:
+    """Whether a file is a schema of this language, of whatever version: by its title, as JSON."""
+    try:
+        found = json.loads(content)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(found, dict) and found.get("title") == TITLE and found.get("$schema") == DIALECT
+
+
 def _model(model: type[Strict]) -> dict[str, Any]:
     properties = {}
     for name, kind in walk.fields(model).items():

@@ -1,0 +1,184 @@
+"""What may be written: asked before any work is done.
+
+A folder may be written when it is not there yet, is empty, or has simspec's marker of the same kind. A file may be written when
+it is not there yet, or when its own content says that simspec wrote it. Everything else stays as it is, and is an error.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from simspec.errors import Problem, SpecError
+from simspec.outputs.marker import MARKER_FILE, Marker, read_marker
+from simspec.outputs.reading import kind_of, read_bytes
+
+LARGEST_OWN = 64 * 2**20
+"""Bytes of a single file that may be looked at to see whether simspec wrote it."""
+ELSEWHERE = "name a folder of its own, that does not exist yet: --out build/NAME"
+OTHER_FILE = "name a file that does not exist yet, or remove this one"
+NEVER: Callable[[bytes], bool] = lambda content: False  # noqa: E731
+"""For files that are only ever made, not replaced."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A target that may be written: its real path, and what is there now (None: nothing)."""
+
+    path: Path
+    status: os.stat_result | None
+
+
+def demand(problems: Iterable[Problem | None]) -> None:
+    """Raise SpecError with all problems together."""
+    found = [problem for problem in problems if problem is not None]
+    if found:
+        raise SpecError(found)
+
+
+def folder_problem(folder: Path, kind: str, holds: Iterable[Path] = ()) -> Problem | None:
+    """Why ``folder`` cannot be written as a folder of this kind; None when it can.
+
+    ``holds``: files that it must not hold: the specs that are read.
+    """
+    try:
+        check_folder(folder, kind, holds)
+    except SpecError as error:
+        return error.problems[0]
+    return None
+
+
+def file_problem(path: Path, ours: Callable[[bytes], bool]) -> Problem | None:
+    """Why ``path`` cannot be written as a file; ``ours`` says of what is there whether simspec wrote it."""
+    try:
+        check_file(path, ours)
+    except SpecError as error:
+        return error.problems[0]
+    return None
+
+
+def check_folder(folder: Path, kind: str, holds: Iterable[Path] = ()) -> tuple[Place, Marker | None]:
+    """The place of a folder that may be written, and its marker. Raises SpecError."""
+    place = _place(folder, ELSEWHERE)
+    _refuse_protected(folder, place.path, holds)
+    if place.status is None:
+        return place, None
+    mode = place.status.st_mode
+    if not stat.S_ISDIR(mode):
+        raise _error(folder, f"is {kind_of(mode)}, which simspec does not replace", ELSEWHERE)
+    if not os.access(place.path, os.R_OK | os.W_OK | os.X_OK):
+        raise _error(folder, "cannot be written: permission denied", ELSEWHERE)
+    marker = read_marker(place.path)
+    if marker is None:
+        if any(os.scandir(place.path)):
+            raise _error(
+                folder,
+                f"is not empty and has no {MARKER_FILE}: simspec did not make it, or an old version did",
+                f"{ELSEWHERE}; or remove it, if nothing in it is yours",
+            )
+    elif marker.kind != kind:
+        raise _error(folder, f"is a folder of kind {marker.kind!r}, not {kind!r}", ELSEWHERE)
+    return place, marker
+
+
+def check_file(path: Path, ours: Callable[[bytes], bool]) -> Place:
+    """The place of a file that may be written. Raises SpecError."""
+    place = _place(path, OTHER_FILE)
+    if place.status is None:
+        return place
+    mode = place.status.st_mode
+    if not stat.S_ISREG(mode):
+        raise _error(path, f"is {kind_of(mode)}, which simspec does not replace", OTHER_FILE)
+    if not os.access(place.path, os.W_OK):
+        raise _error(path, "cannot be written: permission denied", OTHER_FILE)
+    if ours is NEVER or not ours(read_bytes(place.path, LARGEST_OWN)):
+        why = "exists; it is never overwritten" if ours is NEVER else "exists, and simspec did not write it"
+        raise _error(path, why, OTHER_FILE)
+    return place
+
+
+def _error(path: Path, why: str, hint: str) -> SpecError:
+    return SpecError([Problem(f"{str(path)!r} {why}", hint=hint)])
+
+
+def _place(path: Path, hint: str) -> Place:
+    """The real path of a target, through folders only that stay where they stand. Raises SpecError."""
+    if not path.name or path.name == "..":
+        words = "the root of the file system" if path.is_absolute() and not path.name else "no name of its own"
+        raise _error(path, f"is {words} (an empty path is the working folder, '.')", hint)
+    try:
+        parent = _parent(path, hint)
+        real = parent / path.name
+        try:
+            status = os.lstat(real)
+        except FileNotFoundError:
+            status = None
+        if status is not None and stat.S_ISLNK(status.st_mode):
+            dangling = "" if real.exists() else ", which leads nowhere"
+            raise _error(path, f"is a symbolic link{dangling}; simspec writes through none", hint)
+        above = next(one for one in (parent, *parent.parents) if one.exists())
+        if not os.access(above, os.W_OK | os.X_OK):
+            raise _error(path, f"cannot be written: permission denied in {above}", hint)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise _error(path, f"cannot be written: {why}", hint) from None
+    return Place(real, status)
+
+
+def _parent(path: Path, hint: str) -> Path:
+    """The real path of a target's parent. A link among its parts may lead down from where it stands, nowhere else."""
+    current = Path(path.anchor) if path.is_absolute() else Path.cwd()
+    parts = path.parts[1:-1] if path.is_absolute() else path.parts[:-1]
+    missing = False
+    for part in parts:
+        if part == "..":
+            if missing:
+                raise _error(path, "goes through a folder that does not exist", hint)
+            current = current.parent
+            continue
+        below = current / part
+        mode = None if missing else _mode(below)
+        if mode is None:
+            missing, current = True, below
+        elif stat.S_ISLNK(mode):
+            leads = Path(os.path.realpath(below))
+            if not leads.is_dir():
+                raise _error(path, f"goes through {str(below)!r}, a symbolic link that leads to no folder", hint)
+            if not leads.is_relative_to(current):
+                raise _error(
+                    path,
+                    f"goes through {str(below)!r}, a symbolic link that leads outside, to {str(leads)!r}",
+                    "name the real folder, if that is meant",
+                )
+            current = leads
+        elif stat.S_ISDIR(mode):
+            current = below
+        else:
+            raise _error(path, f"goes through {str(below)!r}, {kind_of(mode)}", hint)
+    return current
+
+
+def _mode(path: Path) -> int | None:
+    try:
+        return os.lstat(path).st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _refuse_protected(folder: Path, real: Path, holds: Iterable[Path]) -> None:
+    """Folders that are never written as a whole, whatever is in them."""
+    here = Path.cwd()
+    if real == here or real in here.parents:
+        raise _error(folder, "is the working folder, or holds it", ELSEWHERE)
+    try:
+        home = Path.home().resolve()
+    except (RuntimeError, OSError):
+        home = None  # nobody's home
+    if home is not None and (real == home or real in home.parents):
+        raise _error(folder, "is the home folder, or holds it", ELSEWHERE)
+    for spec in holds:
+        if Path(os.path.realpath(spec)).is_relative_to(real):
+            raise _error(folder, f"holds the spec {str(spec)!r}", ELSEWHERE)

@@ -1,0 +1,259 @@
+"""Writing: folders as a whole, files in them, single files. Everything in simspec that writes goes through here."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import stat
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+
+from simspec.errors import Problem, SpecError
+from simspec.outputs import staging
+from simspec.outputs.marker import MARKER_FILE, Marker, check_names
+from simspec.outputs.reading import files_below, read_bytes
+from simspec.outputs.targets import Place, check_file, check_folder
+
+Content = str | bytes
+_NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
+
+
+def _bytes(content: Content) -> bytes:
+    return content.encode() if isinstance(content, str) else content
+
+
+def put(path: Path, content: Content) -> None:
+    """Write a new file into a folder that is being built. Raises FileExistsError where there is one."""
+    with open(path, "xb") as file:
+        file.write(_bytes(content))
+
+
+def _write_all(files: Mapping[str, Content], folder: Path) -> None:
+    for name, content in files.items():
+        place = folder / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        put(place, content)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_private(files: Mapping[str, Content], folder: Path) -> None:
+    """Write files into a folder of the caller's own, in a temporary place: it must not exist, or be empty.
+
+    Raises SpecError when it holds something, or a name would leave it.
+    """
+    check_names(files, folder)
+    os.makedirs(folder, exist_ok=True)
+    if any(os.scandir(folder)):
+        raise SpecError([Problem(f"{folder} is not empty")])
+    _write_all(files, folder)
+
+
+def write_folder(files: Mapping[str, Content], folder: Path, kind: str) -> Path:
+    """Write ``files`` as the whole of what simspec has in ``folder``; files of others in it stay. Returns the real path.
+
+    Raises SpecError when the folder may not be written, or one of the files would take the place of somebody else's.
+    """
+
+    def build(fresh: Path) -> Iterable[str]:
+        _write_all(files, fresh)
+        return files
+
+    check_names(files, folder)
+    return build_folder(build, folder, kind)
+
+
+def build_folder(build: Callable[[Path], Iterable[str]], folder: Path, kind: str) -> Path:
+    """As :func:`write_folder`; ``build`` writes the files into the folder that it is given, and returns their names."""
+    place, _ = check_folder(folder, kind)
+    with staging.staged(place.path) as stage:
+        os.mkdir(stage.fresh)
+        names = list(build(stage.fresh))
+        check_names(names, folder)
+        with staging.locked(place.path.parent):
+            _publish(stage, names, folder, kind)
+    return place.path
+
+
+def update_folder(
+    change: Callable[[Path | None], Mapping[str, Content] | None], folder: Path, kind: str
+) -> Mapping[str, Content] | None:
+    """Write a folder whose new content depends on what is there, so that two that do so at a time both get their say.
+
+    ``change`` is given the folder's real path, or None when there is none (or an empty one) yet, and returns all files, or
+    None when nothing is to be written. Returns what it returned.
+    """
+    place, _ = check_folder(folder, kind)
+    with staging.alone(place.path.parent):
+        now, marker = check_folder(folder, kind)
+        files = change(now.path if marker is not None else None)
+        if files is not None:
+            check_names(files, folder)
+            with staging.begun(place.path) as stage:
+                os.mkdir(stage.fresh)
+                _write_all(files, stage.fresh)
+                _publish(stage, files, folder, kind)
+    return files
+
+
+def _publish(stage: staging.Stage, names: Iterable[str], folder: Path, kind: str) -> None:
+    """Put what was built in its place. The target's folder must be locked."""
+    names = frozenset(names)
+    place, marker = check_folder(folder, kind)  # again: work has been done since
+    put(stage.fresh / MARKER_FILE, Marker(kind, names).text())
+    if marker is not None:
+        staging.clean(place.path)
+        _take_along(place.path, marker, stage.fresh)
+    for name in (*names, MARKER_FILE):
+        _sync(stage.fresh / name)
+    for base, _, _ in os.walk(stage.fresh, topdown=False):
+        _sync(Path(base))
+    staging.publish(stage, place.path, place.status is not None)
+
+
+def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
+    """Link what is not simspec's from the old folder into the new one: it is there before and after the exchange."""
+    for base, folders, files in os.walk(old):
+        relative = Path(base).relative_to(old)
+        links = [name for name in folders if os.path.islink(os.path.join(base, name))]
+        foreign = [name for name in [*files, *links] if not marker.owns((relative / name).as_posix())]
+        empty = not files and not folders
+        if foreign or empty:
+            os.makedirs(fresh / relative, exist_ok=True)
+            shutil.copymode(base, fresh / relative)
+        for name in foreign:
+            here, there = Path(base) / name, fresh / relative / name
+            if os.path.lexists(there):
+                raise SpecError(
+                    [
+                        Problem(
+                            f"{str(here)!r} is in the way: simspec writes a file of this name, and did not write this one",
+                            hint="move it elsewhere",
+                        )
+                    ]
+                )
+            try:
+                os.link(here, there, follow_symlinks=False)
+            except OSError as error:
+                if error.errno not in _NO_LINKS:
+                    raise  # without links, files are put back after the exchange
+
+
+def add_file(folder: Path, kind: str, name: str, content: Content) -> Path:
+    """Write one more file of simspec's into a folder that it made (or, for one that is not there, makes)."""
+    change_file(folder, kind, name, lambda before: content)
+    return folder / name
+
+
+def change_file(folder: Path, kind: str, name: str, change: Callable[[bytes | None], Content | None]) -> bool:
+    """As :func:`add_file`, for a file whose new content depends on the old one (None: there is none): two that do so at a
+    time both get their say. ``change`` returns None to leave it as it is. Whether anything was written.
+
+    The marker is written first, so that at every moment all that simspec wrote is known as its own.
+    """
+    if "/" in name:
+        raise ValueError(f"{name!r}: a file in the folder itself is meant")
+    check_names([name], folder)
+    real = open_folder(folder, kind)
+    target = real / name
+    with _inside(real):
+        _, marker = check_folder(folder, kind)
+        known = marker.files if marker is not None else frozenset()
+        exists = os.path.lexists(target)
+        if exists and name not in known:
+            problem = Problem(f"{str(target)!r} exists, and simspec did not write it", hint="move it elsewhere")
+            raise SpecError([problem])
+        content = change(read_bytes(target) if exists else None)
+        if content is None:
+            return False
+        with staging.begun(target) as stage:
+            if name not in known:
+                _replace(stage, real / MARKER_FILE, Marker(kind, known | {name}).text())
+            _replace(stage, target, content)
+    return True
+
+
+def remove_file(folder: Path, kind: str, name: str) -> bool:
+    """Remove a file of simspec's from a folder that it made; whether there was one."""
+    place, marker = check_folder(folder, kind)
+    if marker is None:
+        return False
+    with _inside(place.path):
+        _, marker = check_folder(folder, kind)
+        if marker is None or name not in marker.files:
+            return False
+        with staging.begun(place.path / name) as stage:
+            found = os.path.lexists(place.path / name)
+            if found:
+                os.unlink(place.path / name)
+            _replace(stage, place.path / MARKER_FILE, Marker(kind, marker.files - {name}).text())
+    return found
+
+
+@contextlib.contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    """Hold the locks for changing single files of a folder: also that under which the folder as a whole is replaced."""
+    with staging.locked(folder.parent), staging.alone(folder):
+        yield
+
+
+def open_folder(folder: Path, kind: str) -> Path:
+    """See to it that a folder of this kind is there, for files and folders that are added one by one; the real path."""
+    place, marker = check_folder(folder, kind)
+    if marker is None:
+        update_folder(lambda found: None if found is not None else {}, folder, kind)
+    return place.path
+
+
+def write_file(path: Path, content: Content, ours: Callable[[bytes], bool]) -> Path:
+    """Write a single file, whole or not at all, over nothing or over what ``ours`` says to be simspec's; it keeps its mode.
+
+    Raises SpecError when something else is there (see :func:`simspec.outputs.targets.check_file`).
+    """
+    place = check_file(path, ours)
+    with staging.alone(place.path.parent):
+        place = check_file(path, ours)
+        with staging.begun(place.path) as stage:
+            if place.status is None:
+                put(stage.fresh, content)
+                _sync(stage.fresh)
+                _put_new(stage.fresh, place)
+            else:
+                _replace(stage, place.path, content, stat.S_IMODE(place.status.st_mode))
+    return place.path
+
+
+def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | None = None) -> None:
+    """Write a file beside, and rename it over ``target``, which is simspec's, or not there."""
+    put(stage.fresh, content)
+    if mode is not None:
+        os.chmod(stage.fresh, mode)
+    _sync(stage.fresh)
+    os.replace(stage.fresh, target)
+    _sync(target.parent)
+
+
+def _put_new(fresh: Path, place: Place) -> None:
+    """Put a file where there is none; never over one that somebody else has put there meanwhile."""
+    try:
+        os.link(fresh, place.path)
+    except FileExistsError:
+        raise SpecError([Problem(f"{str(place.path)!r} has appeared meanwhile")]) from None
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        os.rename(fresh, place.path)
+    _sync(place.path.parent)
+
+
+def folder_names(folder: Path) -> list[str]:
+    """All files in a folder but its marker."""
+    return [name for name in files_below(folder) if name != MARKER_FILE]

@@ -1,0 +1,62 @@
+"""JSON that simspec reads back from a disk, validated at one place: what others may have edited, mixed up or made up.
+
+Each file has a model of its outline here; a file that does not fit is a :class:`SpecError` that names it and says where.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from simspec.errors import Problem, SpecError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Stored(BaseModel):
+    """Base of the outlines: no unknown keys, no conversions, no numbers that are not finite."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class FolderMarker(Stored):
+    """``simspec-folder.json``: what says that simspec made a folder, and which files in it."""
+
+    simspec_folder: int
+    kind: str
+    files: list[str]
+
+
+class StagingMarker(Stored):
+    """``simspec-staging.json``: a place beside a target in which its new content is being built.
+
+    ``target``: the target's name; ``fresh``: device and inode of the new content, once that exists.
+    """
+
+    simspec_staging: int
+    target: str
+    fresh: tuple[int, int] | None = None
+
+
+def parse(content: bytes | str, what: str) -> Any:
+    """JSON as plain data. Raises SpecError, which names ``what``, for anything else."""
+    try:
+        return json.loads(content, parse_constant=_refuse)
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise SpecError([Problem(f"{what} cannot be read: {why[:200]}")]) from None
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number in JSON")
+
+
+def read_as(model: type[Model], content: bytes | str, what: str) -> Model:
+    """JSON text as a model. Raises SpecError, which names ``what`` and the first places that do not fit."""
+    try:
+        return model.model_validate(parse(content, what))
+    except ValidationError as error:
+        places = [f"{'.'.join(map(str, one['loc'])) or 'all of it'}: {one['msg']}" for one in error.errors()[:3]]
+        raise SpecError([Problem(f"{what} cannot be read: {'; '.join(places)[:400]}")]) from None
