@@ -313,7 +313,6 @@ def verify_command(
     simspec verify box-on-ramp --contact        what friction and restitution each engine really has, with a plot
     simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
     """
-    from simspec import generated
     from simspec.report import verification
 
     names, pythons = _engine_names(engine), _pythons(python)
@@ -322,12 +321,8 @@ def verify_command(
     _demand(names, pythons)
     if spec is None:
         return verification.self_test(names, pythons, as_json)
-    if out is not None:
-        verification.check_target(out, spec)
     loaded, world = _load(spec, sets, allow_outside)
-    verification.check_target(out or generated.GENERATED / world.name, spec)
-    if contact:
-        verification.check_plots(world)
+    verification.check_targets(world, spec, out, contact)
     return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache)
 
 
@@ -381,6 +376,7 @@ def run_command(
     simspec run arm.yaml --engine mujoco --python mujoco=/other/venv/bin/python
     """
     from simspec.report import session
+    from simspec.resources import find_spec
 
     if all_engines == bool(engine):
         raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
@@ -389,6 +385,7 @@ def run_command(
         world,
         _engine_names(engine),
         out / world.name,
+        spec=find_spec(spec),
         locate=loaded.locate,
         prove=not no_verify,
         repeats=repeats,

@@ -155,20 +155,29 @@ def check(built: Built, folder: Path) -> list[str]:
 
 
 def read_certificate(folder: Path) -> Certificate | None:
-    """The certificate in ``folder``; None when there is none or it cannot be read (an old version's, a damaged one)."""
+    """The certificate in ``folder``; None when there is none. Raises SpecError, which names it, when it cannot be read."""
     from simspec.proof.certificate import Certificate
 
+    path = folder / CERTIFICATE_FILE
     try:
-        return Certificate.from_json(read_text(folder / CERTIFICATE_FILE, root=folder))
-    except (OSError, ValueError, KeyError, TypeError, SpecError):
+        content = read_text(path, root=folder)
+    except (FileNotFoundError, NotADirectoryError):
         return None
+    try:
+        return Certificate.from_json(content)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        why = f"{type(error).__name__}: {error}" if not isinstance(error, ValueError) else str(error)
+        raise SpecError([Problem(f"{path} cannot be read: {why[:200]}")]) from None
 
 
 def certificate_mismatch(built: Built, folder: Path) -> str | None:
     """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does."""
-    certificate = read_certificate(folder)
+    try:
+        certificate = read_certificate(folder)
+    except SpecError as error:
+        return error.problems[0].message
     if certificate is None:
-        return "it cannot be read"
+        return "there is none"
     if certificate.world_sha256 != sha256(built.world):
         return "it is of another world"
     hashes = dict(certificate.artifacts_sha256)
@@ -199,7 +208,10 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
             if Compiled(engine, "", texts, ()).sha256 != wanted:
                 message = f"{folder / engine}: other files than those that were proven; the certificate is not written"
                 raise SpecError([Problem(message, hint="verify again")])
-        old = read_certificate(real)
+        try:
+            old = read_certificate(real)
+        except SpecError:
+            old = None  # damaged, or of an old version
         if old is not None and _identity(old) == _identity(certificate):
             return None
         return now | {CERTIFICATE_FILE: certificate.to_json().encode()}

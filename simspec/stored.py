@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simspec.errors import Problem, SpecError
 
@@ -37,7 +37,28 @@ class StagingMarker(Stored):
 
     simspec_staging: int
     target: str
-    fresh: tuple[int, int] | None = None
+    fresh: list[int] | None = None
+
+
+class CacheEntry(Stored):
+    """An entry of the cache of contact figures."""
+
+    simspec_cache: int
+    key: str
+    sha256: str
+    figures: list[dict[str, Any]]
+
+
+class Report(BaseModel):
+    """``report.json``, as far as a later study of the same world takes it over."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True, populate_by_name=True)
+
+    schema_: int = Field(alias="schema")
+    world_sha256: str
+    runs: dict[str, dict[str, Any]]
+    floors: dict[str, dict[str, Any]]
+    diffs: list[dict[str, Any]]
 
 
 def parse(content: bytes | str, what: str) -> Any:

@@ -228,7 +228,7 @@ def test_schema(folder):
 def test_compile_writes_every_engine_and_is_stable(folder):
     simspec("compile", "fall.yaml")
     place = folder / "generated" / "fall"
-    assert {path.name for path in place.iterdir()} == {"world.json", *engines()}
+    assert {path.name for path in place.iterdir()} == {"simspec-folder.json", "world.json", *engines()}
     files = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
     assert data("compile", "fall.yaml")["compiled"][0]["changed"] is False
     assert files == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
@@ -250,10 +250,12 @@ def test_check_lists_what_is_missing_stale_or_strange(folder):
     (only,) = data("compile", "fall.yaml", "--check", code=1)["stale"]
     assert only.startswith("missing: generated/fall/certificate.json")
     (place / "world.json").write_text("{}")
-    (place / "left-over.txt").write_text("old")
+    (place / "notes.txt").write_text("mine, and none of simspec's business")
+    (place / "mujoco" / "strange.xml").write_text("among an engine's files it could act")
     found = data("compile", "fall.yaml", "--check", code=1)["stale"]
     assert "stale: generated/fall/world.json" in found
-    assert "not of this spec: generated/fall/left-over.txt" in found
+    assert "not of this spec: generated/fall/mujoco/strange.xml" in found
+    assert not any("notes.txt" in line for line in found)
 
 
 def test_compile_without_a_spec_takes_the_folder(folder):
@@ -313,7 +315,7 @@ def test_run_writes_results_that_can_be_compared_again(folder):
     place = folder / "runs" / "fall"
     assert found["certificate_valid"] is True
     assert {path.name for path in place.iterdir()} == {
-        *("mujoco", "dart", "compiled", "certificate.json", "report.json")
+        *("mujoco", "dart", "compiled", "certificate.json", "report.json", "simspec-folder.json")
     }
     assert json.loads((place / "report.json").read_text())["exit_code"] == 0
     (one,) = found["diffs"]
@@ -342,10 +344,51 @@ def test_an_expectation_that_fails_is_exit_1(folder):
     assert outcome["passed"] is False
 
 
-def test_results_of_an_engine_that_was_not_asked_for_again_go(folder):
-    simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-verify", "--no-repeats")
-    simspec("run", "fall.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
-    assert not (folder / "runs" / "fall" / "dart").exists()
+def results(folder, name: str) -> dict[str, bytes]:
+    place = folder / "runs" / "fall" / name
+    return {path.name: path.read_bytes() for path in place.iterdir()}
+
+
+def test_results_of_other_engines_stay(folder):
+    options = ("--no-repeats", "--engine")
+    simspec("run", "fall.yaml", *options, "mujoco", "--engine", "dart")
+    before = results(folder, "dart")
+    found = data("run", "fall.yaml", *options, "mujoco")
+    assert found["notes"] == []
+    assert results(folder, "dart") == before
+    # of the same world: the report and the certificate tell of both
+    place = folder / "runs" / "fall"
+    report = json.loads((place / "report.json").read_text())
+    assert set(report["runs"]) == {"mujoco", "dart"}
+    assert report["other_runs"] == {"dart": {"same_world": True}}
+    assert set(json.loads((place / "certificate.json").read_text())["engines"]) == {"mujoco", "dart"}
+    # of another world: they stay, and are named as such
+    found = data("run", "fall.yaml", *options, "mujoco", "--no-verify", "--set", "bodies.ball.mass=2")
+    assert any("dart" in note and "another world" in note for note in found["notes"])
+    assert any("certificate.json" in note and "another world" in note for note in found["notes"])
+    assert results(folder, "dart") == before
+    report = json.loads((place / "report.json").read_text())
+    assert set(report["runs"]) == {"mujoco"}
+    assert report["other_runs"] == {"dart": {"same_world": False}}
+    assert not (place / "certificate.json").exists()
+
+
+def test_each_run_is_saved_as_it_ends(folder, monkeypatch):
+    from simspec.comparison import study
+
+    real = study.run
+
+    def one_then_none(world, engine, **more):
+        if engine == "dart":
+            raise RuntimeError("not foreseen")
+        return real(world, engine, **more)
+
+    monkeypatch.setattr(study, "run", one_then_none)
+    with pytest.raises(RuntimeError):
+        simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-repeats")
+    place = folder / "runs" / "fall"
+    assert {"compiled", "mujoco", "certificate.json"} <= {path.name for path in place.iterdir()}
+    assert load_run(place / "mujoco").failed is None
 
 
 def test_a_missing_engine(folder, monkeypatch):

@@ -13,6 +13,8 @@ ORDER = (
     "reading",
     "scratch",
     "mapped",
+    "stored",
+    "outputs",
     "resources",
     "spec",
     "world",
@@ -41,6 +43,49 @@ LONGEST = 500
 ENGINE_WORDS = ("mujoco", "pybullet", "dart", "bullet")
 FORMAT_WORDS = ("mjcf", "urdf", "skel")
 HOMES = ("engines", "formats")
+
+WRITING = {
+    *("rmtree", "write_text", "write_bytes", "rename", "renames", "replace", "unlink", "remove", "removedirs", "rmdir"),
+    *(
+        "symlink",
+        "symlink_to",
+        "link",
+        "hardlink_to",
+        "link_to",
+        "touch",
+        "mkdir",
+        "makedirs",
+        "copy",
+        "copy2",
+        "copyfile",
+    ),
+    *("copytree", "move", "truncate", "mkfifo", "mknod", "pwrite", "ftruncate"),
+}
+"""What changes a disk."""
+OF_A_DISK = {
+    "os",
+    "shutil",
+    "Path",
+    "path",
+    "file",
+    "folder",
+    "place",
+    "target",
+    "beside",
+    "part",
+    "fresh",
+    "old",
+}
+"""Names that stand for a module or a path, for words that texts, lists and arrays have too (``COMMON``)."""
+COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
+WRITERS = {
+    "outputs": "the one part that writes what a user named",
+    "scratch.py": "temporary folders of simspec's own",
+    "engines/worker.py": "in an engine's process: results into the process's own temporary folder",
+    "engines/process.py": "requests into the temporary folder of an engine's process",
+    "engines/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
+    "mapped.py": "in an engine's process: recorded rows into the process's own temporary folder",
+}
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
@@ -118,6 +163,45 @@ def test_engines_and_formats_are_known_only_at_home(path):
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_files_stay_readable(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+def writes(tree: ast.AST) -> list[tuple[int, str]]:
+    """Calls that change a disk: by their names, and ``open`` for anything but reading."""
+    found = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        function = node.func
+        name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+        if name in WRITING:
+            owner = function.value if isinstance(function, ast.Attribute) else None
+            plain = owner.id if isinstance(owner, ast.Name) else None
+            if name not in COMMON or plain in OF_A_DISK:
+                found.append((node.lineno, name))
+        elif name in ("open", "fdopen"):
+            modes = [*node.args, *(key.value for key in node.keywords if key.arg == "mode")]
+            texts = [one.value for one in modes if isinstance(one, ast.Constant) and isinstance(one.value, str)]
+            if any(set(text) & set("wax+") and set(text) <= set("rwaxbt+") for text in texts):
+                found.append((node.lineno, f"{name} {texts}"))
+    return found
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if not {part(path), path.relative_to(PACKAGE).as_posix()} & WRITERS.keys()],
+    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
+)
+def test_one_part_writes_for_everybody(path):
+    assert not writes(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_what_writes_is_seen():
+    text = """
+import os, shutil
+shutil.rmtree(x); os.replace(a, b); path.write_text("x"); open(p, "w"); p.open("xb"); open(p, mode="a"); x.unlink()
+"a".replace("b", "c"); open(p); open(p, "rb"); names.remove(1); array.copy()
+"""
+    assert len(writes(ast.parse(text))) == 7
 
 
 def test_the_check_itself_sees_what_it_should():

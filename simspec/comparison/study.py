@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
-from simspec.compiler import compile_world, output_files, write_folder
+from simspec.compiler import Compiled, compile_world, output_files, write_folder
 from simspec.engines.base import find_engine
 from simspec.engines.process import DEADLINE
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
@@ -52,6 +51,25 @@ class Study:
         return EXIT_OK if passed else EXIT_FAILED
 
 
+class Arrivals:
+    """What is told of a study as it goes, each part as soon as it is there; by default nothing is done with it.
+
+    Results are saved here: whatever comes after, an error or the end of the process, they are not lost.
+    """
+
+    def compiled(self, compiled: Mapping[str, Compiled]) -> None:
+        """The artifacts of all engines, before anything is proven or run."""
+
+    def certificate(self, certificate: Certificate) -> None:
+        """The proof, before anything is run."""
+
+    def run(self, run: Run) -> None:
+        """One engine's run, failed or not, before the next begins."""
+
+    def floor(self, floor: Floor) -> None:
+        """One engine's own noise."""
+
+
 def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
     """The engines that are not installed here, each with the way to install it."""
     found = {}
@@ -66,7 +84,7 @@ def study(
     world: World,
     engines: Iterable[str],
     *,
-    folder: Path | None = None,
+    arrivals: Arrivals | None = None,
     prove: bool = True,
     repeats: bool = True,
     keep_going: bool = False,
@@ -79,7 +97,7 @@ def study(
 ) -> Study:
     """Compile ``world``, prove that the engines hold it, run it in each, and compare the runs pair by pair.
 
-    folder     where the artifacts go (world.json, one folder per engine); a temporary folder when None
+    arrivals   is told of artifacts, certificate, runs and floors as they come
     prove      whether to verify first
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
     keep_going whether the others go on when an engine is missing or fails
@@ -94,16 +112,24 @@ def study(
     if absent and not keep_going:
         raise EngineError(*next(iter(absent.items())))
     there = [name for name in names if name not in absent]
-    with _folder(folder) as root:
+    arrivals = arrivals or Arrivals()
+    # engines work from a private copy: the one that is kept may be replaced by another process meanwhile
+    with scratch_folder("study") as place:
+        root = place / "compiled"
         progress("compiling")
-        write_folder(output_files(world, compile_world(world, there, locate)), root)
+        compiled = compile_world(world, there, locate)
+        write_folder(output_files(world, compiled), root)
+        arrivals.compiled(compiled)
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:
             certificate = _prove(world, there, artifacts, pythons, locate, deadline, progress)
-        runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress)
+            arrivals.certificate(certificate)
+        runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress, arrivals)
         again = _repeat(runs, artifacts, pythons, deadline, progress) if repeats else {}
     floors = {name: floor for name in again if (floor := measure_floor(runs[name], again[name])) is not None}
+    for floor in floors.values():
+        arrivals.floor(floor)
     progress("comparing")
     whole = [one for one in runs.values() if one.recorded]
     diffs = tuple(
@@ -112,15 +138,6 @@ def study(
     )
     outcomes = {name: tuple(evaluate(one)) for name, one in runs.items()}
     return Study(world, certificate, runs, again, floors, outcomes, diffs)
-
-
-@contextlib.contextmanager
-def _folder(folder: Path | None) -> Iterator[Path]:
-    if folder is not None:
-        yield folder
-        return
-    with scratch_folder("study") as place:
-        yield place / "compiled"
 
 
 def _prove(
@@ -150,11 +167,13 @@ def _run_each(
     deadline: float,
     source: Mapping[str, Any] | None,
     progress: Callable[[str], None],
+    arrivals: Arrivals,
 ) -> dict[str, Run]:
     runs: dict[str, Run] = {}
     for name in names:
         if name in absent:
             runs[name] = failed_run(world, name, EngineError(name, absent[name]))
+            arrivals.run(runs[name])
             continue
         progress(f"running {name}")
         try:
@@ -169,6 +188,7 @@ def _run_each(
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error)
+        arrivals.run(runs[name])
         if runs[name].failed is not None and not keep_going:
             break
     return runs

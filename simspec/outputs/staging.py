@@ -45,7 +45,8 @@ _NO_EXCHANGE = (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
 class Stage:
     """A place beside a target. ``fresh`` is where the new content is built, by the caller."""
 
-    def __init__(self, folder: Path, target: str, lock: int):
+    def __init__(self, folder: Path, target: str, lock: int, lasting: bool = True):
+        self.lasting = lasting
         self.folder = folder
         self.fresh = folder / FRESH
         self._target = target
@@ -59,7 +60,8 @@ class Stage:
     def write(self, data: dict[str, object]) -> None:
         """Write the stage's marker."""
         os.pwrite(self._lock, (json.dumps(data) + "\n").encode().ljust(512), 0)  # one write of one block: whole or not
-        os.fsync(self._lock)
+        if self.lasting:
+            os.fsync(self._lock)
 
     def close(self) -> None:
         """Remove what is left of the stage; after the exchange, that is the target's old content."""
@@ -80,9 +82,12 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def begun(target: Path) -> Iterator[Stage]:
-    """A stage beside ``target`` (a real path), of which nothing is left afterwards. Its folder must be locked throughout."""
-    stage = begin(target)
+def begun(target: Path, lasting: bool = True) -> Iterator[Stage]:
+    """A stage beside ``target`` (a real path), of which nothing is left afterwards. Its folder must be locked throughout.
+
+    ``lasting``: whether all is synced, so that also a power cut leaves the old or the new.
+    """
+    stage = begin(target, lasting)
     try:
         yield stage
     finally:
@@ -101,7 +106,7 @@ def staged(target: Path) -> Iterator[Stage]:
             stage.close()
 
 
-def begin(target: Path) -> Stage:
+def begin(target: Path, lasting: bool = True) -> Stage:
     """Make a stage. The folder of ``target`` must be locked."""
     folder = target.parent / f".simspec-{secrets.token_hex(8)}"
     lock = -1
@@ -109,7 +114,7 @@ def begin(target: Path) -> Stage:
     try:
         lock = os.open(folder / STAGE_FILE, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        stage = Stage(folder, target.name, lock)
+        stage = Stage(folder, target.name, lock, lasting)
         stage.write({"simspec_staging": VERSION, "target": target.name})
     except BaseException:
         recover(folder)
@@ -221,7 +226,7 @@ def recover(stage: Path) -> None:
             dispose(old, target)
         if os.path.lexists(fresh):
             status = os.lstat(fresh)
-            if marker.fresh is None or marker.fresh == (status.st_dev, status.st_ino):
+            if marker.fresh is None or marker.fresh == [status.st_dev, status.st_ino]:
                 _remove(fresh)
             else:
                 dispose(fresh, target)

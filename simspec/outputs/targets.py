@@ -6,6 +6,7 @@ it is not there yet, or when its own content says that simspec wrote it. Everyth
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import stat
 from collections.abc import Callable, Iterable
@@ -19,6 +20,7 @@ from simspec.outputs.reading import kind_of, read_bytes
 LARGEST_OWN = 64 * 2**20
 """Bytes of a single file that may be looked at to see whether simspec wrote it."""
 ELSEWHERE = "name a folder of its own, that does not exist yet: --out build/NAME"
+REMOVE = "remove it, if nothing in it is yours: it is then made anew"
 OTHER_FILE = "name a file that does not exist yet, or remove this one"
 NEVER: Callable[[bytes], bool] = lambda content: False  # noqa: E731
 """For files that are only ever made, not replaced."""
@@ -71,13 +73,17 @@ def check_folder(folder: Path, kind: str, holds: Iterable[Path] = ()) -> tuple[P
         raise _error(folder, f"is {kind_of(mode)}, which simspec does not replace", ELSEWHERE)
     if not os.access(place.path, os.R_OK | os.W_OK | os.X_OK):
         raise _error(folder, "cannot be written: permission denied", ELSEWHERE)
-    marker = read_marker(place.path)
+    try:
+        marker = read_marker(place.path)
+    except SpecError as error:
+        hint = f"{REMOVE}; or {ELSEWHERE}"
+        raise SpecError([dataclasses.replace(one, hint=one.hint or hint) for one in error.problems]) from None
     if marker is None:
         if any(os.scandir(place.path)):
             raise _error(
                 folder,
                 f"is not empty and has no {MARKER_FILE}: simspec did not make it, or an old version did",
-                f"{ELSEWHERE}; or remove it, if nothing in it is yours",
+                f"{ELSEWHERE}; or {REMOVE}",
             )
     elif marker.kind != kind:
         raise _error(folder, f"is a folder of kind {marker.kind!r}, not {kind!r}", ELSEWHERE)

@@ -201,7 +201,7 @@ def remove_file(folder: Path, kind: str, name: str) -> bool:
 @contextlib.contextmanager
 def _inside(folder: Path) -> Iterator[None]:
     """Hold the locks for changing single files of a folder: also that under which the folder as a whole is replaced."""
-    with staging.locked(folder.parent), staging.alone(folder):
+    with staging.alone(folder.parent), staging.alone(folder):
         yield
 
 
@@ -213,19 +213,20 @@ def open_folder(folder: Path, kind: str) -> Path:
     return place.path
 
 
-def write_file(path: Path, content: Content, ours: Callable[[bytes], bool]) -> Path:
+def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], lasting: bool = True) -> Path:
     """Write a single file, whole or not at all, over nothing or over what ``ours`` says to be simspec's; it keeps its mode.
+
+    ``lasting``: whether it is synced, so that also a power cut leaves the old or the new.
 
     Raises SpecError when something else is there (see :func:`simspec.outputs.targets.check_file`).
     """
     place = check_file(path, ours)
     with staging.alone(place.path.parent):
         place = check_file(path, ours)
-        with staging.begun(place.path) as stage:
+        with staging.begun(place.path, lasting) as stage:
             if place.status is None:
                 put(stage.fresh, content)
-                _sync(stage.fresh)
-                _put_new(stage.fresh, place)
+                _put_new(stage, place)
             else:
                 _replace(stage, place.path, content, stat.S_IMODE(place.status.st_mode))
     return place.path
@@ -236,22 +237,27 @@ def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | N
     put(stage.fresh, content)
     if mode is not None:
         os.chmod(stage.fresh, mode)
-    _sync(stage.fresh)
+    if stage.lasting:
+        _sync(stage.fresh)
     os.replace(stage.fresh, target)
-    _sync(target.parent)
+    if stage.lasting:
+        _sync(target.parent)
 
 
-def _put_new(fresh: Path, place: Place) -> None:
+def _put_new(stage: staging.Stage, place: Place) -> None:
     """Put a file where there is none; never over one that somebody else has put there meanwhile."""
+    if stage.lasting:
+        _sync(stage.fresh)
     try:
-        os.link(fresh, place.path)
+        os.link(stage.fresh, place.path)
     except FileExistsError:
         raise SpecError([Problem(f"{str(place.path)!r} has appeared meanwhile")]) from None
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
-        os.rename(fresh, place.path)
-    _sync(place.path.parent)
+        os.rename(stage.fresh, place.path)
+    if stage.lasting:
+        _sync(place.path.parent)
 
 
 def folder_names(folder: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -66,6 +67,12 @@ class Certificate:
     def versions(self) -> Mapping[str, str]:
         """The version of each engine, and of the oracle."""
         return {"oracle": self.oracle} | {name: proof.version for name, proof in self.engines.items()}
+
+    def joined(self, earlier: Certificate | None) -> Certificate:
+        """This proof, with those of other engines from an earlier one of the same world under the same oracle."""
+        if earlier is None or (earlier.world_sha256, earlier.oracle) != (self.world_sha256, self.oracle):
+            return self
+        return dataclasses.replace(self, engines=earlier.engines | self.engines)
 
     def failures(self) -> list[tuple[str, Check]]:
         """Every check that did not pass, with its engine."""

@@ -296,9 +296,7 @@ class _Bench:
             asked = []
             for index, mutation in enumerate(batch):
                 folder = place / str(index)
-                folder.mkdir()
-                for file, text in {**self.compiled.files, mutation.file: mutation.text}.items():
-                    (folder / file).write_text(text, encoding="utf-8")
+                write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
                 more = {"artifacts": str(folder), "attempt": True}
                 asked += [dataclasses.replace(one, parameters={**one.parameters, **more}) for one in operations]
             try:

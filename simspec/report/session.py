@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.comparison.floor import load_floor, save_floor
+from simspec.comparison.floor import load_floor
 from simspec.comparison.runs import Diff, diff
-from simspec.comparison.study import Study, study
+from simspec.comparison.study import study
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
-from simspec.generated import CERTIFICATE_FILE, write_text
 from simspec.report import terminal
 from simspec.report.plain import diff_data, plain, study_data, text
-from simspec.runner.store import is_run, load_run
+from simspec.report.results import Results
+from simspec.runner.store import load_run
 from simspec.world.types import World
-
-REPORT_FILE = "report.json"
-COMPILED_FOLDER = "compiled"
 
 
 def run(
@@ -28,6 +24,7 @@ def run(
     engines: list[str],
     folder: Path,
     *,
+    spec: Path | None = None,
     locate: Callable[[str], Location | None],
     prove: bool,
     repeats: bool,
@@ -39,16 +36,18 @@ def run(
     source: Mapping[str, Any],
     as_json: bool,
 ) -> int:
-    """Study ``world`` in ``engines``, write ``folder``, and print."""
+    """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
     if fail_on_diff and len(engines) < 2:
         raise SpecError(
             [Problem("--fail-on-diff compares engines with each other", found=", ".join(engines), allowed="two")]
         )
+    results = Results(world, folder)
+    results.demand(engines, [spec] if spec is not None else [])
     with terminal.progress(not as_json) as progress:
         found = study(
             world,
             engines,
-            folder=folder / COMPILED_FOLDER,
+            arrivals=results,
             prove=prove,
             repeats=repeats,
             keep_going=keep_going,
@@ -60,15 +59,17 @@ def run(
             progress=progress,
         )
         progress("writing")
-        _write(found, folder)
+        results.finish(found)
     code = found.exit_code
     if code == EXIT_OK and fail_on_diff:
         code = diff_code(found.diffs)
     if as_json:
-        sys.stdout.write(text({**study_data(found), "exit_code": code, "folder": folder}))
+        sys.stdout.write(text({**study_data(found), "exit_code": code, "folder": folder, "notes": results.notes}))
         return code
     screen = terminal.console()
     terminal.show_study(found, screen)
+    for note in results.notes:
+        screen.print(f"note: {note}", soft_wrap=True, markup=False)
     screen.print(f"written: {folder}", soft_wrap=True)
     _say_untold(found.diffs if fail_on_diff else ())
     for name, one in found.runs.items():
@@ -86,22 +87,6 @@ def _say_untold(diffs: Sequence[Diff]) -> None:
     for one in diffs:
         if (why := terminal.cannot_be_told(one)) is not None:
             terminal.console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)
-
-
-def _write(found: Study, folder: Path) -> None:
-    for name, one in found.runs.items():
-        one.save(folder / name)
-        if name in found.floors:
-            save_floor(found.floors[name], folder / name)
-    # results of engines that were not asked for this time would be of another world, or look like part of this run
-    for old in folder.iterdir():
-        if old.is_dir() and is_run(old) and old.name not in found.runs:
-            shutil.rmtree(old)
-    if found.certificate is not None:
-        write_text(found.certificate.to_json(), folder / CERTIFICATE_FILE)
-    else:
-        (folder / CERTIFICATE_FILE).unlink(missing_ok=True)
-    write_text(text(study_data(found)), folder / REPORT_FILE)
 
 
 def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:

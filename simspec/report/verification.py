@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from simspec import generated
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location
 from simspec.outputs.marker import COMPILED, STUDY
-from simspec.outputs.targets import check_folder
+from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import plain, text
@@ -26,14 +26,15 @@ PLOTS = Path("runs")
 """Where plots go, in a folder of the world's name: the generated folder holds what compiling and proving write, and no more."""
 
 
-def check_target(folder: Path, spec: str) -> None:
-    """Raise SpecError when ``folder`` may not be written for this spec: before anything is compiled or proven."""
-    check_folder(folder, COMPILED, [find_spec(spec)])
+def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
+    """Raise SpecError when what would be written may not be: before anything is compiled or proven.
 
-
-def check_plots(world: World) -> None:
-    """The same for the folder of plots."""
-    check_folder(PLOTS / world.name, STUDY)
+    ``contact``: whether plots are written too.
+    """
+    found = [folder_problem(out or generated.GENERATED / world.name, COMPILED, [find_spec(spec)])]
+    if contact:
+        found.append(folder_problem(PLOTS / world.name, STUDY))
+    demand(found)
 
 
 def verify(

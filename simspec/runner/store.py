@@ -18,8 +18,10 @@ import numpy as np
 from simspec.engines.base import CONTACT_FIELDS
 from simspec.errors import Problem, SpecError
 from simspec.outputs.marker import RUN
+from simspec.outputs.reading import read_bytes
 from simspec.outputs.writing import build_folder, put
 from simspec.runner.run import SCHEMA, Run
+from simspec.stored import parse
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.coordinates import coordinates
 from simspec.world.types import World
@@ -36,6 +38,10 @@ MOST_COLUMNS = 4096
 """Columns of q and v by name: each costs 1 kB in the file and 15 kB of memory beside its values. Beyond that (300 free bodies)
 q and v are two columns of lists, and the names stand in the table's metadata under ``simspec.coordinates``."""
 COORDINATES = b"simspec.coordinates"
+
+
+LARGEST_FACTS = 16 * 2**20
+"""Bytes of a provenance: a few kB, and an engine's warnings."""
 
 
 def save_run(run: Run, folder: Path) -> Path:
@@ -141,6 +147,21 @@ def _lists(values: np.ndarray) -> Any:
 def is_run(folder: Path) -> bool:
     """Whether ``folder`` looks like a saved run."""
     return (folder / PROVENANCE_FILE).is_file()
+
+
+def stored_runs(folder: Path) -> dict[str, str | None]:
+    """The runs below a folder: the hash of the world that each is of, by the folder's name; None where that cannot be read."""
+    found: dict[str, str | None] = {}
+    for place in sorted(folder.iterdir()):
+        if place.is_symlink() or not place.is_dir() or not is_run(place):
+            continue
+        try:
+            facts = parse(read_bytes(place / PROVENANCE_FILE, LARGEST_FACTS), str(place))
+        except SpecError:
+            facts = None
+        known = facts.get("world_sha256") if isinstance(facts, dict) else None
+        found[place.name] = known if isinstance(known, str) else None
+    return found
 
 
 def load_run(folder: Path | str) -> Run:

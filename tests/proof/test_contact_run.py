@@ -311,23 +311,66 @@ def test_whatever_changes_a_figure_is_measured_anew(change, tmp_path, few_probes
     assert started == [1, 1]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[", "{}", "[]", "[1]", '[{"probe": "push"}]', "null", "7", "\x00", "DEEP", "NAN"]
-)
-def test_a_damaged_entry_is_measured_anew(text, tmp_path, few_probes, monkeypatch):
+def edited(entry: dict, **more) -> str:
+    return json.dumps(entry | more)
+
+
+DAMAGE = {
+    "empty": lambda entry: "",
+    "truncated": lambda entry: json.dumps(entry)[:200],
+    "nothing in it": lambda entry: json.dumps({"simspec_cache": 1}),
+    "a figure edited": lambda entry: edited(entry, figures=[entry["figures"][0] | {"measured": 0.123}]),
+    "a tolerance edited": lambda entry: edited(entry, figures=[entry["figures"][0] | {"tolerance": 1e9}]),
+    "not a number": lambda entry: edited(entry, figures=[entry["figures"][0] | {"measured": float("nan")}]),
+    "another entry's": lambda entry: edited(entry, key="0" * 64),
+    "another version": lambda entry: edited(entry, simspec_cache=2),
+    "no figures": lambda entry: edited(entry, figures=[], sha256=cache._content([])),
+    "deep": lambda entry: '{"simspec_cache": ' + "[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypatch):
     engine = installed(ENGINES[0])
     world = worlds.one_law()
     place = files(world, engine, tmp_path / engine)
     first = measured(world, engine, place)
-    (entry,) = (tmp_path / "cache" / "simspec" / "contact").iterdir()
-    if text == "NAN":
-        text = json.dumps([json.loads(entry.read_text())[0] | {"measured": float("nan")}])
-    entry.write_text("[" * 100_000 if text == "DEEP" else text)
+    (entry,) = cache.folder().iterdir()
+    entry.write_text(DAMAGE[damage](json.loads(entry.read_text())))
     started = processes(monkeypatch)
     assert measured(world, engine, place) == first
     assert started == [1]
     assert measured(world, engine, place) == first
     assert started == [1]
+
+
+@pytest.mark.parametrize("text", ["[1]", '[{"probe": "push"}]', "mine"])
+def test_what_is_no_entry_is_left_alone(text, tmp_path, few_probes, monkeypatch):
+    engine = installed(ENGINES[0])
+    world = worlds.one_law()
+    place = files(world, engine, tmp_path / engine)
+    first = measured(world, engine, place)
+    (entry,) = cache.folder().iterdir()
+    entry.write_text(text)
+    started = processes(monkeypatch)
+    assert measured(world, engine, place) == first
+    assert started == [1]
+    assert entry.read_text() == text
+
+
+def test_the_key_is_of_all_code_and_of_the_processor(monkeypatch):
+    engine = find_engine(installed(ENGINES[0]))
+    name = cache.key(engine, "x")
+    for change in ("code_digest", "environment"):
+        with monkeypatch.context() as patched:
+            patched.setattr(cache, change, lambda: "other")
+            assert cache.key(engine, "x") != name
+    with monkeypatch.context() as patched:
+        patched.setattr(cache, "engine_digest", lambda engine: "other code")
+        assert cache.key(engine, "x") != name
+    assert cache.key(engine, "x") == name
+    told = cache.environment()
+    assert set(told) == {"simspec", "numpy", "python", "platform", "processor"}
 
 
 def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, monkeypatch):

@@ -74,12 +74,13 @@ def test_a_run_that_gave_nothing_is_kept(tmp_path):
     assert not again.recorded
 
 
-def test_saving_replaces_the_whole_folder(tmp_path):
+def test_saving_replaces_what_simspec_wrote_and_no_more(tmp_path):
     folder = tmp_path / "run"
     noisy().save(folder)
-    (folder / "old.txt").write_text("old")
-    noisy().save(folder)
-    assert not (folder / "old.txt").exists()
+    (folder / "mine.txt").write_text("mine")
+    failed_run(worlds.spheres(2), "mujoco", EngineError("mujoco", "nothing came")).save(folder)
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"simspec-folder.json", "mine.txt", "provenance.json", "world.json"}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 

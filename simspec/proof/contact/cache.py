@@ -1,74 +1,149 @@
 """Figures measured before, so that a proof of the same contact costs nothing the second time.
 
 The key of an entry is the hash of everything that could change it: the probe world's compiled files (materials, numbers,
-cone, hardness, timestep, solver settings), how they are driven, the engine's version, and simspec's own code of engines and
-probes. Entries are never wrong, at most useless.
+cone, hardness, timestep, solver settings), how they are driven, simspec's own code that takes part and the engine module's,
+the versions of engine, simspec, Python and numpy, and the processor. An entry carries its key and a hash of its figures: one
+that was damaged, edited or renamed is no entry.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import inspect
 import json
 import os
-import tempfile
+import platform
+import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+from simspec.engines.base import Engine
+from simspec.errors import SpecError
+from simspec.outputs.reading import read_bytes
+from simspec.outputs.writing import write_file
 from simspec.proof.contact.probe import Figure
+from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 
-CODE = ("engines", "proof/contact")
-"""Folders of the package whose code decides what is measured; files that formats write are part of the key themselves."""
+APART = (
+    "cli.py",
+    "__main__.py",
+    "report",
+    "comparison",
+    "generated.py",
+    "runner",
+    "spec",
+    "resolve",
+    "outputs",
+    "stored.py",
+)
+"""Parts of the package whose code takes no part in measuring; all other code is part of the key."""
+VERSION = 1
+HEAD = b'{"simspec_cache": '
+"""How every entry begins: what begins otherwise is not simspec's, and is left alone."""
+LARGEST_ENTRY = 16 * 2**20
+"""Bytes; the largest, with the points of 24 directions, has some 10 kB."""
 
 
-def folder() -> Path:
-    """Where entries are kept: ``simspec/contact`` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache)."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "simspec" / "contact"
+def folder() -> Path | None:
+    """Where entries are kept: ``simspec/contact`` in the user's cache folder (XDG_CACHE_HOME or ~/.cache), if any."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(base):  # the specification of that variable: a relative path is to be ignored
+        return Path(base) / "simspec" / "contact"
+    try:
+        return Path.home() / ".cache" / "simspec" / "contact"
+    except RuntimeError:
+        return None
 
 
 @functools.cache
 def code_digest() -> str:
     """The hash of simspec's own code that takes part in measuring."""
-    digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[2]
-    for part in CODE:
-        for path in sorted((package / part).glob("*.py")):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    files = sorted(path for path in package.rglob("*.py") if path.relative_to(package).parts[0] not in APART)
+    return _digest(files, package)
+
+
+@functools.cache
+def engine_digest(engine: type[Engine]) -> str:
+    """The hash of the code of an engine's module and of those beside it, which may be another package's."""
+    own = Path(inspect.getfile(engine)).resolve().parent
+    return _digest(sorted(own.glob("*.py")), own)
+
+
+def _digest(files: Sequence[Path], root: Path) -> str:
+    digest = hashlib.sha256()
+    for path in files:
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(root).as_posix()}\0{len(content)}\0".encode() + content)
     return digest.hexdigest()
 
 
-def key(*parts: object) -> str:
+@functools.cache
+def environment() -> dict[str, Any]:
+    """What else decides the last digits: versions, and the processor, whose instructions libraries choose by."""
+    return {
+        "simspec": version("simspec"),
+        "numpy": version("numpy"),
+        "python": sys.version,
+        "platform": platform.platform(),
+        "processor": processor(),
+    }
+
+
+def processor() -> list[str]:
+    """The processor's model and instruction sets, as far as the system says."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    wanted = ("model name", "flags", "Features", "CPU part")
+    told = dict.fromkeys(line for line in lines if line.split("\t")[0].split(":")[0].strip() in wanted)
+    return [platform.machine(), platform.processor(), *told]
+
+
+def key(engine: type[Engine], *parts: object) -> str:
     """The name of an entry."""
-    return hashlib.sha256(canonical_json([code_digest(), *parts]).encode()).hexdigest()
+    versions = [engine.NAME, str(engine.version()), engine_digest(engine)]
+    return hashlib.sha256(canonical_json([code_digest(), environment(), versions, *parts]).encode()).hexdigest()
 
 
 def read(name: str) -> list[Figure] | None:
-    """The figures of an entry; None when there is none, or when it cannot be read (it is then measured anew)."""
-    path = folder() / f"{name}.json"
+    """The figures of an entry; None when there is none, or it is not what was kept (it is then measured anew)."""
+    place = folder()
+    if place is None:
+        return None
+    path = place / f"{name}.json"
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
-        return [from_plain(Figure, entry) for entry in entries] or None  # every probe gives some figure
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        entry = read_as(CacheEntry, read_bytes(path, LARGEST_ENTRY, place), str(path))
+        if (entry.simspec_cache, entry.key) != (VERSION, name) or entry.sha256 != _content(entry.figures):
+            return None
+        return [from_plain(Figure, figure) for figure in entry.figures] or None  # every probe gives some figure
+    except (OSError, SpecError, ValueError, KeyError, TypeError):
         return None
 
 
-def _refuse(constant: str) -> float:
-    """NaN and infinity: no entry is written with them."""
-    raise ValueError(constant)
+def _content(figures: Sequence[Any]) -> str:
+    return hashlib.sha256(canonical_json(list(figures)).encode()).hexdigest()
 
 
 def write(name: str, figures: Sequence[Figure]) -> bool:
     """Keep figures, whole or not at all; False when the folder cannot be written, which costs time only."""
-    text = json.dumps([to_plain(figure) for figure in figures], allow_nan=False)
+    place = folder()
+    if place is None:
+        return False
+    plain = [to_plain(figure) for figure in figures]
+    entry = {"simspec_cache": VERSION, "key": name, "sha256": _content(plain), "figures": plain}
     try:
-        folder().mkdir(parents=True, exist_ok=True)
-        # a name of its own: several processes may measure the same at the same time
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder()) as place:
-            part = Path(place) / "entry.json"
-            part.write_text(text, encoding="utf-8")
-            os.replace(part, folder() / f"{name}.json")
-    except OSError:
+        # not synced: what a power cut leaves half is no entry
+        write_file(place / f"{name}.json", json.dumps(entry, allow_nan=False), _ours, lasting=False)
+    except (OSError, SpecError):
         return False
     return True
+
+
+def _ours(content: bytes) -> bool:
+    return content.startswith(HEAD) or HEAD.startswith(content)

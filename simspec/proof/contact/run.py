@@ -201,7 +201,7 @@ def _key(
         for one in operations
     ]
     wanted = None if law is None else to_plain(law)
-    return cache.key(engine.NAME, str(engine.version()), [one.sha256 for one in compiled], drives, wanted, probe)
+    return cache.key(engine, [one.sha256 for one in compiled], drives, wanted, probe)
 
 
 def _world(one: Held, law: Law, trial: Trial) -> World:

@@ -1,0 +1,137 @@
+"""``runs/NAME``: what is kept of a study, each part as soon as it is there.
+
+The folder is shared: by runs of several engines, one after the other or at the same time, and by worlds that a spec had before.
+What is of this world stays and counts; what is of another world stays, and is named as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from simspec import generated
+from simspec.comparison.floor import Floor, save_floor
+from simspec.comparison.study import Arrivals, Study
+from simspec.compiler import Compiled, output_files
+from simspec.errors import SpecError
+from simspec.generated import CERTIFICATE_FILE
+from simspec.outputs.marker import COMPILED, RUN, STUDY
+from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.writing import change_file, open_folder, remove_file
+from simspec.report.plain import REPORT_SCHEMA, study_data, text
+from simspec.runner.run import Run
+from simspec.runner.store import stored_runs
+from simspec.stored import Report, read_as
+from simspec.world.canonical import sha256
+from simspec.world.types import World
+
+if TYPE_CHECKING:
+    from simspec.proof.certificate import Certificate
+
+REPORT_FILE = "report.json"
+COMPILED_FOLDER = "compiled"
+
+
+class Results(Arrivals):
+    """The results of one study of ``world`` in ``folder``. ``notes``: what there is to say of what was there before."""
+
+    def __init__(self, world: World, folder: Path):
+        self.notes: list[str] = []
+        self._world = world
+        self._hash = sha256(world)
+        self._folder = folder
+
+    def demand(self, engines: list[str], specs: list[Path]) -> None:
+        """Raise SpecError, with every problem, when one of the targets may not be written: before any work is done.
+
+        ``specs``: the files that are read, which no target may hold.
+        """
+        demand([folder_problem(self._folder, STUDY, specs)])
+        below = {COMPILED_FOLDER: COMPILED} | dict.fromkeys(engines, RUN)
+        demand(folder_problem(self._folder / name, kind, specs) for name, kind in below.items())
+
+    def compiled(self, compiled: Mapping[str, Compiled]) -> None:
+        open_folder(self._folder, STUDY)
+        built = generated.Built(self._world, compiled, output_files(self._world, compiled))
+        generated.write(built, self._folder / COMPILED_FOLDER)
+
+    def certificate(self, certificate: Certificate) -> None:
+        """Keep the proof, together with those of other engines of the same world."""
+
+        def change(before: bytes | None) -> str:
+            return certificate.joined(self._earlier(before)).to_json()
+
+        change_file(self._folder, STUDY, CERTIFICATE_FILE, change)
+
+    def _earlier(self, content: bytes | None) -> Certificate | None:
+        from simspec.proof.certificate import Certificate
+
+        if content is None:
+            return None
+        try:
+            return Certificate.from_json(content.decode())
+        except (ValueError, KeyError, TypeError, SpecError) as error:
+            self.notes.append(f"{self._folder / CERTIFICATE_FILE} could not be read and was written anew: {error}")
+            return None
+
+    def run(self, run: Run) -> None:
+        run.save(self._folder / run.engine)
+
+    def floor(self, floor: Floor) -> None:
+        save_floor(floor, self._folder / floor.engine)
+
+    def finish(self, study: Study) -> None:
+        """Write the report, and look at what else there is in the folder."""
+        open_folder(self._folder, STUDY)
+        if study.certificate is None:
+            self._drop_certificate()
+        others = {}
+        for name, found in stored_runs(self._folder).items():
+            if name in study.runs:
+                continue
+            same = found == self._hash
+            others[name] = {"same_world": same}
+            if not same:
+                why = "cannot be read" if found is None else "is of another world (an earlier spec, or another --set)"
+                self.notes.append(f"{self._folder / name} {why}: it stays, and is no part of this comparison")
+        data = {**study_data(study), "world_sha256": self._hash, "other_runs": others}
+        change_file(self._folder, STUDY, REPORT_FILE, lambda before: text(self._joined(data, before)))
+
+    def _drop_certificate(self) -> None:
+        """A study without proof leaves the certificate of this world, and removes that of another."""
+        path = self._folder / CERTIFICATE_FILE
+        try:
+            old = generated.read_certificate(self._folder)
+            if old is None or old.world_sha256 == self._hash:
+                return
+            why = "was of another world"
+        except SpecError as error:
+            why = f"could not be read ({error})"
+        if remove_file(self._folder, STUDY, CERTIFICATE_FILE):
+            self.notes.append(f"{path} {why} and was removed")
+
+    def _joined(self, data: dict[str, Any], before: bytes | None) -> dict[str, Any]:
+        """This study's report, with what the one before says of other engines in the same world."""
+        if before is None:
+            return data
+        path = self._folder / REPORT_FILE
+        try:
+            old = read_as(Report, before, str(path))
+        except SpecError as error:
+            self.notes.append(f"{path} could not be read and was written anew: {error.problems[0].message}")
+            return data
+        if old.schema_ != REPORT_SCHEMA or old.world_sha256 != self._hash:
+            return data
+        kept = {name for name, one in data["other_runs"].items() if one["same_world"]} & old.runs.keys()
+        for part, earlier in (("runs", old.runs), ("floors", old.floors)):
+            data[part] = {name: one for name, one in earlier.items() if name in kept} | data[part]
+        data["diffs"] = [one for one in old.diffs if {_engine(one, "first"), _engine(one, "second")} <= kept] + data[
+            "diffs"
+        ]
+        return data
+
+
+def _engine(diff: dict[str, Any], side: str) -> str:
+    """The engine of one side of a stored comparison, which is labelled by engine and version."""
+    return str(diff.get(side, "")).split(" ")[0]
