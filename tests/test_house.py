@@ -84,6 +84,7 @@ WRITERS = {
     "engines/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/process.py": "requests into the temporary folder of an engine's process",
     "engines/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
+    "engines/pybullet_inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "mapped.py": "in an engine's process: recorded rows into the process's own temporary folder",
 }
 

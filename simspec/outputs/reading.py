@@ -10,27 +10,13 @@ import os
 import stat
 from pathlib import Path
 
+from simspec import reading
 from simspec.errors import Problem, SpecError
 
 MOST_FILES = 100_000
 """Entries of one folder of output: the largest scenario has one file for each of 10,000 bodies."""
 LARGEST_TEXT = 256 * 2**20
 """Bytes of a text that simspec wrote; the largest, the MJCF of 10,000 bodies, has 20 MB."""
-
-KINDS = (
-    (stat.S_ISLNK, "a symbolic link"),
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-    (stat.S_ISREG, "a regular file"),
-)
-
-
-def kind_of(mode: int) -> str:
-    """What stands at a path, in words."""
-    return next((name for test, name in KINDS if test(mode)), "something unknown")
 
 
 def refuse(path: Path | str, why: str, hint: str | None = None) -> SpecError:
@@ -44,44 +30,26 @@ def open_regular(path: Path, limit: int, root: Path | None = None) -> int:
     ``root``: the folder that the file must be in; no part of the way from there may be a link. Raises FileNotFoundError when
     there is no file, SpecError (which names it) when it is none to read.
     """
-    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        if root is None:
-            found = os.open(path, flags)
-        else:
-            found = _open_below(root, path.relative_to(root).parts, flags)
+        if root is not None:
+            _demand_below(root, path.relative_to(root).parts)
+        return reading.open_regular(path, limit)
     except FileNotFoundError:
         raise
+    except reading.NotReadableError as error:
+        raise refuse(path, str(error)) from None
     except OSError as error:
-        try:
-            mode = os.lstat(path).st_mode
-        except OSError:
-            mode = stat.S_IFREG
-        if not stat.S_ISREG(mode):
-            raise refuse(path, f"{kind_of(mode)}, where a regular file is expected") from None
         raise refuse(path, f"cannot be read: {error.strerror}") from None
-    held = os.fstat(found)
-    if not stat.S_ISREG(held.st_mode):
-        os.close(found)
-        raise refuse(path, f"{kind_of(held.st_mode)}, where a regular file is expected")
-    if held.st_size > limit:
-        os.close(found)
-        raise refuse(path, f"{held.st_size / 1e6:.1f} MB, more than the {limit / 1e6:.1f} MB that such a file may have")
-    return found
 
 
-def _open_below(root: Path, parts: tuple[str, ...], flags: int) -> int:
-    folder = os.open(root, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        for part in parts[:-1]:
-            if part == "..":
-                raise refuse(root.joinpath(*parts), "leaves its folder")
-            below = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
-            os.close(folder)
-            folder = below
-        return os.open(parts[-1], flags, dir_fd=folder)
-    finally:
-        os.close(folder)
+def _demand_below(root: Path, parts: tuple[str, ...]) -> None:
+    """Raise NotReadableError where the way from ``root`` to a file goes through anything but folders."""
+    place = root
+    for part in parts[:-1]:
+        place /= part
+        mode = os.lstat(place).st_mode
+        if part == ".." or not stat.S_ISDIR(mode):
+            raise reading.NotReadableError(f"its folder {str(place)!r} is {reading.kind(mode)}")
 
 
 def read_bytes(path: Path, limit: int = LARGEST_TEXT, root: Path | None = None) -> bytes:
@@ -89,7 +57,7 @@ def read_bytes(path: Path, limit: int = LARGEST_TEXT, root: Path | None = None) 
     with os.fdopen(open_regular(path, limit, root), "rb") as file:
         content = file.read(limit + 1)
     if len(content) > limit:
-        raise refuse(path, f"more than {limit / 1e6:.1f} MB")
+        raise refuse(path, f"more than the {limit:,} bytes that are read")
     return content
 
 
@@ -119,7 +87,7 @@ def files_below(folder: Path, most: int = MOST_FILES) -> list[str]:
                 elif stat.S_ISREG(mode):
                     found.append(name)
                 else:
-                    raise refuse(folder / name, f"{kind_of(mode)}, where only regular files are expected")
+                    raise refuse(folder / name, f"{reading.kind(mode)}, where only regular files are expected")
                 if len(found) + len(waiting) > most:
                     raise refuse(folder, f"holds more than {most} files")
     return sorted(found)

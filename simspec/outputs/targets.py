@@ -15,7 +15,8 @@ from pathlib import Path
 
 from simspec.errors import Problem, SpecError
 from simspec.outputs.marker import MARKER_FILE, Marker, read_marker
-from simspec.outputs.reading import kind_of, read_bytes
+from simspec.outputs.reading import read_bytes
+from simspec.reading import kind as kind_of
 
 LARGEST_OWN = 64 * 2**20
 """Bytes of a single file that may be looked at to see whether simspec wrote it."""
