@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import SEED, random_states
 from simspec.engines.process import Operation
 from simspec.proof.checks import Check, Tally
-from simspec.proof.probes import SEED, random_states
 from simspec.world.kinematics import rubbing
 from simspec.world.types import World
 

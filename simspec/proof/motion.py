@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import SEED, random_states
 from simspec.proof.checks import Check
-from simspec.proof.probes import SEED, random_states, rotation_error
+from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 

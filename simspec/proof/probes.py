@@ -9,44 +9,12 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
-from simspec.world.kinematics import initial_state
 from simspec.world.types import World
 
-SEED = 20211
 STATES = 5
 FEW_STATES = 1
 LARGE = 200
 """Coordinates above which one state is probed: a mass matrix of 1,296 coordinates is 13 MB."""
-
-
-def random_states(world: World, count: int, seed: int = SEED, speed: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """``count`` seeded states (count, nq), (count, nv): hinges anywhere within their limits (else ±π), slides within
-    theirs (else ±0.5 m), any orientation, free roots within 1 m of where they are, velocities within ±``speed``."""
-    generator = np.random.default_rng(seed)
-    start, _ = initial_state(world)
-    states, velocities = [], []
-    for _ in range(count):
-        q: list[float] = []
-        v: list[float] = []
-        at = 0
-        for body in world.bodies:
-            joint = body.joint
-            if joint.kind in ("hinge", "slide"):
-                reach = math.pi if joint.kind == "hinge" else 0.5
-                low, high = joint.position_limits or (-reach, reach)
-                low, high = max(low, -reach), min(high, reach)
-                q.append(generator.uniform(low, high) if low < high else sum(joint.position_limits or (0.0, 0.0)) / 2)
-            elif joint.kind in ("ball", "free"):
-                if joint.kind == "free":
-                    q.extend(start[at : at + 3] + generator.uniform(-1, 1, 3))
-                turn = generator.normal(size=4)
-                q.extend(turn / np.linalg.norm(turn) * (1.0 if turn[0] >= 0 else -1.0))
-            at += len(joint.position)
-            v.extend(generator.uniform(-speed, speed, len(joint.velocity)))
-        states.append(q)
-        velocities.append(v)
-    shape = (count, -1) if states and states[0] else (count, 0)
-    return np.array(states).reshape(shape), np.array(velocities).reshape((count, -1) if velocities[0] else (count, 0))
 
 
 def kinematics_checks(

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
 from simspec.proof.checks import Check
-from simspec.proof.probes import random_states
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, initial_state, rigid_groups, trees
 from simspec.world.types import Body, Shape, World

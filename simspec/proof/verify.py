@@ -12,6 +12,7 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
 from simspec.engines.base import Engine, find_engine
 from simspec.engines.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.errors import EngineError, Location, UnsupportedError
@@ -28,7 +29,7 @@ from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
-from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks, random_states
+from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks
 from simspec.proof.touch import Meetings, touch_checks
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256

@@ -9,6 +9,7 @@ from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
 from simspec.resolve.scenario import engines, expectations, physics, record, shortened
+from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
 from simspec.spec.load import Spec
 from simspec.spec.problems import in_order
@@ -21,7 +22,7 @@ __all__ = ["resolve"]
 def resolve(spec: Spec) -> World:
     """The world of a spec. Raises SpecError with every problem that shows only when things are expanded: names that are
     taken twice, references to bodies and joints that do not exist, times that are not recorded; and, where all else is
-    right, controllers that are unstable at the timestep."""
+    right, joints and controllers that are unstable at the timestep."""
     expansion = expand(spec.source)
     whole = physics(spec.data.physics)
     time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
@@ -47,6 +48,6 @@ def resolve(spec: Spec) -> World:
     if problems:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)
-    if problems := unstable(spec.source, world):
+    if problems := unstable_joints(spec.source, world) or unstable(spec.source, world):
         raise SpecError(in_order(problems))
     return world

@@ -13,13 +13,14 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
 from simspec.engines.base import CONTACT_FIELDS, check_settings, engines, find_engine
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
 from simspec.formats import contact_plan
 from simspec.formats.base import formats
 from simspec.proof.comparator import compare
-from simspec.proof.probes import random_states, rotation_error
+from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World
 from tests import worlds

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
 from simspec.proof import motion, touch
-from simspec.proof.probes import dynamics_checks, kinematics_checks, random_states, rotation_error
+from simspec.proof.probes import dynamics_checks, kinematics_checks, rotation_error
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
 from tests import worlds

@@ -1,0 +1,144 @@
+"""Whether joints' own damping and springs are stable at a world's timestep, told before anything runs.
+
+Both are explicit in time in every engine. About a posture, M v' = M v − dt (K q + D v), q' = q + dt v', with M at that posture
+and K, D the diagonals of stiffness and damping. By Jury's criterion no deviation x grows while xᵀ(4 M − 2 dt D − dt² K) x > 0:
+one joint alone is stable while 2 d dt + k dt² < 4 m, m its generalised inertia, 1 / (M⁻¹)ᵢᵢ. Gravity's and the Coriolis force's
+change with the state is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from simspec.dynamics.oracle import Tree
+from simspec.dynamics.states import random_states
+from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.types import Body, World
+
+POSTURES, FEW, LARGE = 8, 1, 200
+"""Seeded postures within the limits that are looked at besides the initial one (M of an arm that folds changes severalfold),
+and how many of trees with more coordinates than that."""
+SLACK = 1e-9
+"""Share of the bound that round-off may take; at the bound itself a deviation neither grows nor fades."""
+RESOLUTION = 1e-4
+"""Relative: the largest stable step is named to three digits."""
+SHARE = 0.1
+"""Part in the fastest growing motion from which on a joint is named, where several diverge only together."""
+BOUND = 4.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Instability:
+    """Bodies whose joints' damping or springs diverge, the strongest first: at the world's timestep (s) the fastest growing
+    deviation grows by ``growth`` in a step; up to ``largest_stable_step`` (s) none does. ``initially``: at the initial posture
+    already, or only at others within the limits. ``damping``: whether damping is more of the cause than springs."""
+
+    bodies: tuple[str, ...]
+    timestep: float
+    largest_stable_step: float
+    growth: float
+    initially: bool
+    damping: bool
+
+    def __str__(self) -> str:
+        what = "damping" if self.damping else "spring"
+        more = len(self.bodies) - 1
+        who = f"the joint of {self.bodies[0]!r}" + (
+            f" (and {more} more joint{'s' if more > 1 else ''})" if more else ""
+        )
+        where = "" if self.initially else ", at some postures within its limits"
+        growth = f"deviations grow by a factor of {self.growth:.4g} in every step"
+        return f"explicit {what} at {who} is unstable at this timestep{where}: {growth}"
+
+
+def unstable(world: World) -> list[Instability]:
+    """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once."""
+    known: dict[object, tuple[tuple[int, ...], Instability] | None] = {}
+    found = []
+    for bodies in trees(world).values():
+        if not any(body.joint.damping or body.joint.spring_stiffness for body in bodies):
+            continue
+        key = _alike(bodies)
+        if key not in known:
+            known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
+        if (entry := known[key]) is not None:
+            rows, one = entry
+            found.append(dataclasses.replace(one, bodies=tuple(bodies[row].name for row in rows)))
+    return found
+
+
+def _alike(bodies: Sequence[Body]) -> object:
+    """What M and the efforts of a tree follow from: equal for copies of one model, wherever they are and however they move."""
+    index = {body.name: number for number, body in enumerate(bodies)}
+    return tuple(
+        (
+            body.inertial,
+            dataclasses.replace(body.joint, name="", parent=None, velocity=(), position=_posture(body)),
+            index.get(body.joint.parent or "", -1),
+        )
+        for body in bodies
+    )
+
+
+def _posture(body: Body) -> tuple[float, ...]:
+    return () if body.joint.kind == "free" else body.joint.position
+
+
+def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
+    """The rows of the bodies to blame, and the instability without their names; None where the tree is stable."""
+    tree, step = Tree(world), world.physics.timestep
+    owner = np.array([row for row, body in enumerate(world.bodies) for _ in body.joint.velocity], dtype=int)
+    stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
+    for body, part in zip(world.bodies, layout(world.bodies).velocity, strict=True):
+        stiffness[part], damping[part] = body.joint.spring_stiffness, body.joint.damping
+    acting = np.flatnonzero(stiffness + damping)
+    k, d = stiffness[acting], damping[acting]
+    seeded = random_states(world, POSTURES if tree.nv <= LARGE else FEW)[0]
+    mobilities = [
+        np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)]
+        for posture in (initial_state(world)[0], *seeded)
+    ]
+    sizes = [_size(one, k, d, step) for one in mobilities]
+    worst = int(np.argmax(sizes))
+    if sizes[worst] < BOUND * (1.0 - SLACK):
+        return None
+    mobility = mobilities[worst]
+    largest = step
+    for one, size in zip(mobilities, sizes, strict=True):
+        if size >= BOUND * (1.0 - SLACK):
+            largest = min(largest, _largest(one, k, d, step))
+    root = np.sqrt(step**2 * k + 2.0 * step * d)
+    values, vectors = np.linalg.eigh(root[:, None] * mobility * root)
+    mode = vectors[:, -1]
+    motion = mobility @ (root * mode)
+    sprung = step**2 * float(k @ motion**2) / values[-1]
+    damped = step * float(d @ motion**2) / values[-1]
+    growth = float(np.abs(np.roots([1.0, sprung + damped - 2.0, 1.0 - damped])).max())
+    alone = (step**2 * k + 2.0 * step * d) * np.diag(mobility)
+    parts = alone if (alone >= BOUND * (1.0 - SLACK)).any() else mode**2
+    least = BOUND * (1.0 - SLACK) if parts is alone else SHARE
+    strongest = [int(owner[acting[at]]) for at in np.argsort(-parts) if parts[at] >= least]
+    initially = sizes[0] >= BOUND * (1.0 - SLACK)
+    rows = tuple(dict.fromkeys(strongest))
+    return rows, Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung))
+
+
+def _size(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, step: float) -> float:
+    """The largest eigenvalue of M⁻¹ (dt² K + 2 dt D): at least ``BOUND`` where something grows."""
+    root = np.sqrt(step**2 * stiffness + 2.0 * step * damping)
+    return float(np.linalg.eigvalsh(root[:, None] * mobility * root)[-1])
+
+
+def _largest(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, unstable_step: float) -> float:
+    """The largest step at which nothing grows, from below, to ``RESOLUTION``: the size grows with the step."""
+    stable, too_large = 0.0, unstable_step
+    while too_large - stable > RESOLUTION * too_large:
+        middle = (stable + too_large) / 2.0 if stable else too_large / 2.0
+        if _size(mobility, stiffness, damping, middle) < BOUND * (1.0 - SLACK):
+            stable = middle
+        else:
+            too_large = middle
+    return stable

@@ -1,0 +1,28 @@
+"""Joints whose own damping or spring diverges at the world's timestep."""
+
+from __future__ import annotations
+
+from simspec.errors import Problem
+from simspec.spec.locate import locate
+from simspec.spec.sources import Source
+from simspec.world.types import World
+
+
+def unstable_joints(source: Source, world: World) -> list[Problem]:
+    """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, nothing can be told."""
+    if not any(body.joint.damping or body.joint.spring_stiffness for body in world.bodies):
+        return []
+    try:
+        from simspec.dynamics.stability import unstable
+
+        found = unstable(world)
+    except ModuleNotFoundError:
+        return []
+    problems = []
+    for one in found:
+        path = f"bodies.{one.bodies[0]}.joint." + ("damping" if one.damping else "spring.stiffness")
+        largest = f"up to {one.largest_stable_step:.3g} s"
+        hint = f"less {'damping' if one.damping else 'stiffness'}; or a smaller physics.timestep"
+        found_there = f"a timestep of {one.timestep:g} s"
+        problems.append(Problem(str(one), path, locate(source, path), found=found_there, allowed=largest, hint=hint))
+    return problems
