@@ -6,6 +6,7 @@ applied as an effort computed from DART's own state before every step. Facts mar
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,17 +20,20 @@ from simspec.engines.base import (
     Engine,
     Setting,
     empty_contacts,
+    expected_labels,
     resolve_settings,
     restore_velocities,
 )
 from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_springs
+from simspec.engines.dart_expected import chosen_solver, expected
+from simspec.engines.dart_inventory import inventory, neutral
 from simspec.engines.dart_readback import read_back
 from simspec.engines.dart_simulation import Simulation
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
-from simspec.formats.contact_plan import Rules
+from simspec.formats.contact_plan import Rules, contact_plan
 from simspec.formats.skel_detectors import accepted_contact, detector_of
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
-from simspec.world.types import ReadBack, World
+from simspec.world.types import HeldValue, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
@@ -243,6 +247,14 @@ class Dart(Engine):
         "collision_group": "DART does not list its filter; it is probed instead",
     }
 
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        settings = resolve_settings(cls, world)
+        detector = detector_of(world, cls.NAME, str(settings["collision_detector"]))
+        chosen = {"settings.collision_detector": detector, "settings.contact_solver": chosen_solver(world, settings)}
+        plan = contact_plan(world, cls.RULES, cls.LAYERS)
+        return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
+
     def __init__(self) -> None:
         self._sim: Simulation | None = None
 
@@ -258,7 +270,8 @@ class Dart(Engine):
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
-        return read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
+        held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         self._simulation.set_state(q, v)

@@ -21,6 +21,7 @@ from simspec.engines.dart_nodes import Nodes
 from simspec.errors import EngineError
 from simspec.formats.skel import WORLD
 from simspec.formats.skel_reader import without_pictures
+from simspec.formats.skel_sidecar import check_sidecar
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
@@ -72,9 +73,15 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any], pictures: bool = False):
         self.dartpy = _import()
+        try:
+            check_sidecar(sidecar)
+        except ValueError as error:
+            raise EngineError(NAME, str(error)) from error
         self.sidecar = sidecar
         self.settings = sidecar["settings"]
         self.log: list[str] = []
+        self.apart: list[tuple[str, str]] = []
+        """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
         self._folder, self._blind = folder, False
         self.world = self._read(folder / WORLD, pictures)
         with captured_errors(self.log):
@@ -177,6 +184,7 @@ class Simulation:
         # the option is a copy, the filter in it is the solver's own (measured)
         add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
         for one, other in self.nodes.apart():
+            self.apart.append((one.getName(), other.getName()))
             add(one, other)
 
     # --- state ------------------------------------------------------------------------------------------------

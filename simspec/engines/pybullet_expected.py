@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK, named_set
+from simspec.engines.expected_filter import Carrier, expected_apart
+from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
 from simspec.formats.contact_plan import ContactPlan, Part, meeting_laws, parts
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
 from simspec.world.types import Body, HeldValue, World
@@ -62,7 +63,7 @@ def expected(
         for link in links:
             found.update(_link(link, settings, neutral))
             if link.part is not None:
-                solid.append(link)
+                solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
                 still = groups[link.body.name] == "world"
                 found.update(_collider(link, still, settings, neutral))
         if world_link:
@@ -77,8 +78,7 @@ def expected(
         found[f"calls.changeDynamics.{name}.sleepThreshold"] = SLOW
     for body in world.bodies:
         found.update(_motor(body))
-    found.update(_apart(world, plan, solid, groups))
-    return found
+    return found | expected_apart(world, plan, solid)
 
 
 def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[_Link]:
@@ -199,40 +199,3 @@ def _motor(body: Body) -> dict[str, HeldValue]:
     else:
         held = {}
     return {f"calls.motor.{body.name}.{key}": value for key, value in held.items()}
-
-
-def _apart(world: World, plan: ContactPlan, solid: list[_Link], groups: Mapping[str, str]) -> dict[str, HeldValue]:
-    """Of every link the others that must not touch it: of its own rigid group, or both still, of groups that ignore each other,
-    of bodies that the world names, or of materials and layers that do not meet."""
-    kinds: dict[tuple[bool, str, str, int], set[str]] = {}
-    kind_of, of_body, of_group = {}, {}, {}
-    for link in solid:
-        if link.part is None:
-            continue
-        still, name = groups[link.body.name] == "world", link.name
-        kind = (still, link.body.collision_group, link.part.material, link.part.layer)
-        kind_of[name] = kind
-        kinds.setdefault(kind, set()).add(name)
-        of_body.setdefault(link.body.name, set()).add(name)
-        of_group.setdefault(groups[link.body.name], set()).add(name)
-    ignored = set(world.contact.ignored_groups)
-
-    def meet(one: tuple[bool, str, str, int], other: tuple[bool, str, str, int]) -> bool:
-        pair = (min(one[1], other[1]), max(one[1], other[1]))
-        return not (one[0] and other[0]) and pair not in ignored and plan.meet(one[2:], other[2:])
-
-    by_kind = {
-        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held)
-        for kind in kinds
-    }
-    named: dict[str, set[str]] = {}
-    for one, other in world.contact.excluded_bodies:
-        named.setdefault(one, set()).update(of_body.get(other, ()))
-        named.setdefault(other, set()).update(of_body.get(one, ()))
-    return {
-        f"apart.{link.name}": named_set(
-            (by_kind[kind_of[link.name]] | named.get(link.body.name, set()) | of_group[groups[link.body.name]])
-            - {link.name}
-        )
-        for link in solid
-    }

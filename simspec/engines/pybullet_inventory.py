@@ -7,13 +7,13 @@ solver's numbers, the collision masks and flags of every link), and the calls ma
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from simspec.engines.bullet_file import Block, plain, read_blocks
+from simspec.engines.expected_filter import named_set
 from simspec.engines.pybullet_simulation import Simulation, Tree, from_xyzw
 from simspec.errors import EngineError
 from simspec.world import frames
@@ -84,9 +84,6 @@ ROUND = {8, 10}
 STATE = frozenset(name for name, why in COLLIDER.items() if why.startswith("state"))
 UNCOUNTED = {"SHAP", "ARAY", "CONT", "CHAR", "MBDY", "MBLC"}
 """Blocks of the dump that are not counted: parts of others, contacts of the moment, and what has entries of its own."""
-MOST_NAMED = 8
-"""Links that do not touch another are named up to this many, else counted, with a digest of their names."""
-
 NEUTRAL = """<robot name="neutral">
 <link name="base"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
 <collision><geometry><sphere radius="1"/></geometry></collision></link>
@@ -342,11 +339,3 @@ def _apart(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]])
     return {
         f"apart.{name}": named_set((by_kind[kind] | pairs.get(name, set())) - {name}) for name, kind in masks.items()
     }
-
-
-def named_set(names: Iterable[str]) -> str:
-    """A set of names as a short text: all of them, or how many and a digest."""
-    ordered = sorted(names)
-    if len(ordered) <= MOST_NAMED:
-        return " ".join(ordered)
-    return f"{len(ordered)} links, {hashlib.sha256(chr(0).join(ordered).encode()).hexdigest()[:16]}"

@@ -7,9 +7,11 @@ or a dict of forms by field; a field whose name ends in ``?`` may be missing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from simspec.world.types import FRICTION_CONES, JOINT_KINDS
 
 WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
 
@@ -67,6 +69,24 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
             check_fields(one, known[name], f"{at}.{name}")
     elif form is not object and not _is(value, form):
         raise ValueError(f"{at} is {_told(value)}, should be {WORDS[form]}")
+
+
+def check_common(content: Mapping[str, Any]) -> set[str]:
+    """The names of a sidecar's bodies. Raise ValueError where two are alike, or a word of the common fields is not known."""
+    names = [body["name"] for body in content["bodies"]]
+    check_distinct(names, "sidecar.bodies")
+    check_known((body["kind"] for body in content["bodies"]), JOINT_KINDS, "sidecar.bodies")
+    check_known((content["friction_cone"],), FRICTION_CONES, "sidecar.friction_cone")
+    return set(names)
+
+
+def check_known(names: Iterable[str], known: Collection[str], at: str) -> None:
+    """Raise ValueError when some of the names are not among those known."""
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        raise ValueError(
+            f"{at} has {', '.join(map(repr, unknown))}, which {'is' if len(unknown) == 1 else 'are'} not known"
+        )
 
 
 def check_distinct(values: Iterable[Any], at: str) -> None:

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 from simspec.formats.base import read_sidecar
 from simspec.formats.passes import restore_frames
 from simspec.formats.skel_filter import check_filter
+from simspec.formats.skel_sidecar import check_sidecar
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
@@ -220,6 +221,7 @@ def read_folder(folder: Path) -> ReadBack:
     Raises ValueError where the file and the sidecar do not fit together.
     """
     content = read_sidecar(folder)
+    check_sidecar(content)
     root = ElementTree.fromstring((folder / "world.skel").read_bytes())
     held = root.find("world")
     if held is None:

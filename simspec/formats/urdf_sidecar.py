@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simspec.formats.sidecar_fields import COMMON, ListOf, check_distinct, check_fields
+from simspec.formats.sidecar_fields import COMMON, ListOf, check_common, check_distinct, check_fields, check_known
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
 ROOTS = ("free", "fixed", "world link")
@@ -46,11 +46,8 @@ FORM: Mapping[str, Any] = {
 def check_sidecar(content: Mapping[str, Any]) -> None:
     """Raise ValueError where a sidecar is not of the form, or its lists do not fit together."""
     check_fields(content, dict(FORM))
+    bodies = check_common(content)
     kinds = {body["name"]: body["kind"] for body in content["bodies"]}
-    check_distinct((body["name"] for body in content["bodies"]), "sidecar.bodies")
-    unknown = sorted(set(kinds.values()) - set(POSITION_SIZE))
-    if unknown:
-        raise ValueError(f"sidecar.bodies has joints of the kinds {unknown}, which are not known")
     named = [name for instance in content["instances"] for name in instance["bodies"]]
     check_distinct(named, "sidecar.instances")
     if set(named) != set(kinds):
@@ -62,13 +59,13 @@ def check_sidecar(content: Mapping[str, Any]) -> None:
         links.update(copy["link"] for copy in instance["copies"])
     for name in ("springs", "armature"):
         check_distinct((entry["body"] for entry in content[name]), f"sidecar.{name}")
-        _check_known({entry["body"] for entry in content[name]}, set(kinds), f"sidecar.{name}")
+        check_known((entry["body"] for entry in content[name]), bodies, f"sidecar.{name}")
     held = [name for one in content["collision_filter"]["classes"] for name in one["links"]]
     check_distinct(held, "sidecar.collision_filter.classes")
-    _check_known(set(held), links, "sidecar.collision_filter.classes")
+    check_known(set(held), links, "sidecar.collision_filter.classes")
     pairs = {name for pair in content["collision_filter"]["excluded"] for name in pair}
-    _check_known(pairs, links, "sidecar.collision_filter.excluded")
-    _check_known(set(content.get("sleepers", ())), set(kinds), "sidecar.sleepers")
+    check_known(pairs, links, "sidecar.collision_filter.excluded")
+    check_known(set(content.get("sleepers", ())), bodies, "sidecar.sleepers")
 
 
 def _check_instance(instance: Mapping[str, Any], kinds: Mapping[str, str], at: str) -> None:
@@ -85,13 +82,8 @@ def _check_instance(instance: Mapping[str, Any], kinds: Mapping[str, str], at: s
         size = sum(sizes[kinds[body]] for body in bodies)
         if len(instance[name]) != size:
             raise ValueError(f"{at}.{name} has {len(instance[name])} numbers, should have {size}")
-    _check_known({copy["body"] for copy in instance["copies"]}, set(bodies), f"{at}.copies")
+    check_known({copy["body"] for copy in instance["copies"]}, set(bodies), f"{at}.copies")
     shapes = dict(zip(bodies, instance["shapes"], strict=True))
     for copy in instance["copies"]:
-        _check_known(set(copy["shapes"]), set(shapes[copy["body"]]), f"{at}.copies, link {copy['link']!r}")
+        check_known(set(copy["shapes"]), set(shapes[copy["body"]]), f"{at}.copies, link {copy['link']!r}")
     check_distinct((copy["link"] for copy in instance["copies"]), f"{at}.copies")
-
-
-def _check_known(names: set[str], known: set[str], at: str) -> None:
-    if not names <= known:
-        raise ValueError(f"{at} has {sorted(names - known)}, which the sidecar does not name elsewhere")
