@@ -77,7 +77,10 @@ def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], d
     if solver == "nsgs":
         found |= {name: value for name, value in neutral.items() if name.startswith("nsgs.")}
         found["nsgs.law"] = LAWS[world.contact.friction_cone]
-        found |= {"nsgs.maxSweeps": settings["iterations"], "nsgs.tolerance": settings["tolerance"]}
+        least = [settings["tolerance"]]
+        if any(body.joint.dry_friction for body in world.bodies):
+            least.append(settings["dry_friction_tolerance"])
+        found |= {"nsgs.maxSweeps": settings["iterations"], "nsgs.tolerance": min(least)}  # type: ignore[type-var]
     return found
 
 
