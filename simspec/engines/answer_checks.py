@@ -58,12 +58,16 @@ def _plain_value(value: Any) -> bool:
     return all(isinstance(item, (float, str)) or (isinstance(item, int) and abs(item) < 2**63) for item in items)
 
 
-def check_touching(found: np.ndarray, dimensions: Mapping[str, int]) -> None:
-    bounds = (dimensions.get("states"), dimensions.get("bodies"), dimensions.get("bodies"))
-    for column, (bound, what) in enumerate(zip(bounds, ("states", "bodies", "bodies"), strict=True)):
-        values = found[:, column]
-        if len(values) and (values.min() < 0 or (bound is not None and values.max() >= bound)):
-            raise BadAnswerError(f"touching names {what} that there are not")
+def check_touching(result: Mapping[str, Any], arrays: Mapping[str, np.ndarray], dimensions: Mapping[str, int]) -> None:
+    """Each row names a state, and two bodies or units, that there are; units are of bodies that there are, or of none."""
+    states, bodies = dimensions.get("states"), dimensions.get("bodies")
+    for name, things in (("touching", bodies), ("units", len(result["units"]))):
+        for column, bound in enumerate((states, things, things)):
+            values = arrays[name][:, column]
+            if len(values) and (values.min() < 0 or (bound is not None and values.max() >= bound)):
+                raise BadAnswerError(f"{name} names {'things' if column else 'states'} that there are not")
+    if bodies is not None and any(unit["body"] >= bodies for unit in result["units"]):
+        raise BadAnswerError("units are of bodies that there are not")
 
 
 def check_motion(operation: Operation, result: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:

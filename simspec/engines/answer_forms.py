@@ -50,7 +50,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "trials": {"v": STATE["v"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
-    "touching": {"touching": Form(("pairs", 3), "i8")},
+    "touching": {"touching": Form(("pairs", 3), "i8"), "units": Form(("unit_pairs", 3), "i8")},
     "run": {
         "step": Form(("rows",)),
         **STATE,
@@ -202,5 +202,18 @@ class MotionResult(Strict):
     steps: Count
 
 
-RESULTS: Mapping[str, type[BaseModel]] = {"run": RunResult, "motion": MotionResult}
+class Unit(Strict):
+    body: Annotated[int, Field(ge=-1, le=2**31)]
+    shapes: list[Name]
+
+
+class TouchingResult(Strict):
+    units: list[Unit]
+
+
+RESULTS: Mapping[str, type[BaseModel]] = {
+    "run": RunResult,
+    "motion": MotionResult,
+    "touching": TouchingResult,
+}
 """What an operation's plain result is, where it is more than nothing; ``read_back``'s is a ReadBack."""

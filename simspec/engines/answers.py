@@ -135,7 +135,7 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
     elif operation.op == "motion":
         check_motion(operation, result, arrays)
     elif operation.op == "touching":
-        check_touching(arrays["touching"], dimensions)
+        check_touching(result, arrays, dimensions)
     return Answer(result, arrays, entry.load_seconds, entry.seconds, entry.log, held)
 
 

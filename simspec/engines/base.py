@@ -86,6 +86,15 @@ class Deviation:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class CollisionUnit:
+    """What an engine's collision detection reports as one: ``body`` is the index in the world's bodies (−1: of none of them),
+    ``shapes`` are the names of those of its shapes that it may be."""
+
+    body: int
+    shapes: tuple[str, ...]
+
+
 class Engine:
     """A live simulation of one world.
 
@@ -193,10 +202,18 @@ class Engine:
         """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
         raise NotImplementedError
 
-    def detect_contacts(self) -> np.ndarray:
-        """Pairs (n, 2) of indices of bodies that touch at the present state, by the engine's own collision detection
-        with its filters; does not advance time. Rows are sorted (smaller index first), each pair once."""
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        """What the engine's collision detection tells apart: a shape, or several of one body where it names no more."""
         raise NotImplementedError
+
+    def detect_units(self) -> np.ndarray:
+        """Pairs (n, 2) of indices into ``collision_units`` that touch at the present state, by the engine's own collision
+        detection with its filters; does not advance time. Rows are sorted (smaller index first), each pair once."""
+        raise NotImplementedError
+
+    def detect_contacts(self) -> np.ndarray:
+        """Pairs (n, 2) of indices of bodies that touch at the present state: those of ``detect_units``, sorted, each once."""
+        return bodies_of(self.collision_units(), self.detect_units())
 
     def disable_contact(self) -> None:
         """Switch all contact off, for contact-free motion probes."""
@@ -244,6 +261,16 @@ class Actuation:
     def step(self) -> None:
         """One step under the efforts that were given for it."""
         self._engine.step(1, self._effort)
+
+
+def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
+    """Pairs (n, 2) of indices with the smaller one first, sorted, each once."""
+    return np.unique(np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1), axis=0)
+
+
+def bodies_of(units: Sequence[CollisionUnit], pairs: np.ndarray) -> np.ndarray:
+    """The pairs (n, 2) of indices of bodies, sorted and each once, of pairs of ``units``."""
+    return sorted_pairs(np.array([unit.body for unit in units], dtype=np.int64)[pairs]) if len(pairs) else pairs
 
 
 def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:

@@ -7,7 +7,7 @@ applied as an effort computed from DART's own state before every step. Facts mar
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ import numpy as np
 from simspec.control.native import Servos
 from simspec.engines.base import (
     Actuation,
+    CollisionUnit,
     Deviation,
     Engine,
     Setting,
@@ -23,6 +24,7 @@ from simspec.engines.base import (
     expected_labels,
     resolve_settings,
     restore_velocities,
+    sorted_pairs,
 )
 from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart_expected import chosen_solver, expected
@@ -331,8 +333,12 @@ class Dart(Engine):
             "normal_force": np.maximum(np.sum(normal * force, axis=1), 0.0),
         }
 
-    def detect_contacts(self) -> np.ndarray:
-        return self._simulation.detect_contacts()
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        place = self._simulation.nodes.place_of_body
+        return [CollisionUnit(place[one["body"]], (one["name"],)) for one in self._simulation.sidecar["shapes"]]
+
+    def detect_units(self) -> np.ndarray:
+        return sorted_pairs(self._simulation.detect_contacts())
 
     def disable_contact(self) -> None:
         self._simulation.disable_contact()

@@ -30,6 +30,7 @@ class Nodes:
     names     of the world's bodies, in its order
     bodies    DART's own node of each
     place     index of a body, by the name of any of its nodes
+    place_of_body  the same, by the body's own name in the world
     """
 
     def __init__(self, world: Any, sidecar: Mapping[str, Any]):
@@ -47,6 +48,7 @@ class Nodes:
             raise EngineError(NAME, f"{WORLD} has no bodies {missing}, and the sidecar has no bodies {more}")
         self.bodies = [held[name] for name in own]
         self.place = {name: index for index, name in enumerate(own)}
+        self.place_of_body = {name: index for index, name in enumerate(self.names)}
         self._of: list[list[Any]] = [[body] for body in self.bodies]
         for name, body in copies.items():
             place = self.place[name] = self.place[body]
@@ -82,8 +84,8 @@ class Nodes:
         """The place in the sidecar's list of the shape that a collision shape of DART is a copy of, and which copy."""
         return self._copies[_key(shape)]
 
-    def check_meeting(self, one: Any, other: Any) -> None:
-        """Raise EngineError when two collision shapes touch that are not the copies which should.
+    def wrong_meeting(self, one: Any, other: Any) -> str:
+        """What is wrong when two collision shapes touch that are not the copies which should; "" for those that should.
 
         The filter is DART's own and cannot be listed; a contact shows what it lets through.
         """
@@ -92,9 +94,8 @@ class Nodes:
         layers = {shapes[number]["surfaces"][index]["layer"] for number, index in copies}
         if pair in self._layer_of and layers != {self._layer_of[pair]}:
             names = " and ".join(repr(shapes[number]["name"]) for number, _ in copies)
-            raise EngineError(
-                NAME, f"lets copies of {names} touch that are in layers {sorted(layers)}, not {self._layer_of[pair]}"
-            )
+            return f"lets copies of {names} touch that are in layers {sorted(layers)}, not {self._layer_of[pair]}"
+        return ""
 
     def set_surfaces(self) -> None:
         """Give every copy of a shape its numbers."""

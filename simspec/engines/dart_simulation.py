@@ -27,6 +27,9 @@ CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
 option that it returns is a copy)."""
 
+MOST_DETECTED = 1_000_000
+"""Contacts that one detection outside a step may find: a probe brings many pairs together at once."""
+
 ZERO_MASS = "A negative or zero mass [0]"
 """DART warns of bodies without mass, which simspec has only where they cannot move: that is no news."""
 
@@ -222,19 +225,32 @@ class Simulation:
         return found
 
     def detect_contacts(self) -> np.ndarray:
-        """Sorted pairs (n, 2) of bodies that touch at the present state.
+        """Pairs (n, 2) of the places, in the sidecar's list, of shapes that touch at the present state.
 
         Raises EngineError when two shapes touch by other copies than they should: the filter is wrong.
         """
-        result = self.dartpy.collision.CollisionResult()
-        self.solver.getCollisionGroup().collide(self.solver.getCollisionOption(), result)
-        contacts = self.contacts_of(result)
-        if self.sidecar["filter"]["layers"]:
-            for _, contact in contacts:
-                one, other = contact.collisionObject1, contact.collisionObject2
-                self.nodes.check_meeting(one.getShapeFrame().asShapeNode(), other.getShapeFrame().asShapeNode())
-        pairs = {tuple(sorted(bodies)) for bodies, _ in contacts}
+        pairs, wrong = self._detected()
+        if (
+            wrong
+        ):  # raised here: a traceback that held DART's contacts beyond its world would crash the process (measured)
+            raise EngineError(NAME, wrong)
         return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+    def _detected(self) -> tuple[set[tuple[int, int]], str]:
+        """The pairs of shapes that touch, and what is wrong with the copies by which they do."""
+        result = self.dartpy.collision.CollisionResult()
+        option = self.solver.getCollisionOption()  # a copy (measured)
+        option.maxNumContacts = MOST_DETECTED
+        self.solver.getCollisionGroup().collide(option, result)
+        pairs, wrong = set(), ""
+        for _, contact in self.contacts_of(result):
+            one, other = (
+                side.getShapeFrame().asShapeNode() for side in (contact.collisionObject1, contact.collisionObject2)
+            )
+            if self.sidecar["filter"]["layers"] and not wrong:
+                wrong = self.nodes.wrong_meeting(one, other)
+            pairs.add((self.nodes.copy(one)[0], self.nodes.copy(other)[0]))
+        return pairs, wrong
 
     def disable_contact(self) -> None:
         """Switch contact off; without contact the exact rotations cost nothing that matters."""

@@ -8,7 +8,7 @@ were obtained with MuJoCo 4.0.0 and hold in 3.3.7.
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,12 +17,14 @@ import numpy as np
 from simspec.control.native import Servos
 from simspec.engines.base import (
     Actuation,
+    CollisionUnit,
     Deviation,
     Engine,
     Setting,
     empty_contacts,
     resolve_settings,
     restore_velocities,
+    sorted_pairs,
 )
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_control import NATIVE, Drive, explicit_servos_hold
@@ -388,12 +390,20 @@ class MuJoCo(Engine):
         rows = np.where(dim > 1, 2 * (dim - 1), 1)
         return np.array([force[start : start + count].sum() for start, count in zip(first, rows, strict=True)])
 
-    def detect_contacts(self) -> np.ndarray:
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        mujoco, model = self._mujoco, self.model
+        return [
+            CollisionUnit(
+                int(self._world_index[model.geom_bodyid[geom]]),
+                (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "",),
+            )
+            for geom in range(model.ngeom)
+        ]
+
+    def detect_units(self) -> np.ndarray:
         probe = self._at_state()
         self._mujoco.mj_collision(self.model, probe)
-        touching = probe.contact.geom[probe.contact.dist <= 0.0]
-        pairs = np.sort(self._world_index[self.model.geom_bodyid[touching]].reshape(-1, 2), axis=1)
-        return np.unique(pairs, axis=0).astype(np.int64).reshape(-1, 2)
+        return sorted_pairs(probe.contact.geom[probe.contact.dist <= 0.0])
 
     def disable_contact(self) -> None:
         self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)

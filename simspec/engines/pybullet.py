@@ -11,7 +11,7 @@ inertial axes; ``_Simulation`` turns both into the generalised coordinates of ``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,12 +20,14 @@ import numpy as np
 from simspec.control.native import Servos
 from simspec.engines.base import (
     Actuation,
+    CollisionUnit,
     Engine,
     Setting,
     empty_contacts,
     expected_labels,
     resolve_settings,
     restore_velocities,
+    sorted_pairs,
 )
 from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
@@ -325,15 +327,17 @@ class PyBullet(Engine):
             "normal_force": np.array([p[9] for p in points]),
         }
 
-    def detect_contacts(self) -> np.ndarray:
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        """Links: a point of contact does not tell which of a link's shapes it belongs to."""
+        return [CollisionUnit(body, shapes) for body, shapes in self._simulation.carriers.values()]
+
+    def detect_units(self) -> np.ndarray:
         sim = self._simulation
-        index = sim.body_index
+        unit = {link: number for number, link in enumerate(sim.carriers)}
         found = {
-            tuple(sorted((index[point[1], point[3]], index[point[2], point[4]])))
-            for point in sim.detect_contacts()
-            if point[8] <= 0.0
+            (unit[point[1], point[3]], unit[point[2], point[4]]) for point in sim.detect_contacts() if point[8] <= 0.0
         }
-        return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+        return sorted_pairs(np.array(sorted(found), dtype=np.int64))
 
     def disable_contact(self) -> None:
         self._simulation.disable_contact()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.pybullet_carriers import own_solid
 from simspec.engines.pybullet_efforts import Efforts
 from simspec.engines.pybullet_simulation import Link, Simulation, Tree, from_xyzw
 from simspec.errors import EngineError
@@ -155,15 +156,9 @@ def _body_shapes(
     others = {name for _, some, _ in carried for name in some}
     own = _solid(sim, tree, tree.links[position].link)
     solid = [name for index, name in enumerate(names) if index not in visual_only]
-    # on the own link: what no other link carries, and what is there in several layers (its first one)
-    counts = {name: sum(name in some for _, some, _ in carried) for name in others}
-    if carried:
-        first = [name for name in solid if name not in others]
-        first += [name for name in solid if name in others and len(own) > len(first)][: len(own) - len(first)]
-        copies = [(instance["layers"][position], sorted(first, key=solid.index), own), *carried]
-    else:
-        copies = [(0, solid, own)]
-    if any(len(some) != len(held) for _, some, held in copies) or not set(counts) <= set(solid):
+    layer = instance["layers"][position] if carried else 0
+    copies = [(layer, own_solid(instance, position), own), *carried]
+    if any(len(some) != len(held) for _, some, held in copies) or not others <= set(solid):
         return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals))
     found: dict[str, Shape] = {}
     for _, some, held in sorted(copies, key=lambda copy: copy[0]):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.pybullet_calls import Called, Recording
+from simspec.engines.pybullet_carriers import carriers
 from simspec.engines.pybullet_sleeping import Sleepers
 from simspec.errors import EngineError
 from simspec.formats.urdf_sidecar import check_sidecar
@@ -150,8 +151,8 @@ class Simulation:
         self._set_parameters(sidecar)
         self._file_links: dict[str, list[str]] = {}
         self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
-        self.body_index = {(tree.uid, link.link): link.index for tree in self.trees for link in tree.links}
-        self.body_index.update({(tree.uid, link): index for tree in self.trees for link, index in tree.copies})
+        self.carriers = carriers(self.trees, sidecar["instances"])
+        self.body_index = {link: body for link, (body, _) in self.carriers.items()}
         self._layered = any(tree.copies for tree in self.trees)
         self._layer: dict[tuple[int, int], int] = {}
         for tree, instance in zip(self.trees, sidecar["instances"], strict=True):

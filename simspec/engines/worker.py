@@ -166,16 +166,24 @@ def _respond(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> 
 
 
 def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """q (k, nq) -> touching (n, 3): index of the state, then the indices of two bodies that touch in it."""
+    """q (k, nq) -> units (n, 3): index of the state, then the indices of two collision units that touch in it; touching: the
+    same for bodies. The result names the units: index of the body, names of shapes."""
     import numpy as np
 
-    rows = []
+    from simspec.engines.base import bodies_of
+
+    units = engine.collision_units()
+    found: dict[str, list[Any]] = {"units": [np.zeros((0, 3), np.int64)], "touching": [np.zeros((0, 3), np.int64)]}
     velocity = np.zeros(arrays["v"].shape[-1])
     for index, q in enumerate(arrays["q"]):
         engine.set_state(q, velocity)
-        pairs = engine.detect_contacts()
-        rows.append(np.column_stack([np.full(len(pairs), index), pairs]) if len(pairs) else np.zeros((0, 3)))
-    return {}, {"touching": np.concatenate(rows).astype(np.int64) if rows else np.zeros((0, 3), np.int64)}
+        pairs = engine.detect_units()
+        bodies = bodies_of(units, pairs)
+        known = bodies[(bodies >= 0).all(axis=1)]  # a unit of no body of the world stands in ``units``
+        for name, rows in (("units", pairs), ("touching", known)):
+            found[name].append(np.column_stack([np.full(len(rows), index, np.int64), rows.reshape(-1, 2)]))
+    named = [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
+    return {"units": named}, {name: np.concatenate(rows) for name, rows in found.items()}
 
 
 def _run(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:

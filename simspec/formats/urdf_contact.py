@@ -7,6 +7,7 @@ part stays on the body's own link, every other gets a massless link on a fixed j
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -143,6 +144,8 @@ def collision_filter(world: World, plan: ContactPlan) -> dict[str, Any]:
         for a in by_body.get(first, ())
         for b in by_body.get(second, ())
     }
+    for names in by_body.values():  # a body does not touch itself
+        excluded.update((min(a, b), max(a, b)) for a, b in itertools.combinations(names, 2) if touch(of[a], of[b]))
     if len(classes) > FILTER_BITS:
         excluded |= _apart(of, touch)
         return {"classes": [{"group": 1, "mask": 1, "links": list(of)}], "excluded": sorted(excluded)}

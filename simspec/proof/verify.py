@@ -19,7 +19,7 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
 from simspec.formats.contact_plan import meeting_laws
-from simspec.proof import control, dry_friction, motion, touch
+from simspec.proof import control, dry_friction, motion
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, inventory_checks, not_checked
@@ -30,7 +30,9 @@ from simspec.proof.dry_friction import DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks
-from simspec.proof.touch import Meetings, touch_checks
+from simspec.proof.touch import plan as touch
+from simspec.proof.touch.judge import touch_checks
+from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.types import ReadBack, World
@@ -83,8 +85,7 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     oracle = Oracle(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)
-    empty = Meetings(np.zeros((0, oracle.nq)), [])
-    meetings = touch.plan(world, oracle) if "L4" in wanted else empty
+    meetings = touch.plan(world, oracle) if "L4" in wanted else touch.nothing(oracle)
     moving = motion.plan(world, oracle) if "L6" in wanted else None
     rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
     return Probes(oracle, q, v, meetings, moving, control.plan(world) if "L7" in wanted else None, rubbing)
@@ -233,8 +234,8 @@ def engine_checks(
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
     both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
     checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)
-    if len(probes.meetings.q) or probes.meetings.unreachable:
-        checks += touch_checks(world, probes.meetings, answers[3].arrays["touching"])
+    units = [(unit["body"], unit["shapes"]) for unit in answers[3].result["units"]]
+    checks += touch_checks(world, probes.meetings, units, answers[3].arrays["units"])
     if probes.motion is not None:
         checks += motion_checks(world, probes.motion, answers[4].arrays)
     if probes.rubbing is not None:

@@ -1,0 +1,108 @@
+"""What an engine reports of the states in which shapes were brought together, held against the world's rules."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from simspec.proof.checks import Check
+from simspec.proof.touch.plan import Meetings
+from simspec.proof.touch.scene import Pair
+from simspec.world.kinematics import CollisionFilter
+from simspec.world.types import World
+
+MATRIX = "collision matrix"
+TOLD = 6
+"""Pairs named in one sentence; beyond them only their number is."""
+
+
+class _Rules:
+    """Whether two shapes may touch, by the world's rules."""
+
+    def __init__(self, world: World, meetings: Meetings):
+        self._filter = CollisionFilter(world)
+        self._solids = meetings.solids
+        self._names = [body.name for body in world.bodies]
+        self._known: dict[tuple[object, ...], bool] = {}
+
+    def allow(self, i: int, j: int) -> bool:
+        one, other = self._solids[i], self._solids[j]
+        key = (one.body, other.body, one.shape.material, other.shape.material)
+        if key not in self._known:
+            self._known[key] = self._filter.may_touch(
+                self._names[one.body], self._names[other.body]
+            ) and self._filter.may_materials_touch(one.shape.material, other.shape.material)
+        return self._known[key]
+
+
+def touch_checks(
+    world: World, meetings: Meetings, units: Sequence[tuple[int, Sequence[str]]], touching: np.ndarray
+) -> list[Check]:
+    """The collision matrix: of each pair of shapes that was brought together whether the engine reports it, as the world's
+    rules say; and that nothing else is reported in any state that they forbid.
+
+    ``units``: what the engine tells apart, each a body's index and the names of its shapes it may be; ``touching`` (n, 3):
+    state and two units that touch in it.
+    """
+    rules, place = _Rules(world, meetings), {(s.body, s.name): s.number for s in meetings.solids}
+    held = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
+    wrong: dict[tuple[str, str], str] = {}
+    reported: dict[tuple[int, int, int], bool] = {}  # whether the pair is told apart from others of its bodies
+    for state, one, other in touching.tolist():
+        pairs = [(min(i, j), max(i, j)) for i, j in itertools.product(held[one], held[other])]
+        if one == other or not any(rules.allow(*pair) for pair in pairs):
+            names = tuple("/".join(units[unit][1]) or f"a shape of body {units[unit][0]}" for unit in (one, other))
+            wrong.setdefault((min(names), max(names)), "should not touch")
+        for pair in pairs:
+            reported[(state, *pair)] = reported.get((state, *pair), False) or len(pairs) == 1
+    seen: dict[Pair, bool] = {}
+    unclear: set[Pair] = set()
+    for state, i, j, alone in meetings.tried.tolist():
+        told = reported.get((state, i, j))
+        if told is not None and not told and not alone and rules.allow(i, j):
+            unclear.add((i, j))  # the link touches, by this shape or by another of it
+            told = None
+        seen[i, j] = seen.get((i, j), False) or told is not None
+    unclear = {pair for pair in unclear if not seen[pair]}
+    for (i, j), touches in seen.items():
+        if rules.allow(i, j) and not touches and (i, j) not in unclear:
+            wrong.setdefault(_names(meetings, (i, j)), "should touch")
+    count = len(seen)
+    detail = _told(meetings, sorted(unclear), sum(rules.allow(*pair) for pair in seen))
+    where = ""
+    if wrong:
+        names, what = next(iter(wrong.items()))
+        where = f"shapes {names[0]}, {names[1]}"
+        detail = f"{len(wrong)} pairs wrong; this one {what}; {detail}"
+    if not count and not wrong:
+        return []  # see ``plan.nothing_to_try``
+    return [Check("L4", MATRIX, max(count, len(wrong)), 0.0, float(len(wrong)), where, detail)]
+
+
+def _names(meetings: Meetings, pair: Pair) -> tuple[str, str]:
+    one, other = (meetings.solids[number].name for number in pair)
+    return (one, other)
+
+
+def _list(meetings: Meetings, pairs: Sequence[Pair], count: int) -> str:
+    """Some pairs by name, and how many more there are."""
+    told = ", ".join(" – ".join(_names(meetings, pair)) for pair in pairs[:TOLD])
+    more = count - min(len(pairs), TOLD)
+    return f"{told} and {more} more" if told and more else told or f"{more} pairs"
+
+
+def _told(meetings: Meetings, unclear: Sequence[Pair], touching: int) -> str:
+    """What was tried and what was not, by name and number."""
+    tried = len({(i, j) for _, i, j, _ in meetings.tried.tolist()})
+    parts: list[str] = [f"{touching} pairs of shapes touch, {tried - touching} do not"]
+    apart: Iterable[tuple[str, Sequence[Pair], int]] = (
+        ("the joints cannot bring together", meetings.apart, len(meetings.apart)),
+        ("left untried, as they are too many", meetings.left, meetings.untried),
+        ("told only together with other shapes of the same bodies", unclear, len(unclear)),
+    )
+    if meetings.rigid:
+        parts.append(f"{meetings.rigid} are parts of one rigid body and apart")
+    parts += [f"{count} {what}: {_list(meetings, pairs, count)}" for what, pairs, count in apart if count]
+    return "; ".join(parts)
