@@ -60,11 +60,12 @@ def expected(
     for root, bodies in trees(world).items():
         links = list(_tree_links(bodies, plan))
         world_link = not links[0].base
+        welded = _welded(bodies, world_link)
         for link in links:
             found.update(_link(link, settings, neutral))
             if link.part is not None:
                 solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
-                still = groups[link.body.name] == "world"
+                still = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.own]
                 found.update(_collider(link, still, settings, neutral))
         if world_link:
             name = f"{root}/world"
@@ -79,6 +80,24 @@ def expected(
     for body in world.bodies:
         found.update(_motor(body))
     return found | expected_apart(world, plan, solid)
+
+
+def _welded(bodies: tuple[Body, ...], world_link: bool) -> tuple[frozenset[str], frozenset[str]]:
+    """Of a tree the bodies whose copies, and those whose own links, PyBullet takes for unmoved.
+
+    On a base without mass it walks up from a link over fixed joints, and stops before link 0, whatever joint that has
+    (measured): what is welded to the first link counts as unmoved although it moves; contact with it is found all the same.
+    """
+    if bodies[0].joint.kind == "free":
+        return frozenset(), frozenset()
+    first = 0 if world_link else 1
+    own: set[str] = set()
+    for number, body in enumerate(bodies):
+        above = next((k for k, one in enumerate(bodies) if one.name == body.joint.parent), -1)
+        if (body.joint.kind == "fixed" and (above <= first or bodies[above].name in own)) or number < first:
+            own.add(body.name)
+    copies = {body.name for number, body in enumerate(bodies) if number <= first or body.name in own}
+    return frozenset(copies), frozenset(own)
 
 
 def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[_Link]:

@@ -9,7 +9,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.base import engines
 from simspec.proof.verify import prepare, verify
-from simspec.world.types import Body, Contact, EngineOptions, Joint, Material, PairContact, Pose, Shape, World
+from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds
 
 ENGINES = sorted(engines())
@@ -45,6 +45,22 @@ def test_every_defect_of_the_filter_is_caught(bench, tmp_path):
         if not [check for _, check in found.failures() if check.level != "L0"]:
             missed.append(name)
     assert missed == []
+
+
+def test_what_is_welded_to_an_arms_first_link_meets_the_ground():
+    """PyBullet takes it for unmoved; contact must be found all the same."""
+    upper = Joint("j", "hinge", None, Pose((0.0, 0.0, 0.3)), (0.0, 1.0, 0.0), position=(0.0,), velocity=(0.0,))
+    arm = Body("arm", "arm", filters.SOLID, upper)
+    tip = Body("tip", "arm", filters.SOLID, Joint("k", "fixed", "arm", Pose((0.3, 0.0, 0.0))), (box("x", "a"),))
+    end = Body("end", "arm", filters.SOLID, Joint("l", "fixed", "tip", Pose((0.3, 0.0, 0.0))), (box("y", "a"),))
+    ground = Body("ground", "ground", Inertial(0.0), Joint("m", "fixed"), (box("z", "a"),))
+    for engine in ENGINES:
+        world = materials(engine, arm, tip, end, ground)
+        excluded = worlds.parent_pairs(world.bodies)
+        world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=excluded))
+        found = verify(world, [engine], levels=["L4"])
+        assert found.failures() == []
+        assert matrix(found, engine).detail.startswith("1 pairs of shapes touch")
 
 
 def free(name: str, x: float, *shapes: Shape) -> Body:

@@ -82,12 +82,11 @@ class Mechanism:
         self._pin.computeJointJacobians(self._model, self._data, q)
         between = gap(one, self._pose(one, names[0]), other, self._pose(other, names[1]))
         slope = np.zeros(self._model.nv)
+        jacobian = np.reshape(self._data.J, (6, -1))  # of one coordinate Pinocchio gives a vector
         for name, point, sign in zip(names, (between.first, between.second), (-1.0, 1.0), strict=True):
             columns = self._columns[self._joint[name]]
-            spin = self._data.J[3:, columns]
-            slope[columns] += sign * (
-                between.normal @ self._data.J[:3, columns] + np.cross(point, between.normal) @ spin
-            )
+            spin = jacobian[3:, columns]
+            slope[columns] += sign * (between.normal @ jacobian[:3, columns] + np.cross(point, between.normal) @ spin)
         return between.distance, slope
 
     def descend(self, q: np.ndarray, one: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray, int]:
