@@ -4,20 +4,42 @@ Building the help from the commands takes longer than anything else about asking
 ``python -m simspec.cli --write-help``, and a test fails when it is stale. Only what every Python has loaded is imported.
 """
 
+import os
 import sys
 
 
 def main() -> int:
     """Run the command line; the exit code."""
     arguments = sys.argv[1:]
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # the caller closed it
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (as long as the process)
+        # names of files may be no text, and a terminal may have few letters: shown escaped then
+        getattr(sys, name).reconfigure(errors="backslashreplace")
     if not arguments or arguments in (["--help"], ["-h"], ["help"]):
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()
-        sys.stdout.write(text)
-        return 0
-    from simspec.cli import main as run
+        return _told(text)
+    from simspec.ending import Ended, end_in_order, report
 
-    return run(arguments)
+    try:
+        end_in_order()
+        from simspec.cli import main as run
+
+        return run(arguments)
+    except Ended as ended:
+        return report(ended)
+
+
+def _told(text: str) -> int:
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        from simspec.ending import finish
+
+        return finish(error)
+    return 0
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecError
+from simspec.ending import Ended
+from simspec.errors import EXIT_FAILED, EXIT_OK, EXIT_WRONG, EngineError, Problem, SimspecError, SpecError
 
 if TYPE_CHECKING:
     from simspec.spec.load import Spec
@@ -78,12 +79,10 @@ def command(function: Callable[..., int | None]) -> Callable[..., None]:
             missing = EngineError(error.name, "not installed: pip install 'simspec[all]'")
             code = _report_error(missing, keywords.get("as_json", False))
         except OSError as error:
-            if isinstance(error, BrokenPipeError):
+            if error.filename is None:  # not of a file: of what is said itself
                 raise
-            where = f"{error.filename}: " if error.filename else ""
-            code = _report_error(
-                SpecError([Problem(f"{where}{error.strerror or error}")]), keywords.get("as_json", False)
-            )
+            problem = Problem(f"{error.filename}: {error.strerror or error}")
+            code = _report_error(SpecError([problem]), keywords.get("as_json", False))
         if code:
             raise typer.Exit(code)
 
@@ -477,7 +476,25 @@ def help_text() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Run one command line; the exit code."""
+    """Run one command line; the exit code. What no command knows is a bug, and said to be one."""
+    from simspec.ending import bug, finish
+
+    try:
+        code = _main(arguments)
+    except BrokenPipeError:
+        code = EXIT_FAILED
+    except OSError as error:  # click's own writing
+        code = finish(error)
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else EXIT_WRONG
+        if isinstance(end, Ended):
+            raise
+    except Exception as error:
+        code = bug(error)
+    return max(code, finish())
+
+
+def _main(arguments: list[str]) -> int:
     if arguments == ["--write-help"]:
         from simspec.outputs.writing import write_file
 

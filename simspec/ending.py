@@ -1,0 +1,112 @@
+"""How a command line ends when it is told to, when nobody reads what it says, and when it meets what should not be.
+
+``130``, ``143`` and ``129`` for interrupt, terminate and hang up, as shells say it; ``70`` for a bug in simspec.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from types import FrameType
+
+EXIT_BUG = 70
+"""Something happened that simspec does not know of. (EX_SOFTWARE of sysexits.h; 0 to 3 are answers.)"""
+DEBUG = "SIMSPEC_DEBUG"
+"""Environment variable: when set, a bug's traceback is shown, not kept in a file."""
+SIGNALS = tuple(
+    number for name in ("SIGINT", "SIGTERM", "SIGHUP") if (number := getattr(signal, name, None)) is not None
+)
+
+
+class Ended(SystemExit):
+    """A signal told this process to end. Passes through every block, which ends engines and removes what is temporary."""
+
+    def __init__(self, number: int):
+        self.number = number
+        super().__init__(128 + number)
+
+
+def end_in_order() -> None:
+    """From now on, the signals that ask a process to end make it end in order, once; those that are ignored stay so."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background job
+            signal.signal(number, _end)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    for one in SIGNALS:  # what is in order already is not to be cut short
+        signal.signal(one, signal.SIG_IGN)
+    raise Ended(number)
+
+
+def report(ended: Ended) -> int:
+    """Say in one line which signal it was; the exit code."""
+    say(f"ended by {signal.Signals(ended.number).name}")
+    return 128 + ended.number
+
+
+def say(line: str) -> None:
+    """One line on standard error, if anybody is there."""
+    try:
+        sys.stderr.write(f"simspec: {line}\n")
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        return  # closed, or full: there is nowhere left to say it
+
+
+def finish(failure: OSError | None = None) -> int:
+    """Write out what was said. Returns 0, or 2 where it cannot be written (a full device): then a line says so.
+
+    ``failure``: what writing came to already.
+    """
+    try:
+        if failure is not None:
+            raise failure
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _give_up_stdout()
+        return 1  # who read it has seen enough: nothing to tell
+    except (OSError, ValueError) as error:
+        _give_up_stdout()
+        say(("" if failure is not None else "standard output: ") + str(getattr(error, "strerror", None) or error))
+        return 2
+    return 0
+
+
+def _give_up_stdout() -> None:
+    """What is left in the buffer goes nowhere, so that the interpreter does not try again when it ends."""
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+    except (OSError, ValueError):
+        return  # not a real file
+
+
+def bug(error: BaseException) -> int:
+    """Say that this is simspec's own mistake, and keep the traceback; the exit code."""
+    import traceback
+
+    trace = "".join(traceback.format_exception(error))
+    what = f"{type(error).__name__}: {error}".encode("unicode_escape").decode("ascii")[:300]
+    if os.environ.get(DEBUG):
+        say(f"{what}; this is a bug in simspec")
+        sys.stderr.write(trace)
+        return EXIT_BUG
+    say(f"{what}; this is a bug in simspec: please report it with {_kept(trace)} (or set {DEBUG}=1 to see it here)")
+    return EXIT_BUG
+
+
+def _kept(trace: str) -> str:
+    """Where the traceback is kept."""
+    import tempfile
+
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="simspec-bug-", suffix=".txt", delete=False, encoding="utf-8", errors="backslashreplace"
+        ) as file:
+            file.write(trace)
+    except OSError:
+        return "its traceback"
+    return file.name

@@ -1,0 +1,226 @@
+"""What is left when a command is ended, at any moment and by any signal: nothing, or what the next one removes."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from simspec import scratch
+from simspec.engines import keeper, process
+from simspec.errors import EngineError
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+
+SPEC = """
+simspec: 1
+name: long
+physics: {gravity: [0, 0, -9.81], timestep: 1 ms, duration: 100000 s}
+bodies:
+  ball: {mass: 1 kg, joint: {type: free}, inertia: {principal: [1, 1, 1]}}
+record: {every: 1 s}
+"""
+SIGNALS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129, "SIGKILL": -9}
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A folder with a long-running spec, and the folder for temporary files."""
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "long.yaml").write_text(SPEC)
+    return tmp_path
+
+
+def begin(place: Path, *words: str, **environment: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "simspec", *words],
+        cwd=place,
+        env={**os.environ, "TMPDIR": str(place / "tmp"), "XDG_CACHE_HOME": str(place / "cache"), **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def marked(place: Path) -> list[int]:
+    """The processes that have this test's folder for temporary files."""
+    found = []
+    for name in os.listdir("/proc"):
+        if name.isdigit() and int(name) != os.getpid():
+            try:
+                environment = Path("/proc", name, "environ").read_bytes()
+                state = Path("/proc", name, "stat").read_bytes().rpartition(b")")[2].split()[0]
+            except OSError:
+                continue
+            if f"TMPDIR={place / 'tmp'}\0".encode() in environment and state != b"Z":
+                found.append(int(name))
+    return found
+
+
+def until(condition, seconds: float = 20.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.01)
+    return bool(condition())
+
+
+def left(place: Path) -> list[str]:
+    return [path.name for path in (place / "tmp").iterdir()]
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_a_signal_at_work_leaves_no_process_and_no_folder(place, name):
+    """When the engine is at work: the keeper, the worker and the driver are three processes."""
+    driver = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
+    assert until(lambda: len(marked(place)) == 3)
+    driver.send_signal(getattr(signal, name))
+    _, error = driver.communicate(timeout=30)
+    assert driver.returncode == SIGNALS[name]
+    assert "Traceback" not in error
+    assert until(lambda: not marked(place))
+    if name != "SIGKILL":
+        assert error == f"simspec: ended by {name}\n"
+        assert left(place) == []
+    ended = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
+    assert ended.wait(30) == 3
+    ended.communicate()
+    assert left(place) == []
+
+
+@pytest.mark.parametrize("command", ["compile", "verify", "run"])
+def test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove(place, command):
+    generator = random.Random(command)
+    words = [command, "long.yaml"] + (["--engine", "mujoco", "--no-verify"] if command == "run" else [])
+    for name in ("SIGKILL", "SIGTERM", "SIGINT"):
+        driver = begin(place, *words)
+        time.sleep(generator.uniform(0.05, 1.5))
+        driver.send_signal(getattr(signal, name))
+        _, error = driver.communicate(timeout=30)
+        assert "Traceback" not in error
+        assert driver.returncode in (SIGNALS[name], 0)
+        assert until(lambda: not marked(place))
+    done = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
+    done.communicate(timeout=60)
+    assert left(place) == []
+
+
+def test_a_stopped_driver_s_engine_keeps_its_own_deadline(place):
+    driver = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--deadline", "1")
+    assert until(lambda: len(marked(place)) == 3)
+    driver.send_signal(signal.SIGSTOP)
+    try:
+        assert until(lambda: len(marked(place)) == 1)
+    finally:
+        driver.send_signal(signal.SIGCONT)
+    driver.communicate(timeout=30)
+    assert driver.returncode == 3
+
+
+HELPERS = """
+import os, subprocess, sys, time
+from pathlib import Path
+code = "import time, os; time.sleep(60)"
+for new in (False, True):
+    subprocess.Popen([sys.executable, "-c", code], start_new_session=new, stdin=subprocess.DEVNULL)
+if os.fork() == 0:
+    os.setsid()
+    if os.fork() == 0:
+        time.sleep(60)
+    os._exit(0)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("how", ["deadline", "ends", "crashes"])
+def test_what_an_engine_started_ends_with_it(place, monkeypatch, how):
+    """Children, children in sessions of their own, and orphans: when it is killed, when it ends, and when it crashes."""
+    ends = {"deadline": "time.sleep(60)", "ends": "os._exit(0)", "crashes": "os.abort()"}[how]
+    (place / "worker.py").write_text(
+        "def main(folder):\n"
+        + "".join(f"    {line}\n" for line in HELPERS.replace("\ntime.sleep(60)\n", f"\n{ends}\n").strip().split("\n"))
+    )
+    (place / "keeper.py").write_text(Path(keeper.__file__).read_text())
+    monkeypatch.setattr(keeper, "__file__", str(place / "keeper.py"))
+    monkeypatch.setenv("TMPDIR", str(place / "tmp"))
+    with pytest.raises(EngineError):
+        process.call("mujoco", place, [], deadline=2.0)
+    assert until(lambda: not marked(place))
+
+
+def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatch):
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    with scratch.scratch_folder("alive") as alive:
+        others = [place / "tmp" / name for name in ("simspec-mine", "simspec-link", "simspec-file", "simspec-odd")]
+        others[0].mkdir()
+        (others[0] / "kept").write_text("kept")
+        others[1].symlink_to(others[0])
+        others[2].write_text("kept")
+        others[3].mkdir()
+        (others[3] / scratch.MARKER).write_text("of somebody else\n")
+        dead = place / "tmp" / "simspec-dead"
+        dead.mkdir()
+        (dead / scratch.MARKER).write_bytes(scratch.CONTENT)
+        (dead / "there").symlink_to(others[0])
+        (dead / "below").mkdir()
+        (dead / "below" / "file").write_text("x")
+        scratch.clean_up.__wrapped__()
+        assert not dead.exists()
+        assert all(path.exists() for path in (alive, *others))
+        assert (others[0] / "kept").read_text() == "kept"
+    assert not alive.exists()
+
+
+def test_a_full_device_is_one_line(place):
+    for words in (("--help",), ("--version",), ("check", "bouncing-ball", "--json"), ("check", "--help")):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [sys.executable, "-m", "simspec", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            )
+        assert done.returncode == 2
+        assert done.stderr == "simspec: No space left on device\n" or "standard output: No space" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_a_bug_is_one_line_and_its_traceback_is_kept(place, monkeypatch, capsys):
+    from simspec import cli
+
+    def broken(arguments):
+        raise ZeroDivisionError("division\nby \x1b[31mzero")
+
+    monkeypatch.setattr(cli, "_main", broken)
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    assert cli.main([]) == 70
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "\x1b" not in said
+    assert "this is a bug in simspec" in said
+    (kept,) = (place / "tmp").iterdir()
+    assert str(kept) in said
+    assert "in broken" in kept.read_text()
+    monkeypatch.setenv("SIMSPEC_DEBUG", "1")
+    assert cli.main([]) == 70
+    assert "in broken" in capsys.readouterr().err
+
+
+def test_no_home_and_no_name(monkeypatch):
+    """A user without a home folder and without an entry in the system's list: nothing is kept, and nothing else happens."""
+    import pwd
+
+    from simspec.proof.contact import cache
+
+    def nobody(uid):
+        raise KeyError(uid)
+
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    assert cache.read("0" * 64) is None
+    assert cache.write("0" * 64, []) is False
