@@ -4,7 +4,7 @@ Building the help from the commands takes longer than anything else about asking
 ``python -m simspec.cli --write-help``, and a test fails when it is stale. Only what every Python has loaded is imported.
 """
 
-import os
+import io
 import sys
 
 
@@ -12,10 +12,11 @@ def main() -> int:
     """Run the command line; the exit code."""
     arguments = sys.argv[1:]
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # the caller closed it
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (as long as the process)
-        # names of files may be no text, and a terminal may have few letters: shown escaped then
-        getattr(sys, name).reconfigure(errors="backslashreplace")
+        stream = getattr(sys, name)
+        if stream is None:  # the caller closed it
+            setattr(sys, name, io.StringIO())
+        else:  # names of files may be no text, and a terminal may have few letters: shown escaped then
+            stream.reconfigure(errors="backslashreplace")
     if not arguments or arguments in (["--help"], ["-h"], ["help"]):
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()

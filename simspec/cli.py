@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from simspec.ending import Ended
-from simspec.errors import EXIT_FAILED, EXIT_OK, EXIT_WRONG, EngineError, Problem, SimspecError, SpecError
+from simspec.ending import in_order
+from simspec.errors import EXIT_OK, EngineError, Problem, SpecError
+from simspec.report.guard import command
 
 if TYPE_CHECKING:
     from simspec.spec.load import Spec
@@ -62,43 +62,6 @@ Pythons = Annotated[
 ]
 Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
 DEADLINE = 600.0
-
-
-def command(function: Callable[..., int | None]) -> Callable[..., None]:
-    """A command whose return value is the exit code, and whose simspec errors are printed, never traced back."""
-
-    @functools.wraps(function)
-    def guarded(*args: Any, **keywords: Any) -> None:
-        try:
-            code = function(*args, **keywords)
-        except SimspecError as error:
-            code = _report_error(error, keywords.get("as_json", False))
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.startswith("simspec"):
-                raise
-            missing = EngineError(error.name, "not installed: pip install 'simspec[all]'")
-            code = _report_error(missing, keywords.get("as_json", False))
-        except OSError as error:
-            if error.filename is None:  # not of a file: of what is said itself
-                raise
-            problem = Problem(f"{error.filename}: {error.strerror or error}")
-            code = _report_error(SpecError([problem]), keywords.get("as_json", False))
-        if code:
-            raise typer.Exit(code)
-
-    return guarded
-
-
-def _report_error(error: SimspecError, as_json: bool) -> int:
-    if as_json:
-        from simspec.report.plain import error_data, text
-
-        sys.stdout.write(text(error_data(error)))
-    else:
-        from simspec.report.terminal import show_error
-
-        show_error(error)
-    return error.exit_code
 
 
 def _print_json(value: Any) -> None:
@@ -476,22 +439,8 @@ def help_text() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Run one command line; the exit code. What no command knows is a bug, and said to be one."""
-    from simspec.ending import bug, finish
-
-    try:
-        code = _main(arguments)
-    except BrokenPipeError:
-        code = EXIT_FAILED
-    except OSError as error:  # click's own writing
-        code = finish(error)
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else EXIT_WRONG
-        if isinstance(end, Ended):
-            raise
-    except Exception as error:
-        code = bug(error)
-    return max(code, finish())
+    """Run one command line; the exit code."""
+    return in_order(lambda: _main(arguments))
 
 
 def _main(arguments: list[str]) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Callable
 from types import FrameType
 
 EXIT_BUG = 70
@@ -82,6 +83,23 @@ def _give_up_stdout() -> None:
         os.close(nowhere)
     except (OSError, ValueError):
         return  # not a real file
+
+
+def in_order(run: Callable[[], int]) -> int:
+    """The exit code of ``run``, when all that it said is written out. What nobody knows of is a bug, and said to be one."""
+    try:
+        code = run()
+    except BrokenPipeError:
+        code = 1
+    except OSError as error:  # of what it says: all else knows its file, and was caught
+        code = finish(error)
+    except Ended:
+        raise
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 2
+    except Exception as error:
+        code = bug(error)
+    return max(code, finish())
 
 
 def bug(error: BaseException) -> int:
