@@ -55,6 +55,8 @@ def expected(
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
     found = _world(world, settings, neutral)
     found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
+    found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
+    found |= {f"body.{body.name}.shapes": tuple(shape.name for shape in body.shapes) for body in world.bodies}
     found["count.bodies"] = len(trees(world))
     solid = []
     for root, bodies in trees(world).items():
@@ -163,6 +165,9 @@ def _link(
     kind = link.body.joint.kind if link.own else None
     if link.part is None:
         found |= _untouched(link.name, neutral)
+    found[f"link.{link.name}.layer"] = link.part.layer if link.part is not None else 0
+    if link.base and link.body.joint.kind == "fixed":
+        found |= _empty(link.name) | {f"link.{link.name}.place": link.body.inertial.centre_of_mass}
     if not link.own:
         found |= _empty(link.name)
         found |= {f"joint.{link.name}.type": FIXED, f"joint.{link.name}.parent": link.body.name}

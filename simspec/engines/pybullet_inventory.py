@@ -101,7 +101,12 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     held = p.getPhysicsEngineParameters(physicsClientId=client)
     found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
     found.update(sidecar_labels(sim.sidecar))
-    found.update({f"tree.{one['bodies'][0]}.model": one["model"] for one in sim.sidecar["instances"]})
+    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
+        found[f"tree.{instance['bodies'][0]}.model"] = instance["model"]
+        for body, joint, shapes in zip(instance["bodies"], instance["joints"], instance["shapes"], strict=True):
+            found[f"body.{body}.joint"], found[f"body.{body}.shapes"] = joint, tuple(shapes)
+        for link in [link.link for link in tree.links] + [link for link, _ in tree.copies]:
+            found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
@@ -244,7 +249,7 @@ def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) ->
         name, kind = names[tree.uid, link], own.get(link)
         dynamics = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
         found[f"link.{name}.body_type"] = dynamics[10]
-        if kind is None:  # it only carries shapes, or stands for the world
+        if not dynamics[0]:  # it only carries shapes, stands for the world, or is a fixed base
             found[f"link.{name}.mass"] = dynamics[0]
             found[f"link.{name}.inertia"] = tuple(dynamics[2])
             found[f"link.{name}.place"] = tuple(dynamics[3])

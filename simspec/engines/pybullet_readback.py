@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.engines.pybullet_carriers import own_solid
 from simspec.engines.pybullet_efforts import Efforts
-from simspec.engines.pybullet_simulation import Link, Simulation, Tree, from_xyzw
+from simspec.engines.pybullet_simulation import JOINT_KINDS, Link, Simulation, Tree, from_xyzw
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames
@@ -17,8 +17,6 @@ from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack,
 
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
-JOINT_KINDS = {0: ("hinge",), 1: ("slide",), 2: ("ball",), 4: ("fixed",)}
-"""PyBullet's JOINT_ numbers."""
 
 SAME_SHAPE = 1e-9
 """Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
@@ -98,10 +96,7 @@ def _joint(
         return Joint("", "fixed", None, _base_pose(sim, tree, inertials[-1]))
     info: tuple[Any, ...] = sim.bullet.getJointInfo(tree.uid, link.link, physicsClientId=sim.client)
     above = info[16]
-    kinds = JOINT_KINDS.get(info[2])
-    if kinds is None:
-        raise EngineError("pybullet", f"holds the joint {info[1].decode()!r} as its type {info[2]}, unknown here")
-    kind = kinds[0]
+    kind = JOINT_KINDS[info[2]]  # as the sidecar says it: checked while loading
     # PyBullet gives the joint's place in the parent's inertial frame, and the rotation from there to the child's inertial
     # axes, inverted (measured)
     parent, own = inertials[above], inertials[link.link]

@@ -22,6 +22,8 @@ from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
 
+JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
+"""PyBullet's JOINT_ numbers."""
 UNCLAMPED = 1e30
 """For PyBullet's velocity clamp (100 by default) and for limits that must never act."""
 
@@ -154,12 +156,12 @@ class Simulation:
         self.carriers = carriers(self.trees, sidecar["instances"])
         self.body_index = {link: body for link, (body, _) in self.carriers.items()}
         self._layered = any(tree.copies for tree in self.trees)
-        self._layer: dict[tuple[int, int], int] = {}
+        self.layer: dict[tuple[int, int], int] = {}
         for tree, instance in zip(self.trees, sidecar["instances"], strict=True):
             own = zip(tree.links, instance["layers"], strict=True)
-            self._layer.update(((tree.uid, link.link), layer) for link, layer in own)
+            self.layer.update(((tree.uid, link.link), layer) for link, layer in own)
             carried = zip(tree.copies, instance["copies"], strict=True)
-            self._layer.update(((tree.uid, link), copy["layer"]) for (link, _), copy in carried)
+            self.layer.update(((tree.uid, link), copy["layer"]) for (link, _), copy in carried)
         self._collect()
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
@@ -231,6 +233,7 @@ class Simulation:
         for position, name in enumerate(instance["bodies"]):
             index, link = self.place[name], position - 1 + extra
             turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
+            self._check_kind(uid, link, name, instance["root"])
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
         first = len(instance["bodies"]) - 1 + extra
@@ -253,6 +256,17 @@ class Simulation:
             raise EngineError(
                 "pybullet", f"{instance['file']!r} holds the links {held[extra:]}, the sidecar names {wanted}"
             )
+
+    def _check_kind(self, uid: int, link: int, name: str, root: str) -> None:
+        """The joint above a link must be of the kind that the sidecar says."""
+        if link < 0:
+            held = "free" if root == "free" else "fixed"
+        else:
+            number = self.bullet.getJointInfo(uid, link, physicsClientId=self.client)[2]
+            held = JOINT_KINDS.get(number, f"its type {number}")
+        if held != self.kinds[self.place[name]]:
+            told = self.kinds[self.place[name]]
+            raise EngineError("pybullet", f"holds the joint of {name!r} as {held}, the sidecar says {told}")
 
     def _quieten(self, tree: Tree) -> None:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
@@ -365,12 +379,12 @@ class Simulation:
         """Copies of shapes meet in their own layer only: elsewhere they would add forces of another law."""
         for point in points:
             one, other = (point[1], point[3]), (point[2], point[4])
-            if point[8] <= 0.0 and self._layer[one] != self._layer[other]:
+            if point[8] <= 0.0 and self.layer[one] != self.layer[other]:
                 names = [self.names[self.body_index[link]] for link in (one, other)]
                 raise EngineError(
                     "pybullet",
-                    f"lets copies of shapes of {names[0]!r} (layer {self._layer[one]}) and {names[1]!r} (layer "
-                    f"{self._layer[other]}) touch, which are in different layers",
+                    f"lets copies of shapes of {names[0]!r} (layer {self.layer[one]}) and {names[1]!r} (layer "
+                    f"{self.layer[other]}) touch, which are in different layers",
                 )
 
     def disable_contact(self) -> None:

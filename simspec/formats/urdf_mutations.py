@@ -93,7 +93,64 @@ SIDECAR_ADDITIONS = (
 FIRST_ONLY = "PyBullet reads the first of such elements"
 ABSENT = "what is not given is what stands there: PyBullet's own value is the same"
 NAMED = "a name; links are known by theirs, shapes, joints and models by their places"
-SEEN = "only seen: colours and names of materials"
+SEEN = "only seen: a colour, a material, or a shape that shows the collision shape, as PyBullet does of itself"
+UNKNOWN = "PyBullet's reader does not know it"
+ELSEWHERE = "overwritten while loading, by what the sidecar says"
+ORDER = "the order of what is found by name"
+DROPPED = "of a link that cannot move: PyBullet drops mass and inertia of a fixed base"
+
+FIRST = (
+    *(
+        "axis",
+        "box",
+        "capsule",
+        "child",
+        "color",
+        "contact",
+        "cylinder",
+        "damping",
+        "dynamics",
+        "geometry",
+        "inertia",
+        "inertial",
+    ),
+    *(
+        "lateral_friction",
+        "limit",
+        "mass",
+        "material",
+        "origin",
+        "parent",
+        "plane",
+        "restitution",
+        "rolling_friction",
+        "sphere",
+    ),
+    *("spinning_friction", "stiffness"),
+)
+"""Elements of which the first counts."""
+
+STRANGE = (
+    *(
+        "contact/contact_cfm",
+        "contact/contact_erp",
+        "link/self_collide",
+        "link@type",
+        "link@kinematic",
+        "collision@margin",
+    ),
+    *(
+        "collision/contact_coefficients",
+        "sphere@scale",
+        "box@scale",
+        "origin@quat",
+        "joint/mimic",
+        "joint/safety_controller",
+    ),
+    *("joint/calibration", "joint/drive", "limit@stiffness", "dynamics@spring_stiffness", "dynamics@spring_reference"),
+    *("robot/gazebo", "robot/transmission", "robot/self_collision"),
+)
+"""Of URDF and SDF, unknown to PyBullet's reader."""
 
 TABLE = MutationTable(
     words={
@@ -104,24 +161,7 @@ TABLE = MutationTable(
     },
     additions={"*.urdf": URDF_ADDITIONS, "sidecar.json": SIDECAR_ADDITIONS},
     inert=(
-        *(
-            Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf")
-            for tag in (
-                *("axis", "box", "capsule", "child", "color", "contact", "cylinder", "dynamics", "geometry", "inertia"),
-                *(
-                    "inertial",
-                    "lateral_friction",
-                    "limit",
-                    "mass",
-                    "material",
-                    "origin",
-                    "parent",
-                    "plane",
-                    "restitution",
-                ),
-                *("rolling_friction", "sphere", "spinning_friction", "stiffness", "damping", "xml"),
-            )
-        ),
+        *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf") for tag in FIRST),
         *(
             Inert(site, FIRST_ONLY, ("element added",), "*.urdf")
             for site in ("geometry/box", "inertial/mass", "joint/limit", "joint/dynamics")
@@ -129,37 +169,44 @@ TABLE = MutationTable(
         *(
             Inert(site, ABSENT, ("attribute removed", "element removed", "number dropped"), "*.urdf")
             for site in (
-                "origin",
-                "origin@*",
-                "inertia@ix*",
-                "inertia@iy*",
-                "dynamics@*",
-                "limit@*",
-                "restitution",
-                "axis",
+                *("origin", "origin@*", "inertia@ix*", "inertia@iy*", "dynamics@*", "limit@*", "axis", "contact"),
+                *("restitution", "rolling_friction", "spinning_friction"),
             )
         ),
         Inert("axis*", "the axis of a joint that has none: of a fixed or ball joint", (), "*.urdf"),
-        Inert("robot@name", NAMED, (), "*.urdf"),
-        Inert("joint@name", NAMED, (), "*.urdf"),
-        Inert("visual@name", NAMED, (), "*.urdf"),
-        Inert("collision@name", NAMED, (), "*.urdf"),
-        Inert("material@name", NAMED, (), "*.urdf"),
+        *(
+            Inert(site, NAMED, (), "*.urdf")
+            for site in ("robot@name", "joint@name", "visual@name", "collision@name", "material@name")
+        ),
         Inert("color*", SEEN, (), "*.urdf"),
         Inert("material", SEEN, ("element removed",), "*.urdf"),
         Inert("material/texture", SEEN, ("element added",), "*.urdf"),
         Inert("robot/material", SEEN, ("element added",), "*.urdf"),
-        Inert("mass@value", "the mass of a fixed base, which PyBullet drops", ("moved",), "*.urdf"),
-        Inert("inertia@i*", "the inertia of a fixed base, which PyBullet drops", ("moved",), "*.urdf"),
+        Inert("visual", SEEN, ("element removed", "element doubled"), "*.urdf"),
+        Inert("link/visual", SEEN, ("element added",), "*.urdf"),
+        Inert("link/audio_source", "only heard", ("element added",), "*.urdf"),
+        Inert("mass@value", DROPPED, ("moved",), "*.urdf"),
+        Inert("inertia@i*", DROPPED, ("moved",), "*.urdf"),
+        Inert("inertial", DROPPED, ("element removed",), "*.urdf"),
+        Inert("contact/inertia_scaling", DROPPED, ("element added",), "*.urdf"),
+        Inert("origin@rpy", "a turn of what is round, or of the inertial frame of a fixed base", (), "*.urdf"),
+        Inert("contact/friction_anchor", "of a link without shapes", ("element added",), "*.urdf"),
+        Inert("collision@concave", "of meshes alone", ("attribute added",), "*.urdf"),
+        Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
+        Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
+        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.urdf") for site in STRANGE),
         *(
-            Inert(site, "PyBullet's reader does not know it", ("element added", "attribute added"), "*.urdf")
+            Inert(site, ORDER, ("swapped",), "sidecar.json")
             for site in (
-                *("contact/contact_cfm", "contact/contact_erp", "link/self_collide", "link@type", "link@kinematic"),
-                *("collision@margin", "collision/contact_coefficients", "sphere@scale", "box@scale", "origin@quat"),
-                *("joint/mimic", "joint/safety_controller", "joint/calibration", "joint/drive", "limit@stiffness"),
-                *("dynamics@spring_stiffness", "dynamics@spring_reference", "robot/gazebo", "robot/transmission"),
-                "robot/self_collision",
+                *("collision_filter.classes.*", "collision_filter.classes.*.links.*", "collision_filter.excluded.*"),
+                *("collision_filter.excluded.*.*", "instances.*", "sleepers.*", "springs.*", "armature.*"),
             )
+        ),
+        Inert(
+            "instances.*.base.quaternion.*",
+            "the opposite quaternion is the same rotation",
+            ("sign",),
+            "sidecar.json",
         ),
     ),
 )

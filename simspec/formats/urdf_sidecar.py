@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simspec.formats.sidecar_fields import COMMON, ListOf, check_common, check_distinct, check_fields, check_known
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
+UNIT = 1e-9
+"""How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""
 ROOTS = ("free", "fixed", "world link")
 """What the base of a tree is: its free root, its fixed root, or a link that stands for the world."""
 
@@ -52,20 +55,40 @@ def check_sidecar(content: Mapping[str, Any]) -> None:
     check_distinct(named, "sidecar.instances")
     if set(named) != set(kinds):
         raise ValueError(f"sidecar.instances and sidecar.bodies differ in {sorted(set(named) ^ set(kinds))}")
-    links = set(named)
+    solid: set[str] = set()
     for index, instance in enumerate(content["instances"]):
         at = f"sidecar.instances.{index}"
         _check_instance(instance, kinds, at)
-        links.update(copy["link"] for copy in instance["copies"])
+        solid.update(copy["link"] for copy in instance["copies"])
+        solid.update(
+            body
+            for body, names, places in zip(instance["bodies"], instance["shapes"], instance["visual_only"], strict=True)
+            if len(names) > len(places)
+        )
     for name in ("springs", "armature"):
         check_distinct((entry["body"] for entry in content[name]), f"sidecar.{name}")
         check_known((entry["body"] for entry in content[name]), bodies, f"sidecar.{name}")
-    held = [name for one in content["collision_filter"]["classes"] for name in one["links"]]
-    check_distinct(held, "sidecar.collision_filter.classes")
-    check_known(set(held), links, "sidecar.collision_filter.classes")
+    _check_classes(content["collision_filter"]["classes"], solid)
     pairs = {name for pair in content["collision_filter"]["excluded"] for name in pair}
-    check_known(pairs, links, "sidecar.collision_filter.excluded")
-    check_known(set(content.get("sleepers", ())), bodies, "sidecar.sleepers")
+    check_known(pairs, solid, "sidecar.collision_filter.excluded")
+    check_known(content.get("sleepers", ()), bodies, "sidecar.sleepers")
+    if ("sleepers" in content) != bool(content["settings"].get("sleeping", False)):
+        raise ValueError("sidecar.sleepers are those of the setting sleeping: both or none")
+
+
+def _check_classes(classes: Sequence[Mapping[str, Any]], solid: set[str]) -> None:
+    """Every link with collision shapes is in one class, every class has a bit of its own and asks for such bits alone."""
+    at = "sidecar.collision_filter.classes"
+    held = [name for one in classes for name in one["links"]]
+    check_distinct(held, at)
+    if set(held) != solid or not all(one["links"] for one in classes):
+        raise ValueError(f"{at} do not hold each link with collision shapes: {sorted(set(held) ^ solid)}")
+    bits = [one["group"] for one in classes]
+    check_distinct(bits, f"{at}, groups")
+    if not all(0 < bit < 1 << 31 and bit & (bit - 1) == 0 for bit in bits):
+        raise ValueError(f"{at} have the groups {bits}, should each be one bit")
+    if any(one["mask"] < 0 or one["mask"] & ~sum(bits) for one in classes):
+        raise ValueError(f"{at} have masks with bits that are of no class")
 
 
 def _check_instance(instance: Mapping[str, Any], kinds: Mapping[str, str], at: str) -> None:
@@ -82,8 +105,23 @@ def _check_instance(instance: Mapping[str, Any], kinds: Mapping[str, str], at: s
         size = sum(sizes[kinds[body]] for body in bodies)
         if len(instance[name]) != size:
             raise ValueError(f"{at}.{name} has {len(instance[name])} numbers, should have {size}")
+    _check_placed(instance, kinds, at)
     check_known({copy["body"] for copy in instance["copies"]}, set(bodies), f"{at}.copies")
     shapes = dict(zip(bodies, instance["shapes"], strict=True))
     for copy in instance["copies"]:
         check_known(set(copy["shapes"]), set(shapes[copy["body"]]), f"{at}.copies, link {copy['link']!r}")
     check_distinct((copy["link"] for copy in instance["copies"]), f"{at}.copies")
+
+
+def _check_placed(instance: Mapping[str, Any], kinds: Mapping[str, str], at: str) -> None:
+    """The base stands where its free root does, and rotations are of unit length."""
+    base, numbers = instance["base"], list(instance["position"])
+    if instance["root"] == "free" and [*base["position"], *base["quaternion"]] != numbers[:7]:
+        raise ValueError(f"{at}.base is not where {at}.position puts it")
+    turns = [base["quaternion"]]
+    for body in instance["bodies"]:
+        own = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
+        if kinds[body] in ("ball", "free"):
+            turns.append(own[-4:])
+    if any(abs(math.hypot(*turn) - 1.0) > UNIT for turn in turns):
+        raise ValueError(f"{at} has a quaternion that is not of unit length")
