@@ -138,7 +138,6 @@ def test_reads_back_the_world(name, load):
     [
         ('<mass value="', '<mass value="1'),
         ('ixx="', 'ixx="1'),
-        ('type="revolute"', 'type="prismatic"'),
         ('damping="0"', 'damping="0.1"'),
         ('friction="0.3"', 'friction="0.4"'),
         ('upper="2"', 'upper="2.1"'),
@@ -157,6 +156,14 @@ def test_the_read_back_comes_from_the_file(old, new, load):
 
     with pytest.raises(AssertionError):
         assert_same_bodies(world.bodies, load(world, change).read_back().bodies, 1e-6)
+
+
+def test_a_joint_of_another_kind_than_the_sidecar_says_is_refused(load):
+    def change(files):
+        return {**files, "link0.urdf": files["link0.urdf"].replace('type="revolute"', 'type="prismatic"')}
+
+    with pytest.raises(EngineError, match="holds the joint of .* as slide, the sidecar says hinge"):
+        load(WORLDS["limits"](), change)
 
 
 @pytest.mark.parametrize("name", MOVING)
