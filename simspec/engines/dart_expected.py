@@ -44,7 +44,10 @@ def expected(
         found |= _skeleton(root, world, moves)
         for body in bodies:
             found |= _joint(body, world.physics.timestep) | _node(body)
-            found[f"body.{body.name}.model"] = body.model
+            found[f"body.{body.name}.model"], found[f"body.{body.name}.joint"] = body.model, body.joint.name
+            found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
+            if groups[body.name] == "world":
+                found |= _still(body)
             if body.joint.velocity_limit is not None:
                 found[f"velocity_limit.{body.name}"] = body.joint.velocity_limit
     return found | expected_apart(world, plan, carriers)
@@ -120,6 +123,17 @@ def _joint(body: Body, timestep: float) -> dict[str, HeldValue]:
     }
     held |= dict.fromkeys(("spring", "rest", "command"), (0.0,) * every)
     return {f"joint.{body.name}.{name}": value for name, value in held.items()}
+
+
+def _still(body: Body) -> dict[str, HeldValue]:
+    """The mass of a body that cannot move."""
+    xx, yy, zz, xy, xz, yz = body.inertial.inertia
+    held: dict[str, HeldValue] = {
+        "mass": body.inertial.mass,
+        "centre_of_mass": body.inertial.centre_of_mass,
+        "inertia": (xx, xy, xz, xy, yy, yz, xz, yz, zz),
+    }
+    return {f"body.{body.name}.{name}": value for name, value in held.items()}
 
 
 def _node(body: Body) -> dict[str, HeldValue]:

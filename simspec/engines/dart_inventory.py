@@ -48,8 +48,19 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found["solver.timestep"] = sim.solver.getTimeStep()
     for index in range(sim.world.getNumSkeletons()):
         found.update(_skeleton(sim.world.getSkeleton(index)))
+    shapes: dict[str, list[str]] = {}
+    for shape in sidecar["shapes"]:
+        shapes.setdefault(shape["body"], []).append(shape["name"])
     for index, (name, body) in enumerate(zip(sim.names, sim.bodies, strict=True)):
-        found.update(_joint(name, body.getParentJoint()))
+        joint = body.getParentJoint()
+        found[f"body.{name}.joint"] = joint.getName()
+        found[f"body.{name}.shapes"] = tuple(shapes.get(name, ()))
+        if not body.isReactive():  # of what cannot move the read-back tells no mass
+            held = body.getInertia()
+            found[f"body.{name}.mass"] = held.getMass()
+            found[f"body.{name}.centre_of_mass"] = tuple(held.getLocalCOM().tolist())
+            found[f"body.{name}.inertia"] = tuple(held.getMoment().reshape(-1).tolist())
+        found.update(_joint(name, joint))
         found.update(_nodes(name, sim.nodes.of(index)))
     found.update({f"sidecar.{name}": sidecar[name] for name in ("schema", "format", "engine", "world")})
     found.update({f"settings.{name}": value for name, value in sidecar["settings"].items()})

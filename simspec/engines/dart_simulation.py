@@ -87,6 +87,7 @@ class Simulation:
         """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
         self._folder, self._blind = folder, False
         self.world = self._read(folder / WORLD, pictures)
+        self._check_detector()
         with captured_errors(self.log):
             self._set_solver()
         self.timestep: float = self.world.getTimeStep()
@@ -132,6 +133,12 @@ class Simulation:
         found = Simulation(self._folder, self.sidecar, pictures=True)
         self.log.extend(line for line in found.log if line not in self.log)
         return found
+
+    def _check_detector(self) -> None:
+        """The file and the sidecar must ask for the same detector of contacts."""
+        held, told = self.world.getCollisionDetector().getType(), self.settings["collision_detector"]
+        if held != told:
+            raise EngineError(NAME, f"holds the collision detector {held} from {WORLD}, the sidecar says {told}")
 
     def _set_solver(self) -> None:
         dartpy, world, given = self.dartpy, self.world, self.settings
