@@ -96,7 +96,6 @@ def test_reads_back_the_world(name, load_dart):
         ("<mass>", "<mass>1"),
         ("<ixy>", "<ixy>1"),
         ("<offset>", "<offset>1"),
-        ('type="revolute"', 'type="prismatic"'),
         ("<xyz>", "<xyz>1"),
         ("<upper>2", "<upper>3"),
         ("<friction>0.3", "<friction>0.4"),
@@ -114,6 +113,17 @@ def test_the_read_back_comes_from_the_file(old, new, load_dart):
 
     world = WORLDS["limits"]()
     assert failures(world, load_dart(world, change).read_back()) != []
+
+
+def test_what_file_and_sidecar_say_differently_is_refused(load_dart):
+    for old, new, said in (
+        ('type="revolute"', 'type="prismatic"', "is a slide joint, the sidecar says hinge"),
+        ("<collision_detector>dart<", "<collision_detector>ode<", "holds the collision detector ode"),
+    ):
+        with pytest.raises(EngineError, match=said):
+            load_dart(
+                WORLDS["limits"](), lambda files, old=old, new=new: {**files, WORLD: files[WORLD].replace(old, new)}
+            )
 
 
 def test_the_read_back_adds_implicit_damping_that_a_file_should_not_have(load_dart):

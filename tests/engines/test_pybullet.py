@@ -162,7 +162,7 @@ def test_a_joint_of_another_kind_than_the_sidecar_says_is_refused(load):
     def change(files):
         return {**files, "link0.urdf": files["link0.urdf"].replace('type="revolute"', 'type="prismatic"')}
 
-    with pytest.raises(EngineError, match="holds the joint of .* as slide, the sidecar says hinge"):
+    with pytest.raises(EngineError, match=r"holds the joint of .* as slide, the sidecar says hinge"):
         load(WORLDS["limits"](), change)
 
 
