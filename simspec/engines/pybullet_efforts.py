@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.pybullet_simulation import Simulation, Tree, from_xyzw
+from simspec.engines.pybullet_simulation import Simulation, Tree
+from simspec.engines.pybullet_turns import from_xyzw
 from simspec.world import frames
 
 

@@ -14,7 +14,8 @@ from typing import Any
 
 from simspec.engines.bullet_file import Block, plain, read_blocks
 from simspec.engines.expected_filter import named_set
-from simspec.engines.pybullet_simulation import Simulation, Tree, from_xyzw
+from simspec.engines.pybullet_simulation import Simulation, Tree
+from simspec.engines.pybullet_turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.types import HeldValue

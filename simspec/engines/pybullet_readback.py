@@ -9,7 +9,8 @@ import numpy as np
 
 from simspec.engines.pybullet_carriers import own_solid
 from simspec.engines.pybullet_efforts import Efforts
-from simspec.engines.pybullet_simulation import JOINT_KINDS, Link, Simulation, Tree, from_xyzw
+from simspec.engines.pybullet_simulation import JOINT_KINDS, Link, Simulation, Tree
+from simspec.engines.pybullet_turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.formats.passes import restore_frames, tensor
 from simspec.world import frames

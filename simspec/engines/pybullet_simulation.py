@@ -7,7 +7,7 @@ import ctypes
 import os
 import sys
 import tempfile
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from simspec.engines.pybullet_calls import Called, Recording
 from simspec.engines.pybullet_carriers import carriers
 from simspec.engines.pybullet_sleeping import Sleepers
+from simspec.engines.pybullet_turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
 from simspec.errors import EngineError
 from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames
@@ -75,32 +76,6 @@ def captured_output(lines: list[str]) -> Iterator[None]:
             file.seek(0)
             text = file.read().decode(errors="replace")
             lines.extend(line for line in text.splitlines() if line.strip() and "build time" not in line)
-
-
-def to_xyzw(q: Sequence[float]) -> list[float]:
-    return [q[1], q[2], q[3], q[0]]
-
-
-def from_xyzw(q: Sequence[float]) -> Quaternion:
-    return frames.normalise((q[3], q[0], q[1], q[2]))
-
-
-def conjugate(q: np.ndarray) -> np.ndarray:
-    """The inverse rotations of unit quaternions (n, 4)."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The rotations ``a`` after ``b``, quaternions (n, 4) with w ≥ 0."""
-    w, u, x, v = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
-    found = np.concatenate([w * x - np.sum(u * v, axis=1, keepdims=True), w * v + x * u + np.cross(u, v)], axis=1)
-    return np.where(found[:, :1] < 0.0, -found, found)
-
-
-def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    first = np.cross(q[:, 1:], vectors)
-    return vectors + 2.0 * (q[:, :1] * first + np.cross(q[:, 1:], first))
 
 
 class Simulation:
