@@ -21,6 +21,8 @@ from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContac
 SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}
 CONES = {"pyramid-inscribed": 0, "elliptic": 1}
 EULER, AUTO = 0, 2
+BY_POSITION, BY_VELOCITY = 1, 2
+"""What an actuator's input is, where MuJoCo says it."""
 """MuJoCo's numbers of the integrator and of the choice of Jacobian."""
 SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 """Flags that are always set. Others are never, but for those that settings switch."""
@@ -73,6 +75,10 @@ class _Expected:
         found |= {f"exclude.{one},{two}": True for one, two in self._excluded()}
         found["body.world.mass"] = 0.0
         found |= {f"body.{body.name}.mass": body.inertial.mass for body in self.world.bodies}
+        if self.neutral.get("has.actuator_ctrlspec", False):
+            for one in natives(self.world):
+                for joint, kp in zip(one.joints, one.kp, strict=True):
+                    found[f"actuator.{joint}.ctrlspec"] = BY_POSITION if kp else BY_VELOCITY
         found["key.initial.ctrl"] = (0.0,) if natives(self.world) else ()
         found |= self._sleep()
         found["stat.meaninertia"] = self.neutral["stat.meaninertia"]

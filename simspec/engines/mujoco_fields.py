@@ -80,7 +80,7 @@ NEUTRAL = (
     *("actuator_actadr", "actuator_actearly", "actuator_actlimited", "actuator_actrange", "actuator_ctrllimited"),
     *("actuator_ctrlrange", "actuator_gear", "actuator_cranklength", "actuator_group", "actuator_plugin"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly", "actuator_delay", "actuator_history"),
-    *("actuator_historyadr", "actuator_lengthrange", "actuator_ctrlnum", "actuator_ctrlspec", "actuator_outnum"),
+    *("actuator_historyadr", "actuator_lengthrange", "actuator_ctrlnum", "actuator_outnum"),
     "key_time",
 )
 """Arrays of which every row must be as in a model that says nothing of it, asked from the engine itself. Such a field is one
@@ -91,7 +91,7 @@ EXPECTED = (
     *("dof_solref", "dof_solimp", "dof_armature", "dof_damping", "dof_frictionloss"),
     *("geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_group", "geom_contype", "geom_conaffinity"),
     *("pair_dim", "pair_friction", "pair_solref", "pair_solimp", "pair_solreffriction", "pair_geom1", "pair_geom2"),
-    *("exclude_signature", "tree_sleep_policy", "key_ctrl"),
+    *("actuator_ctrlspec", "exclude_signature", "tree_sleep_policy", "key_ctrl"),
 )
 """Compared row by row with what ``mujoco_expected.py`` makes of the world."""
 

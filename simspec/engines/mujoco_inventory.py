@@ -11,6 +11,8 @@ from simspec.engines.mujoco_fields import COUNTS, ELEMENTS, NEUTRAL, OPTIONS
 from simspec.formats.base import flat
 from simspec.formats.mjcf import world_name
 
+NEWER = ("tree_sleep_policy", "actuator_ctrlspec")
+"""Fields that are compared where a version has them."""
 REFERENCE = """
 <mujoco>
   <worldbody>
@@ -67,6 +69,8 @@ class _Inventory:
         found |= self._counts(self._model)
         found |= self._unlike_neutral()
         found |= self._joints() | self._geoms() | self._pairs()
+        if hasattr(self._model, "actuator_ctrlspec"):
+            found |= self._rows("actuator", ("ctrlspec",))
         found |= self._masks() | self._excludes()
         model = self._model
         found |= {f"body.{name}.mass": _plain(model.body_mass[index]) for index, name in enumerate(self._names["body"])}
@@ -78,7 +82,7 @@ class _Inventory:
         # mean of the mass matrix' diagonal
         found["stat.meaninertia"] = float(model.stat.meaninertia)
         mean = float(np.mean(model.dof_M0)) if model.nv else float(empty.stat.meaninertia)
-        there = {f"has.{name}": True for name in (*NEUTRAL, "tree_sleep_policy") if hasattr(model, name)}
+        there = {f"has.{name}": True for name in (*NEUTRAL, *NEWER) if hasattr(model, name)}
         flags = dict.fromkeys(self._flags(), False)
         return found, {**self._options(empty.opt), **self._counts(empty), **flags, **there, "stat.meaninertia": mean}
 

@@ -50,7 +50,8 @@ SERVO = (0, 0, 0, 1)
 """MuJoCo's numbers of an actuator on a joint, without dynamics, with a fixed gain and an affine bias."""
 CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
-GROUP_IS_VISUAL = {0: True, 2: True, 3: False, 4: False}
+VISIBLE_GROUPS = (0, 1, 2)
+"""Groups that MuJoCo's viewers show."""
 
 
 def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int) -> ReadBack:
@@ -191,7 +192,7 @@ class _ReadBack:
             _pose(model.geom_pos[geom], model.geom_quat[geom]),
             "",
             collides,
-            GROUP_IS_VISUAL[int(model.geom_group[geom])],
+            int(model.geom_group[geom]) in VISIBLE_GROUPS,
             (red, green, blue, alpha),
             surfaces,
         )

@@ -53,6 +53,8 @@ KINDS = (
 SCALE = 1.01
 MOVED = 0.01
 """What a zero becomes: far above every tolerance, small enough to be a sound value almost everywhere."""
+STILL = 1e-12
+"""Metres, radians and their rates, relative to the larger of one and the value: motions within it are the same."""
 UNKNOWN = "something-else"
 FLAGS = {"true": "false", "false": "true", "enable": "disable", "disable": "enable"}
 
@@ -90,23 +92,33 @@ class Addition:
 class Inert:
     """Changes that move nothing: ``site`` a pattern as of ``fnmatch``, ``kinds`` of change (empty: all), and the reason.
 
-    ``without``: only where an XML file has nothing at this path (as of ElementTree: ``.//worldbody//geom``).
+    ``place``: a pattern of the mutation's place, with round brackets: ``*/default(visual)/*``. ``without``: only where an XML
+    file has nothing at this path (as of ElementTree: ``.//worldbody//geom``). ``within``: how far motion may depart; more than
+    ``STILL`` only where the reason says that the same is computed in another order.
     """
 
     site: str
     why: str
     kinds: tuple[str, ...] = ()
     file: str = "*"
+    place: str = "*"
     without: str = ""
+    within: float = STILL
 
     def says(self, mutation: Mutation) -> bool:
         """Whether this row declares ``mutation``."""
         return (
             fnmatch.fnmatchcase(mutation.site, self.site)
             and fnmatch.fnmatchcase(mutation.file, self.file)
+            and fnmatch.fnmatchcase(_plain(mutation.place), self.place)
             and (not self.kinds or mutation.kind in self.kinds)
             and (not self.without or ElementTree.fromstring(mutation.text).find(self.without) is None)
         )
+
+
+def _plain(place: str) -> str:
+    """A place without the brackets that patterns would take for sets of letters: ``default(visual)/geom``."""
+    return place.replace("[", "(").replace("]", ")")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,9 +131,9 @@ class MutationTable:
     additions: Mapping[str, Sequence[Addition]] = field(default_factory=dict)
     inert: Sequence[Inert] = ()
 
-    def inertness(self, mutation: Mutation) -> str | None:
-        """Why ``mutation`` is declared inert; None when it is not."""
-        return next((row.why for row in self.inert if row.says(mutation)), None)
+    def inertness(self, mutation: Mutation) -> Inert | None:
+        """The row that declares ``mutation`` inert; None when none does."""
+        return next((row for row in self.inert if row.says(mutation)), None)
 
 
 def mutations(files: Files, table: MutationTable) -> Iterator[Mutation]:

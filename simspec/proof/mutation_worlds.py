@@ -2,10 +2,158 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 
+from simspec.engines.base import Setting, find_engine
 from simspec.proof import selftest_worlds
-from simspec.world.types import World
+from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
+from simspec.world.control import Controller, Trajectory
+from simspec.world.types import (
+    Body,
+    Contact,
+    EngineOptions,
+    Hardness,
+    Inertial,
+    Joint,
+    Material,
+    PairContact,
+    Pose,
+    Shape,
+    World,
+)
 
-WORLDS: Mapping[str, Callable[[str], World]] = {**selftest_worlds.WORLDS}
+
+def uneven(name: str) -> Callable[[str], World]:
+    """A world of the fast self-test whose ball is no ball inside: a turn of its inertia then is one."""
+
+    def made(engine: str) -> World:
+        world = selftest_worlds.WORLDS[name](engine)
+        bodies = tuple(
+            dataclasses.replace(body, inertial=dataclasses.replace(body.inertial, inertia=TENSOR))
+            if body.joint.kind == "free"
+            else body
+            for body in world.bodies
+        )
+        return dataclasses.replace(world, bodies=bodies)
+
+    return made
+
+
+def native(engine: str) -> World:
+    """The bench under the engine's own controllers: one by position, with a limit, one by velocity."""
+    world = selftest_worlds.bench(engine)
+    joints = ("upper_joint", "lower_joint")
+    one = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
+    way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
+    options = EngineOptions(engine, accept=("control.native",))
+    return dataclasses.replace(world, name="self-test-native", controllers=(one,), trajectory=way, engines=(options,))
+
+
+def shapes(engine: str) -> World:
+    """Every kind of shape: solid and seen, solid and unseen, seen alone; a body welded to a moving one."""
+    turned = Pose((0.01, 0.02, 0.0), (0.8, 0.0, 0.6, 0.0))
+    at = (0.0, 0.0, 0.6, *FREE)
+    ground = Shape("ground_0", "plane", (), Pose(), "stone")
+    post = Shape("post_0", "cylinder", (0.05, 0.3), Pose((0.0, 0.0, 0.15)), "stone", visual=False)
+    solid = (
+        Shape("toy_0", "cylinder", (0.05, 0.12), turned, "stone"),
+        Shape("toy_1", "capsule", (0.03, 0.1), Pose((0.1, 0.0, 0.0)), "stone", visual=False),
+        Shape("toy_2", "sphere", (0.05,), turned, "", collision=False),
+        Shape("toy_3", "box", (0.1, 0.12, 0.14), turned, "", collision=False, colour=(0.1, 0.2, 0.3, 1.0)),
+    )
+    knob = Shape("knob_0", "sphere", (0.04,), Pose((0.0, 0.0, 0.2)), "stone")
+    bodies = (
+        Body("ground", "ground", Inertial(0.0), Joint("ground_joint", "fixed"), (ground,)),
+        Body("post", "post", Inertial(0.0), Joint("post_joint", "fixed", origin=Pose((1.0, 0.0, 0.0))), (post,)),
+        Body(
+            "toy",
+            "toy",
+            Inertial(1.0, (0.0, 0.01, 0.0), TENSOR),
+            Joint("toy_joint", "free", position=at, velocity=STILL),
+            solid,
+        ),
+        Body("knob", "toy", Inertial(0.2, (0.0, 0.0, 0.2), TENSOR), Joint("knob_joint", "fixed", "toy"), (knob,)),
+    )
+    law = PairContact("stone", "stone", 0.4, 0.0)
+    contact = Contact(materials=(Material("stone", 0.4),), pairs=(law,), excluded_bodies=(("knob", "toy"),))
+    accept = tuple(sorted(("contact.cone.elliptic", "shape.cylinder", "shape.plane")))
+    options = EngineOptions(engine, accept=accept)
+    return World("self-test-shapes", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
+
+
+def ellipsoid(engine: str) -> World:
+    """An ellipsoid on a floor."""
+    world = hard("common", Hardness())(engine)
+    bodies = tuple(
+        dataclasses.replace(body, shapes=(Shape("egg_0", "ellipsoid", (0.05, 0.06, 0.07), Pose(), "rubber"),))
+        if body.joint.kind == "free"
+        else body
+        for body in world.bodies
+    )
+    return dataclasses.replace(world, name="self-test-ellipsoid", bodies=bodies)
+
+
+def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
+    """A ball on a floor of that hardness, without restitution."""
+
+    def made(engine: str) -> World:
+        world = uneven("bouncing")(engine)
+        law = PairContact("rubber", "rubber", 0.5, 0.0, hardness=hardness)
+        contact = dataclasses.replace(world.contact, materials=(Material("rubber", 0.5),), pairs=(law,))
+        options = EngineOptions(engine, accept=("contact.cone.elliptic", f"contact.hardness.{kind}"))
+        return dataclasses.replace(world, name=f"self-test-{kind}", contact=contact, engines=(options,))
+
+    return made
+
+
+def cone(name: str) -> Callable[[str], World]:
+    """A ball on a floor under that friction cone."""
+
+    def made(engine: str) -> World:
+        world = hard("common", Hardness())(engine)
+        contact = dataclasses.replace(world.contact, friction_cone=name)
+        options = EngineOptions(engine, accept=(f"contact.cone.{name}",))
+        return dataclasses.replace(world, name=f"self-test-{name}", contact=contact, engines=(options,))
+
+    return made
+
+
+def settings(engine: str) -> World:
+    """The bench with every setting of the engine other than it is by default."""
+    world = selftest_worlds.bench(engine)
+    (options,) = world.engines
+    given = tuple((name, _other(one)) for name, one in sorted(find_engine(engine).SETTINGS.items()))
+    return dataclasses.replace(
+        world, name="self-test-settings", engines=(dataclasses.replace(options, settings=given),)
+    )
+
+
+def _other(setting: Setting) -> bool | int | float | str:
+    """A value that is allowed and is not the default."""
+    value = setting.default
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, str):
+        return next(word for word in setting.choices if word != value)
+    half = value // 2 if isinstance(value, int) else value / 2.0
+    if half == value or (setting.minimum is not None and half < setting.minimum):
+        half = value + 1 if isinstance(value, int) else value * 2.0 or 0.01
+    return half
+
+
+WORLDS: Mapping[str, Callable[[str], World]] = {
+    **selftest_worlds.WORLDS,
+    "bouncing": uneven("bouncing"),
+    "rolling": uneven("rolling"),
+    "native control": native,
+    "shapes": shapes,
+    "ellipsoid": ellipsoid,
+    "time constant": hard("time-constant", Hardness("time-constant", time_constant=0.02, damping_ratio=0.9)),
+    "stiffness": hard("stiffness", Hardness("stiffness", stiffness=20000.0, damping=100.0)),
+    "native hardness": hard("native", Hardness("native")),
+    "inscribed pyramid": cone("pyramid-inscribed"),
+    "circumscribed pyramid": cone("pyramid-circumscribed"),
+    "settings": settings,
+}
 """By name, each for one engine."""

@@ -209,7 +209,13 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
     engine = find_engine(compiled.engine)
     try:
         read = formats()[compiled.format].read(folder)
-    except (ValueError, KeyError, TypeError, OSError, SyntaxError) as error:  # a reader's ways to refuse a damaged file
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        OSError,
+        SyntaxError,
+    ) as error:  # a reader's ways to refuse a damaged file
         return [failed("L0", UNREAD, f"the independent reader refuses the files: {type(error).__name__}: {error}")]
     return compare(world, read, engine.RULES, engine.LAYERS, text=True)
 
