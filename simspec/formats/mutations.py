@@ -118,7 +118,7 @@ class Inert:
 
 def _plain(place: str) -> str:
     """A place without the brackets that patterns would take for sets of letters: ``default(visual)/geom``."""
-    return place.replace("[", "(").replace("]", ")")
+    return place.translate(str.maketrans("[]", "()"))
 
 
 @dataclass(frozen=True, slots=True)
