@@ -12,6 +12,7 @@ away from limits, and worlds with dry friction say so (``Oracle.leaves_out``).
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -235,10 +236,24 @@ def _grouped(found: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
     return groups
 
 
+def alike(bodies: Sequence[Body]) -> object:
+    """What the model of some bodies follows from: equal for copies, wherever they are and however they move."""
+    index = {body.name: number for number, body in enumerate(bodies)}
+    return tuple(
+        (
+            body.inertial,
+            index.get(body.joint.parent or "", -1),
+            dataclasses.replace(body.joint, name="", parent=None, position=(), velocity=()),
+        )
+        for body in bodies
+    )
+
+
 class Oracle:
     """Kinematics and dynamics of a world's bodies. States are (q (nq,), v (nv,)) in the world's own order.
 
-    Trees do not act on each other without contact. Small ones share a Pinocchio model of up to ``MODEL_SIZE`` coordinates.
+    Trees do not act on each other without contact. Small ones share a Pinocchio model of up to ``MODEL_SIZE`` coordinates, and
+    groups that are alike share one model.
     """
 
     def __init__(self, world: World):
@@ -248,11 +263,15 @@ class Oracle:
         self.timestep = world.physics.timestep
         index = {body.name: number for number, body in enumerate(world.bodies)}
         self._parts: list[tuple[Tree, list[int], np.ndarray, np.ndarray]] = []
+        models: dict[object, Tree] = {}
         for bodies in _grouped(list(trees(world).values())):
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
             at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
-            self._parts.append((Tree(dataclasses.replace(world, bodies=bodies)), rows, at_q, at_v))
+            key = alike(bodies)
+            if key not in models:
+                models[key] = Tree(dataclasses.replace(world, bodies=bodies))
+            self._parts.append((models[key], rows, at_q, at_v))
 
     @property
     def leaves_out(self) -> list[str]:
@@ -279,27 +298,47 @@ class Oracle:
         return found
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """M (nv, nv), armature included."""
+        """M (nv, nv), armature included. For worlds of many bodies see :meth:`mass_blocks`."""
         full = np.zeros((self.nv, self.nv))
+        for block, mass in zip(self.blocks, self.mass_blocks(q), strict=True):
+            full[np.ix_(block, block)] = mass
+        return full
+
+    @functools.cached_property
+    def blocks(self) -> list[np.ndarray]:
+        """The places in v of each tree that has coordinates: M is zero between trees."""
+        rows = {body.name: row for row, body in enumerate(self.world.bodies)}
+        found = []
+        for bodies in trees(self.world).values():
+            parts = [np.r_[self.layout.velocity[rows[body.name]]] for body in bodies]
+            places = np.concatenate(parts).astype(int)
+            if len(places):
+                found.append(places)
+        return found
+
+    def mass_blocks(self, q: np.ndarray) -> list[np.ndarray]:
+        """M of each tree in ``blocks``, armature included."""
+        where = np.zeros(self.nv, dtype=int)
+        masses: list[np.ndarray] = []
+        part_of = np.zeros(self.nv, dtype=int)
         for tree, _, at_q, at_v in self._parts:
             if len(at_v):
-                full[np.ix_(at_v, at_v)] = tree.mass_matrix(q[at_q])
-        return full
+                where[at_v], part_of[at_v] = np.arange(len(at_v)), len(masses)
+                masses.append(tree.mass_matrix(q[at_q]))
+        return [masses[part_of[block[0]]][np.ix_(where[block], where[block])] for block in self.blocks]
 
     def mobility(self, q: np.ndarray) -> np.ndarray:
         """The diagonal of M⁻¹ (nv,): the acceleration that a unit effort on one coordinate alone gives it."""
         found = np.zeros(self.nv)
-        for tree, _, at_q, at_v in self._parts:
-            if len(at_v):
-                found[at_v] = np.diag(np.linalg.inv(tree.mass_matrix(q[at_q])))
+        for block, mass in zip(self.blocks, self.mass_blocks(q), strict=True):
+            found[block] = np.diag(np.linalg.inv(mass))
         return found
 
     def effort_for(self, q: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """M(q) v̇ (nv,)."""
         found = np.zeros(self.nv)
-        for tree, _, at_q, at_v in self._parts:
-            if len(at_v):
-                found[at_v] = tree.mass_matrix(q[at_q]) @ acceleration[at_v]
+        for block, mass in zip(self.blocks, self.mass_blocks(q), strict=True):
+            found[block] = mass @ acceleration[block]
         return found
 
     def _by_tree(self, method: str, q: np.ndarray, v: np.ndarray, *more: np.ndarray) -> np.ndarray:

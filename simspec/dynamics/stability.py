@@ -9,14 +9,13 @@ change with the state is left out.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.dynamics.oracle import Tree
+from simspec.dynamics.oracle import Tree, alike
 from simspec.dynamics.states import random_states
 from simspec.world.kinematics import initial_state, layout, trees
-from simspec.world.types import Body, World
+from simspec.world.types import World
 
 POSTURES, FEW, LARGE = 8, 1, 200
 """Seeded postures within the limits that are looked at besides the initial one (M of an arm that folds changes severalfold),
@@ -61,30 +60,13 @@ def unstable(world: World) -> list[Instability]:
     for bodies in trees(world).values():
         if not any(body.joint.damping or body.joint.spring_stiffness for body in bodies):
             continue
-        key = _alike(bodies)
+        key = alike(bodies), tuple(body.joint.position for body in bodies if body.joint.kind != "free")
         if key not in known:
             known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
         if (entry := known[key]) is not None:
             rows, one = entry
             found.append(dataclasses.replace(one, bodies=tuple(bodies[row].name for row in rows)))
     return found
-
-
-def _alike(bodies: Sequence[Body]) -> object:
-    """What M and the efforts of a tree follow from: equal for copies of one model, wherever they are and however they move."""
-    index = {body.name: number for number, body in enumerate(bodies)}
-    return tuple(
-        (
-            body.inertial,
-            dataclasses.replace(body.joint, name="", parent=None, velocity=(), position=_posture(body)),
-            index.get(body.joint.parent or "", -1),
-        )
-        for body in bodies
-    )
-
-
-def _posture(body: Body) -> tuple[float, ...]:
-    return () if body.joint.kind == "free" else body.joint.position
 
 
 def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:

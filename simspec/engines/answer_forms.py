@@ -42,9 +42,9 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "read_back": {},
     "kinematics": STATE,
     "dynamics": {
-        "mass_matrix": Form(("rows", "nv", "nv")),
+        "mass": Form(("rows", "packed")),
         "bias_force": Form(("rows", "nv")),
-        "energy": Form(("rows", 2)),
+        "gravity_force": Form(("rows", "nv")),
     },
     "motion": STATE,
     "trials": {"v": STATE["v"]},
@@ -118,6 +118,8 @@ def dimensions_of(operation: Operation) -> dict[str, int]:
             found[size] = int(operation.arrays[name].shape[-1])
     if "q" in operation.arrays and operation.op == "touching":
         found["states"] = len(operation.arrays["q"])
+    if operation.op == "dynamics":
+        found["packed"] = sum(size * size for size in operation.parameters["sizes"])
     rows = planned_rows(operation)
     if rows is not None and operation.op not in ("motion", "run"):
         found["rows"] = rows

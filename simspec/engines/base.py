@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.metadata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -174,9 +174,14 @@ class Engine:
         body frame's origin, then angular, both in world axes."""
         raise NotImplementedError
 
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The parts (n, n) of M at the present state, armature included, that belong to each of ``blocks``: places (n,) in v.
+        Trees do not act on each other through M, and M of 2,000 free bodies as one array would be 1 GB."""
+        raise NotImplementedError
+
     def mass_matrix(self) -> np.ndarray:
         """M (nv, nv) at the present state, armature included."""
-        raise NotImplementedError
+        return self.mass_blocks([np.arange(len(self.get_state()[1]))])[0]
 
     def bias_force(self) -> np.ndarray:
         """h (nv,) at the present state, in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
@@ -271,6 +276,19 @@ def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
 def bodies_of(units: Sequence[CollisionUnit], pairs: np.ndarray) -> np.ndarray:
     """The pairs (n, 2) of indices of bodies, sorted and each once, of pairs of ``units``."""
     return sorted_pairs(np.array([unit.body for unit in units], dtype=np.int64)[pairs]) if len(pairs) else pairs
+
+
+def pick_blocks(blocks: Sequence[np.ndarray], held: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """The parts of M for ``blocks`` (see :meth:`Engine.mass_blocks`), out of those that an engine holds: for each of its own
+    trees the places (n,) in v and M (n, n) there."""
+    found = [np.zeros((len(block), len(block))) for block in blocks]
+    where = {int(place): (index, row) for index, block in enumerate(blocks) for row, place in enumerate(block)}
+    for places, mass in held:
+        wanted = [(number, *where[int(place)]) for number, place in enumerate(places) if int(place) in where]
+        for index in {index for _, index, _ in wanted}:
+            theirs, ours = zip(*((number, row) for number, own, row in wanted if own == index), strict=True)
+            found[index][np.ix_(ours, ours)] = mass[np.ix_(theirs, theirs)]
+    return found
 
 
 def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:

@@ -22,6 +22,7 @@ from simspec.engines.base import (
     Setting,
     empty_contacts,
     expected_labels,
+    pick_blocks,
     resolve_settings,
     restore_velocities,
     sorted_pairs,
@@ -285,14 +286,13 @@ class Dart(Engine):
         sim = self._simulation
         return restore_velocities(*sim.file_frames(), sim.offsets)
 
-    def mass_matrix(self) -> np.ndarray:
-        sim = self._simulation
-        found = np.zeros((sim.coordinates.nv, sim.coordinates.nv))
-        for tree in sim.coordinates.trees:
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        armature = self._simulation.efforts.armature
+        held = []
+        for tree in self._simulation.coordinates.trees:
             turn = tree.velocity_map()
-            full = tree.skeleton.getMassMatrix() + np.diag(sim.efforts.armature[tree.dofs])
-            found[np.ix_(tree.block, tree.block)] = turn.T @ full @ turn
-        return found
+            held.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
+        return pick_blocks(blocks, held)
 
     def bias_force(self) -> np.ndarray:
         sim = self._simulation

@@ -322,16 +322,28 @@ class MuJoCo(Engine):
 
     # --- dynamics -------------------------------------------------------------------------------------------------
 
-    def mass_matrix(self) -> np.ndarray:
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         mujoco, model = self._mujoco, self.model
         probe = self._at_state()
         _composite_inertia(mujoco, model, probe)
-        full = np.zeros((model.nv, model.nv))
         if hasattr(probe, "qM"):  # before MuJoCo 4
+            full = np.zeros((model.nv, model.nv))
             mujoco.mj_fullM(model, full, probe.qM)
-        else:
-            mujoco.mj_fullM(model, probe, full)
-        return full[np.ix_(self._v, self._v)]
+            return [full[np.ix_(self._v[block], self._v[block])] for block in blocks]
+        return [self._block(probe.M, self._v[block]) for block in blocks]
+
+    def _block(self, values: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+        """The part of M for some degrees of freedom. MuJoCo 4 keeps M's lower half by rows, and only what can be non-zero."""
+        model = self.model
+        found = np.zeros((len(dofs), len(dofs)))
+        place = {int(dof): index for index, dof in enumerate(dofs)}
+        for dof, row in place.items():
+            start = int(model.M_rowadr[dof])
+            entries = slice(start, start + int(model.M_rownnz[dof]))
+            for other, value in zip(model.M_colind[entries].tolist(), values[entries].tolist(), strict=True):
+                if other in place:
+                    found[row, place[other]] = found[place[other], row] = value
+        return found
 
     def bias_force(self) -> np.ndarray:
         probe = self._at_state()

@@ -25,6 +25,7 @@ from simspec.engines.base import (
     Setting,
     empty_contacts,
     expected_labels,
+    pick_blocks,
     resolve_settings,
     restore_velocities,
     sorted_pairs,
@@ -275,10 +276,10 @@ class PyBullet(Engine):
         sim = self._simulation
         return restore_velocities(*sim.file_frames(), sim.offsets)
 
-    def mass_matrix(self) -> np.ndarray:
-        sim = self._simulation
-        q, _ = sim.get_state()
-        return self._probing().mass_matrix(q) + np.diag(self._outside.armature)
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        q, _ = self._simulation.get_state()
+        parts = pick_blocks(blocks, self._probing().masses(q))
+        return [part + np.diag(self._outside.armature[block]) for block, part in zip(blocks, parts, strict=True)]
 
     def bias_force(self) -> np.ndarray:
         q, v = self._simulation.get_state()

@@ -25,7 +25,7 @@ class Probe:
     def __init__(self, sim: Simulation):
         self._sim = sim
         self._efforts = Efforts(sim, (), ())
-        self._known: tuple[np.ndarray, np.ndarray] | None = None
+        self._known: tuple[np.ndarray, list[np.ndarray]] | None = None
         p, client = sim.bullet, sim.client
         sim.disable_contact()
         p.setTimeStep(PROBE_STEP, physicsClientId=client)
@@ -66,13 +66,14 @@ class Probe:
         gravity = self._sim.sidecar["gravity"] if on else (0.0, 0.0, 0.0)
         self._sim.bullet.setGravity(*gravity, physicsClientId=self._sim.client)
 
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """M (nv, nv) without armature. All trees are probed side by side; the last M is kept, for the bias force."""
+    def masses(self, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each tree its places in v, and its M, without armature. All trees are probed side by side; the last ones are kept,
+        for the bias force."""
         if self._known is None or not np.array_equal(self._known[0], q):
-            self._known = (q.copy(), self._measure_mass_matrix(q))
-        return self._known[1]
+            self._known = (q.copy(), self._measure_masses(q))
+        return list(zip(self._blocks, self._known[1], strict=True))
 
-    def _measure_mass_matrix(self, q: np.ndarray) -> np.ndarray:
+    def _measure_masses(self, q: np.ndarray) -> list[np.ndarray]:
         self._set_gravity(False)
         sim = self._sim
         rest = np.zeros(sim.nv)
@@ -84,16 +85,19 @@ class Probe:
             for block, inverse in zip(self._blocks, inverses, strict=True):
                 if column < len(block):
                     inverse[:, column] = gain[block]
-        found = np.zeros((sim.nv, sim.nv))
-        for block, inverse in zip(self._blocks, inverses, strict=True):
-            if len(block):
-                # scaled to a unit diagonal first: a tree may hold kilograms and gram square millimetres side by side
-                scale = np.sqrt(np.diag(inverse))
-                found[np.ix_(block, block)] = np.linalg.inv(inverse / np.outer(scale, scale)) / np.outer(scale, scale)
+        found = []
+        for inverse in inverses:
+            # scaled to a unit diagonal first: a tree may hold kilograms and gram square millimetres side by side
+            scale = np.sqrt(np.diag(inverse))
+            found.append(np.linalg.inv(inverse / np.outer(scale, scale)) / np.outer(scale, scale))
         return found
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) = −M v̇ of the unforced tree at (q, v)."""
-        mass = self.mass_matrix(q)
+        masses = self.masses(q)
         self._set_gravity(True)
-        return -mass @ self._gain(q, v, None)
+        gain = self._gain(q, v, None)
+        found = np.zeros(self._sim.nv)
+        for places, mass in masses:
+            found[places] = -mass @ gain[places]
+        return found

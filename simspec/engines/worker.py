@@ -72,16 +72,20 @@ def _kinematics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) 
 
 
 def _dynamics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """q (k, nq), v (k, nv) -> mass_matrix (k, nv, nv), bias_force (k, nv), energy (k, 2)."""
+    """q (k, nq), v (k, nv) -> mass (k, numbers), the blocks of M one after the other, each by rows; bias_force (k, nv); and
+    gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has."""
     import numpy as np
 
-    mass, bias, energy = [], [], []
+    ends = np.cumsum(operation["sizes"])
+    blocks = np.split(arrays["places"], ends[:-1]) if len(ends) else []
+    found: dict[str, list[Any]] = {"mass": [], "bias_force": [], "gravity_force": []}
     for q, v in zip(arrays["q"], arrays["v"], strict=True):
         engine.set_state(q, v)
-        mass.append(engine.mass_matrix())
-        bias.append(engine.bias_force())
-        energy.append(engine.energy())
-    return {}, {"mass_matrix": np.array(mass), "bias_force": np.array(bias), "energy": np.array(energy)}
+        found["mass"].append(np.concatenate([np.zeros(0), *(part.ravel() for part in engine.mass_blocks(blocks))]))
+        found["bias_force"].append(engine.bias_force())
+        engine.set_state(q, np.zeros_like(v))
+        found["gravity_force"].append(engine.bias_force())
+    return {}, {name: np.array(values) for name, values in found.items()}
 
 
 def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.process import Operation
 from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
 from simspec.world.types import World
 
@@ -38,33 +39,43 @@ def kinematics_checks(
     return tally.checks()
 
 
+def dynamics_operation(oracle: Oracle, q: np.ndarray, v: np.ndarray) -> Operation:
+    """What an engine is asked at states (k, nq), (k, nv): see :func:`dynamics_checks`."""
+    places = np.concatenate([np.zeros(0, dtype=np.int64), *oracle.blocks])
+    sizes = [len(block) for block in oracle.blocks]
+    return Operation("dynamics", {"sizes": sizes}, {"q": q, "v": v, "places": places}, oracle.world)
+
+
 def dynamics_checks(
     world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, found: Mapping[str, np.ndarray]
 ) -> list[Check]:
-    """Mass matrix and bias force at states with velocity, then gravity force at the same ones at rest.
+    """Mass matrix and bias force at states (k, nq), (k, nv) with velocity, and gravity force at the same ones at rest.
 
-    The states come twice: (2k, nq), the second half with v = 0. Deviations are in each coordinate's own scale: an element
-    of M relative to √(Mii Mjj), a force relative to √(Mii · hᵀM⁻¹h), its share of the effort's own energy norm, or to
-    Mii × 1 (m/s² or rad/s²) where the force vanishes.
+    Deviations are in each coordinate's own scale: an element of M relative to √(Mii Mjj), a force relative to √(Mii · hᵀM⁻¹h),
+    its share of the effort's own energy norm in its tree, or to Mii × 1 (m/s² or rad/s²) where the force vanishes.
     """
     tally = Tally()
-    coordinates = [body.name for body in world.bodies for _ in body.joint.velocity]
-    half = len(q) // 2
+    names = [body.name for body in world.bodies for _ in body.joint.velocity]
+    still = np.zeros(oracle.nv)
     for row in range(len(q)):
-        mass, bias = oracle.mass_matrix(q[row]), oracle.bias_force(q[row], v[row])
-        if not len(mass):
-            continue
-        root = np.sqrt(np.diag(mass))
-        if row < half:
-            error = np.abs(found["mass_matrix"][row] - mass) / np.outer(root, root)
+        masses = oracle.mass_blocks(q[row])
+        forces = {
+            "bias force": (oracle.bias_force(q[row], v[row]), found["bias_force"][row]),
+            "gravity force": (oracle.bias_force(q[row], still), found["gravity_force"][row]),
+        }
+        ends = np.cumsum([mass.size for mass in masses])
+        for block, mass, packed in zip(oracle.blocks, masses, np.split(found["mass"][row], ends[:-1]), strict=True):
+            root = np.sqrt(np.diag(mass))
+            error = np.abs(packed.reshape(mass.shape) - mass) / np.outer(root, root)
             i, j = np.unravel_index(int(np.argmax(error)), error.shape)
-            where = f"bodies.{coordinates[i]}, bodies.{coordinates[j]}, state {row}"
+            where = f"bodies.{names[block[i]]}, bodies.{names[block[j]]}, state {row}"
             tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[i, j]), where)
-        strength = math.sqrt(max(0.0, float(bias @ np.linalg.solve(mass, bias))))
-        error = np.abs(found["bias_force"][row] - bias) / (root * np.maximum(strength, root))
-        i = int(np.argmax(error))
-        name = "bias force" if row < half else "gravity force"
-        tally.add("L3", name, MODEL_TOLERANCE, float(error[i]), f"bodies.{coordinates[i]}, state {row % half}")
+            for name, (expected, measured) in forces.items():
+                force = expected[block]
+                strength = math.sqrt(max(0.0, float(force @ np.linalg.solve(mass, force))))
+                error = np.abs(measured[block] - force) / (root * np.maximum(strength, root))
+                i = int(np.argmax(error))
+                tally.add("L3", name, MODEL_TOLERANCE, float(error[i]), f"bodies.{names[block[i]]}, state {row}")
     return tally.checks()
 
 

@@ -29,7 +29,7 @@ from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.motion import Motion, motion_checks
-from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, kinematics_checks
+from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, dynamics_operation, kinematics_checks
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
@@ -60,13 +60,11 @@ class Probes:
     def operations(self) -> list[Operation]:
         """What each engine is asked, in the order in which :func:`engine_checks` reads the answers."""
         world = self.oracle.world
-        still = np.zeros_like(self.v)
-        both = {"q": np.concatenate([self.q, self.q]), "v": np.concatenate([self.v, still])}
         velocity = np.zeros((1, self.oracle.nv))
         found = [
             Operation("read_back", world=world),
             Operation("kinematics", {}, {"q": self.q, "v": self.v}, world),
-            Operation("dynamics", {}, both, world),
+            dynamics_operation(self.oracle, self.q, self.v),
             Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world),
         ]
         if self.motion is not None:
@@ -235,11 +233,9 @@ def engine_checks(
     held = answers[0].held
     if held is None:
         raise ValueError("the first answer is the read-back")
-    still = np.zeros_like(probes.v)
     checks = read_back_checks(world, engine, held)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
-    both_q, both_v = np.concatenate([probes.q, probes.q]), np.concatenate([probes.v, still])
-    checks += dynamics_checks(world, probes.oracle, both_q, both_v, answers[2].arrays)
+    checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, answers[2].arrays)
     units = [(unit["body"], unit["shapes"]) for unit in answers[3].result["units"]]
     checks += touch_checks(world, probes.meetings, units, answers[3].arrays["units"])
     if probes.motion is not None:
