@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -55,6 +55,7 @@ Engines = Annotated[
     typer.Option("--engine", "-e", metavar="NAME", help="An engine (or a format: its engines). Repeatable."),
 ]
 Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Warnings are errors: exit 2.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 Pythons = Annotated[
     list[str] | None,
@@ -70,12 +71,38 @@ def _print_json(value: Any) -> None:
     sys.stdout.write(text(value))
 
 
-def _load(name: str, sets: list[str] | None = None, allow_outside: bool = False) -> tuple[Spec, World]:
+class _Loaded(NamedTuple):
+    """A spec, its world, and what looks like a slip in it."""
+
+    spec: Spec
+    world: World
+    warnings: list[Problem]
+
+
+def _load(
+    name: str,
+    sets: list[str] | None = None,
+    allow_outside: bool = False,
+    *,
+    strict: bool = False,
+    as_json: bool = False,
+    warn: bool = True,
+) -> _Loaded:
+    """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
+    ``strict`` they are raised."""
     from simspec.resources import find_spec
     from simspec.spec.load import load
 
     spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
-    return spec, spec.resolve()
+    world = spec.resolve()
+    found = spec.warnings(world) if warn else []
+    if strict and found:
+        raise SpecError(found)
+    if found and not as_json:
+        from simspec.report.terminal import show_warnings
+
+        show_warnings(found)
+    return _Loaded(spec, world, found)
 
 
 def _pythons(words: list[str] | None) -> dict[str, str]:
@@ -130,6 +157,7 @@ def check_command(
     engine: Engines = None,
     sets: Sets = None,
     allow_outside: Outside = False,
+    strict: Strict = False,
     as_json: AsJson = False,
 ) -> None:
     """Load and resolve specs; with --engine, see also whether these engines can have them. Writes nothing.
@@ -145,7 +173,7 @@ def check_command(
     rows = []
     for name in specs:
         try:
-            spec, world = _load(name, sets, allow_outside)
+            spec, world, warned = _load(name, sets, allow_outside, strict=strict, as_json=as_json)
             if engine:
                 compile_world(world, _engine_names(engine), spec.locate)
             else:
@@ -153,14 +181,17 @@ def check_command(
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        rows.append({"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)})
+        facts = {"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)}
+        rows.append({**facts, "warnings": warned})
     if problems:
         raise SpecError(problems)
     if as_json:
         _print_json({"specs": rows})
     else:
         for row in rows:
-            print(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}")
+            count = len(row["warnings"])
+            told = f", {count} warning{'s' if count > 1 else ''}" if count else ""
+            print(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
 
 
 @app.command("fmt")
@@ -222,6 +253,7 @@ def compile_command(
     ] = False,
     sets: Sets = None,
     allow_outside: Outside = False,
+    strict: Strict = False,
     as_json: AsJson = False,
 ) -> int:
     """Compile specs to every engine's format: generated/NAME/ with world.json and one folder per engine.
@@ -240,10 +272,17 @@ def compile_command(
     if not names:
         raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
 
-    def load(name: str) -> tuple[Spec, World]:
-        return _load(name, sets, allow_outside)
+    warned: list[Problem] = []
 
-    return files.compile_specs(names, load, _engine_names(engine), out, check=check, explain=explain, as_json=as_json)
+    def load(name: str) -> tuple[Spec, World]:
+        # what is only looked at for being current was warned of when it was written
+        spec, world, found = _load(name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict)
+        warned.extend(found)
+        return spec, world
+
+    return files.compile_specs(
+        names, load, _engine_names(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+    )
 
 
 @app.command("verify")
@@ -263,6 +302,7 @@ def verify_command(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write (default generated/NAME).")] = None,
     sets: Sets = None,
     allow_outside: Outside = False,
+    strict: Strict = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
     as_json: AsJson = False,
@@ -283,9 +323,11 @@ def verify_command(
     _demand(names, pythons)
     if spec is None:
         return verification.self_test(names, pythons, as_json)
-    loaded, world = _load(spec, sets, allow_outside)
+    loaded, world, warned = _load(spec, sets, allow_outside, strict=strict, as_json=as_json)
     verification.check_targets(world, spec, out, contact)
-    return verification.verify(world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache)
+    return verification.verify(
+        world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache, warnings=warned
+    )
 
 
 def _demand(names: list[str], pythons: Mapping[str, str]) -> None:
@@ -324,6 +366,7 @@ def run_command(
     ] = None,
     sets: Sets = None,
     allow_outside: Outside = False,
+    strict: Strict = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
     as_json: AsJson = False,
@@ -342,7 +385,7 @@ def run_command(
 
     if all_engines == bool(engine):
         raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
-    loaded, world = _load(spec, sets, allow_outside)
+    loaded, world, warned = _load(spec, sets, allow_outside, strict=strict, as_json=as_json)
     return session.run(
         world,
         _engine_names(engine),
@@ -358,6 +401,7 @@ def run_command(
         deadline=deadline,
         source=_source(spec, sets),
         as_json=as_json,
+        warnings=warned,
     )
 
 
@@ -394,7 +438,7 @@ def diff_command(
         return session.diff_runs(Path(a), Path(b), tolerance, as_json)
     if Path(a).is_dir() or Path(b).is_dir():
         raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
-    worlds = [_load(name, None, allow_outside)[1] for name in (a, b)]
+    worlds = [_load(name, None, allow_outside, warn=False).world for name in (a, b)]
     return session.diff_specs(worlds[0], worlds[1], as_json)
 
 

@@ -77,7 +77,8 @@ class Tool:
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """J (6, joints): velocity and angular velocity of the frame in its own axes, for the tool's joints."""
         ours = self._tree.spread(q)[0]
-        full = self._pin.computeJointJacobian(self._model, self._data, ours, self._joint)
+        # of a tree with one coordinate Pinocchio gives a vector
+        full = self._pin.computeJointJacobian(self._model, self._data, ours, self._joint).reshape(6, -1)
         return (self._placement.toActionMatrixInverse() @ full)[:, self._tree.v_index[self._v]]
 
     def solve(

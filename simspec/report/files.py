@@ -86,6 +86,7 @@ def compile_specs(
     check: bool,
     explain: bool,
     as_json: bool,
+    warnings: Sequence[Problem] = (),
 ) -> int:
     """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
     alone = out is not None and len(names) == 1
@@ -120,7 +121,7 @@ def compile_specs(
     written = [generated.write(one, folder) for one, folder in zip(built, folders, strict=True)]
     if as_json:
         data = [_compiled_data(one, place, explain) for one, place in zip(built, written, strict=True)]
-        sys.stdout.write(text({"compiled": data}))
+        sys.stdout.write(text({"compiled": data, "warnings": warnings}))
         return EXIT_OK
     for one, place in zip(built, written, strict=True):
         print(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")

@@ -35,6 +35,7 @@ def run(
     deadline: float,
     source: Mapping[str, Any],
     as_json: bool,
+    warnings: Sequence[Problem] = (),
 ) -> int:
     """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
     if fail_on_diff and len(engines) < 2:
@@ -64,7 +65,8 @@ def run(
     if code == EXIT_OK and fail_on_diff:
         code = diff_code(found.diffs)
     if as_json:
-        sys.stdout.write(text({**study_data(found), "exit_code": code, "folder": folder, "notes": results.notes}))
+        more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        sys.stdout.write(text({**study_data(found), **more}))
         return code
     screen = terminal.console()
     terminal.show_study(found, screen)

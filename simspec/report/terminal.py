@@ -103,15 +103,22 @@ def show_error(error: SimspecError) -> None:
         screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
         return
     for problem in error.problems:
-        screen.print(_problem(problem), soft_wrap=True)
+        screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
     count = len(error.problems)
     screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
 
 
-def _problem(problem: Problem) -> Text:
+def show_warnings(found: Sequence[Problem]) -> None:
+    """Print warnings on standard error, as errors are."""
+    screen = console(error=True)
+    for problem in found:
+        screen.print(_problem(problem, Text("warning: ", style="bold yellow")), soft_wrap=True)
+
+
+def _problem(problem: Problem, kind: Text) -> Text:
     first, *rest = str(problem).split("\n")
     place = f"{problem.location}: " if problem.location else ""
-    text = Text(place, style="bold") + Text("error: ", style="bold red") + Text(first.removeprefix(place))
+    text = Text(place, style="bold") + kind + Text(first.removeprefix(place))
     for line in rest:
         text.append("\n" + line)
     return text

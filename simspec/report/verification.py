@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.errors import EXIT_FAILED, EXIT_OK, Location
+from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import add_file
@@ -47,6 +47,8 @@ def verify(
     as_json: bool,
     contact: bool = False,
     cache: bool = True,
+    *,
+    warnings: Sequence[Problem] = (),
 ) -> int:
     """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it."""
     from simspec.proof.verify import verify as prove
@@ -68,7 +70,9 @@ def verify(
     written = generated.write_certificate(certificate, folder)
     path = folder / generated.CERTIFICATE_FILE
     if as_json:
-        sys.stdout.write(text({"certificate": plain(certificate), "valid": certificate.valid, "file": path}))
+        sys.stdout.write(
+            text({"certificate": plain(certificate), "valid": certificate.valid, "file": path, "warnings": warnings})
+        )
     else:
         screen = terminal.console()
         terminal.show_certificate(certificate, screen)

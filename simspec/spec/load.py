@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from simspec.errors import Location, SpecError
+from simspec.errors import Location, Problem, SpecError
 from simspec.spec.checks import check
 from simspec.spec.document import Document, read
 from simspec.spec.models import VERSION, File
@@ -65,6 +65,13 @@ class Spec:
         from simspec.resolve import resolve
 
         return resolve(self)
+
+    def warnings(self, world: World | None = None) -> list[Problem]:
+        """What looks like a slip though it is allowed, each with its place and the way out; ``world`` where the spec has been
+        resolved already. Raises SpecError as :meth:`resolve`."""
+        from simspec.resolve.warnings import warnings
+
+        return warnings(self, world or self.resolve())
 
     def to_yaml(self) -> str:
         """The spec as YAML text in the canonical layout, overrides included."""

@@ -1,0 +1,230 @@
+"""What is allowed and yet looks like a slip: angles in degrees without their unit, a squeeze that no finger can give, bodies
+that begin inside each other, scenes that take no time, lengths and masses of another unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from simspec.errors import Location, Problem
+from simspec.spec import trees, walk
+from simspec.spec.document import Key
+from simspec.spec.joints import Joint as SpecJoint
+from simspec.spec.load import Spec
+from simspec.spec.models import File
+from simspec.spec.problems import in_order
+from simspec.spec.quantities import Number, Reader, Vector
+from simspec.spec.sources import Source
+from simspec.spec.trajectory import TrajectoryPoint
+from simspec.world.extents import outer_radius
+from simspec.world.kinematics import rigid_groups
+from simspec.world.overlap import deep_overlaps
+from simspec.world.types import World
+
+MOST_WARNINGS = 50
+"""Warnings that are given, after those of one place are counted together."""
+FULL_TURN = 2.0 * math.pi * 1.002
+"""rad; a little more than a turn, for limits that were rounded (6.2832, 6.29)."""
+LARGEST_MOVING = 50.0
+"""m, bounding radius of a moving body's shape: a bare `120` that meant millimetres."""
+LARGEST_PLACE = 1e4
+"""m from the world's origin: doubles keep 1e-12 m there, but contact margins and single precision do not."""
+DENSITIES = (10.0, 25_000.0)
+"""kg/m³: foam has 15, osmium 22,590. A bare `7.85` meant g/cm³."""
+MASSES = (1e-9, 1e6)
+"""kg of a moving body."""
+STRONGEST_GRAVITY = 100.0
+"""m/s²: four times Jupiter's. A bare `-9810` meant mm/s²."""
+
+
+def warnings(spec: Spec, world: World) -> list[Problem]:
+    """What looks like a slip in ``spec``, whose world is ``world``; in file order, each with its place and the way out.
+
+    Of several at one place the first is given, with their number; at most ``MOST_WARNINGS`` in all.
+    """
+    found = [*_angles(spec), *_time(spec, world), *_sizes(spec, world), *_squeeze(spec, world), *_overlaps(spec, world)]
+    grouped: dict[tuple[str, Location | str], list[Problem]] = {}
+    for message_kind, problem in found:
+        grouped.setdefault((message_kind, problem.location or problem.path), []).append(problem)
+    first = [_counted(group) for group in grouped.values()]
+    ordered = in_order(first)
+    if len(ordered) > MOST_WARNINGS:
+        more = Problem(f"and {len(ordered) - MOST_WARNINGS} more warnings")
+        ordered = [*ordered[:MOST_WARNINGS], more]
+    return ordered
+
+
+Warned = Iterator[tuple[str, Problem]]
+"""Pairs (kind, problem): those of one kind at one place are counted together."""
+
+
+def _counted(group: list[Problem]) -> Problem:
+    first, more = group[0], len(group) - 1
+    if not more:
+        return first
+    message = f"{first.message} (and {more} more like it)"
+    return Problem(message, first.path, first.location, first.found, first.allowed, first.hint)
+
+
+# --- angles ------------------------------------------------------------------------------------------------------------
+
+
+def _angles(spec: Spec) -> Warned:
+    for source in spec.source.all():
+        for path, value in _bare_angles(File, source.document.data, ()):
+            yield _angle(source, path, value)
+    for _, use, bodies in trees.placed(spec.source):
+        kinds = {bodies.joint_name(name): bodies.joint_type(name) for name in bodies.raw}
+        for joint in use.positions if use is not None else ():
+            value = spec.source.document.data["models"][bodies.placed[1]]["positions"][joint]
+            for path, bare in _of_joint(kinds[joint], value, (*bodies.placed, "positions", joint)):
+                yield _angle(spec.source, path, bare)
+
+
+def _angle(source: Source, path: tuple[Key, ...], value: float) -> tuple[str, Problem]:
+    message = f"{value:g} without a unit is {value:g} rad: {abs(value) / (2.0 * math.pi):.3g} turns"
+    return "angle", source.document.problem(path, message, hint=f"{value:g} deg, or {value:g} rad if that is meant")
+
+
+def _bare_angles(kind: Any, data: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
+    """Angles of more than a turn that are written without a unit, below a place of the language."""
+    if isinstance(kind, Reader):
+        number = kind.item if isinstance(kind, Vector) else kind
+        if isinstance(number, Number) and number.dimension == "angle":
+            yield from _large(data, path)
+    elif kind is TrajectoryPoint:
+        return  # wheels and spindles turn many times, and points are many
+    elif walk.is_model(kind) and isinstance(data, Mapping):
+        if kind is SpecJoint:
+            yield from _of_joint(data.get("type"), data.get("position"), (*path, "position"))
+            for holder, field in (("limits", "position"), ("spring", "rest")):
+                part = data.get(holder)
+                if isinstance(part, Mapping):
+                    yield from _of_joint(data.get("type"), part.get(field), (*path, holder, field))
+        for key, value in data.items():
+            yield from _bare_angles(walk.child(kind, key), value, (*path, key))
+    elif isinstance(kind, walk.Free) and isinstance(data, Mapping):
+        for key, value in data.items():
+            yield from _bare_angles(kind.item, value, (*path, key))
+    elif isinstance(kind, list) and isinstance(data, (list, tuple)):
+        for index, value in enumerate(data):
+            yield from _bare_angles(kind[0], value, (*path, index))
+
+
+def _of_joint(kind: Any, value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
+    """Of a joint's position, limits or rest: angles of a hinge, and of a ball joint its orientation's."""
+    if kind == "hinge":
+        yield from _large(value, path)
+    elif kind == "ball" and isinstance(value, Mapping):
+        yield from _large(value.get("rpy"), (*path, "rpy"))
+
+
+def _large(value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
+    values = enumerate(value) if isinstance(value, (list, tuple)) else [(None, value)]
+    for index, one in values:
+        if isinstance(one, (int, float)) and not isinstance(one, bool) and abs(one) > FULL_TURN:
+            yield (path if index is None else (*path, index)), float(one)
+
+
+# --- time, sizes -----------------------------------------------------------------------------------------------------
+
+
+def _time(spec: Spec, world: World) -> Warned:
+    if not world.physics.steps and spec.data.model is None:
+        message = "a run takes no time: nothing will move"
+        found = f"{spec.data.physics.duration:g} s"
+        yield "time", Problem(message, "physics.duration", spec.locate("physics.duration"), found, hint="duration: 2 s")
+    size = math.hypot(*world.physics.gravity)
+    if size > STRONGEST_GRAVITY:
+        message, where = f"gravity of {size:g} m/s²", "physics.gravity"
+        yield "gravity", Problem(message, where, spec.locate(where), hint="lengths are in metres: [0, 0, -9.81]")
+
+
+def _sizes(spec: Spec, world: World) -> Warned:
+    groups = rigid_groups(world)
+    written = _written_densities(spec)
+    for path, location, density in written:
+        message = f"a density of {density:g} kg/m³"
+        least, most = DENSITIES
+        hint = f"{density:g} g/cm^3?" if density < least else "kg/m³ is the unit of a bare number"
+        yield "density", Problem(message, path, location, allowed=f"{least:g} to {most:g} for what there is", hint=hint)
+    for body in world.bodies:
+        if groups[body.name] == "world":
+            continue
+        mass, path = body.inertial.mass, f"bodies.{body.name}.mass"
+        if not MASSES[0] <= mass <= MASSES[1]:
+            hint = "a bare number is in kg"
+            yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, spec.locate(path), hint=hint)
+        for index, shape in enumerate(body.shapes):
+            size = outer_radius(shape.kind, shape.size)
+            if LARGEST_MOVING < size < math.inf:
+                path = f"bodies.{body.name}.shapes.{index}"
+                message = f"a moving body with a {shape.kind} that reaches {size:.4g} m from its centre"
+                hint = "a bare number is in metres: write mm where it is meant"
+                yield "size", Problem(message, path, spec.locate(path), hint=hint)
+        place = body.joint.position[:3] if body.joint.kind == "free" else body.joint.origin.position
+        if math.hypot(*place) > LARGEST_PLACE:
+            path = f"bodies.{body.name}.{'pose' if body.joint.parent is None else 'joint.origin'}"
+            message = f"{math.hypot(*place):.4g} m away from where it belongs to"
+            hint = "a bare number is in metres: write mm where it is meant"
+            yield "place", Problem(message, path, spec.locate(path), hint=hint)
+
+
+def _written_densities(spec: Spec) -> Iterator[tuple[str, Location | None, float]]:
+    """Densities out of ``DENSITIES`` that a shape states, of all trees; 0 is a way to say "no mass"."""
+    for bodies in trees.every(spec.source):
+        for name, body in bodies.typed.items():
+            for index, shape in enumerate(body.shapes if body is not None else ()):
+                density = shape.density
+                if density and not DENSITIES[0] <= density <= DENSITIES[1]:
+                    path = (*bodies.path, name, "shapes", index, "density")
+                    yield ".".join(map(str, path)), bodies.source.document.locate(path), density
+
+
+# --- squeeze, overlap --------------------------------------------------------------------------------------------------
+
+
+def _squeeze(spec: Spec, world: World) -> Warned:
+    """Feed-forward efforts beyond what their actuators give: clipped in silence, a squeeze would be a weaker one."""
+    path = world.trajectory
+    if path is None or not path.efforts:
+        return
+    limits = {
+        joint: limit
+        for one in world.controllers
+        for joint, limit in zip(one.joints, one.effort_limits, strict=True)
+        if limit is not None
+    }
+    units = {body.joint.name: "N m" if body.joint.kind == "hinge" else "N" for body in world.bodies}
+    for column, joint in enumerate(path.joints):
+        asked = max(abs(row[column]) for row in path.efforts)
+        if joint in limits and asked > limits[joint] * (1.0 + 1e-9):
+            where = _squeeze_place(spec)
+            message = (
+                f"{joint} is asked for {asked:.4g} {units[joint]} and gives at most {limits[joint]:g}: more is clipped"
+            )
+            hint = "a smaller squeeze (or smaller forces of the grasp), or a stronger actuator"
+            yield "squeeze", Problem(message, where, spec.locate(where), hint=hint)
+
+
+def _squeeze_place(spec: Spec) -> str:
+    """The first step of the program that squeezes; else the trajectory."""
+    program = spec.data.trajectory.program if spec.data.trajectory is not None else None
+    for index, step in enumerate(program or ()):
+        if getattr(step, "squeeze", None):
+            return f"trajectory.program.{index}.squeeze"
+    return "trajectory"
+
+
+def _overlaps(spec: Spec, world: World) -> Warned:
+    index = {shape.name: (body.name, k) for body in world.bodies for k, shape in enumerate(body.shapes)}
+    moving = {name for name, group in rigid_groups(world).items() if group != "world"}
+    for one in deep_overlaps(world):
+        # the place is that of the body that can be moved away
+        name = one.second if one.second_body in moving else one.first
+        body, number = index[name]
+        path = f"bodies.{body}.shapes.{number}"
+        message = f"{one.first_body} and {one.second_body} overlap by {1e3 * one.depth:.4g} mm at the start"
+        hint = "move one of them; or contact: exclude, or groups, where they are meant to pass through each other"
+        yield "overlap", Problem(message, path, spec.locate(path), f"{one.first} in {one.second}", hint=hint)

@@ -1,0 +1,211 @@
+"""Which solid shapes overlap deeply at the start: geometry of the world alone, no engine and no collision library.
+
+All solid shapes but planes are convex and symmetric about their centres. Two such shapes, their centres d apart, overlap along
+a direction n by h₁(n) + h₂(n) − d·n, with h the support function (how far a shape reaches along n from its centre); the depth
+is the least of that over all n. A direction along which it is small proves that they do not overlap deeply, which most pairs
+show at once; for the others the least is sought from many directions, and then around the best.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.world import frames
+from simspec.world.extents import inner_radius, outer_radius
+from simspec.world.kinematics import CollisionFilter, poses
+from simspec.world.types import Shape, World
+
+DEEP = 0.1
+"""Share of the smaller shape's inner radius from which an overlap is deep: resting contact overlaps by far less."""
+MOST_PAIRS = 20_000
+"""Pairs whose bounding spheres overlap that are looked at, those first whose centres are nearest beside their inner radii."""
+MOST_OVERLAPS = 500
+"""Deep overlaps that are looked for: who has so many has them all over."""
+MOST_AT_ONCE = 500
+"""Shapes of which every pair is formed; more are sought with a tree of their places."""
+MOST_NEIGHBOURS = 1_000_000
+"""Neighbours within reach that the tree is asked for: 16 MB."""
+OUTSIZE = 4.0
+"""Times the median bounding radius from which a shape is held against all others, for the tree's reach to stay short."""
+DIRECTIONS = 96
+"""Directions spread over the sphere, 13° apart, from which the least overlap is sought."""
+ROUNDS = 12
+"""Rounds of search around the best direction, each in 0.6 of the reach of the last: down to 0.05°."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Two shapes of two bodies that overlap by ``depth`` (m) at the start."""
+
+    first_body: str
+    first: str
+    second_body: str
+    second: str
+    depth: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Solid:
+    body: str
+    shape: Shape
+    centre: np.ndarray
+    axes: np.ndarray
+    """Rows: the shape's own x, y, z axes in the world."""
+
+
+def support(kind: str, size: tuple[float, ...], local: np.ndarray) -> np.ndarray:
+    """How far (m) (n,) a shape reaches from its centre along unit vectors (n, 3) in its own frame."""
+    if kind == "sphere":
+        return np.full(len(local), size[0])
+    if kind == "box":
+        return np.abs(local) @ (0.5 * np.array(size))
+    if kind == "ellipsoid":
+        return np.linalg.norm(local * np.array(size), axis=1)
+    along = np.abs(local[:, 2]) * 0.5 * size[1]
+    if kind == "capsule":
+        return along + size[0]
+    if kind == "cylinder":
+        return along + size[0] * np.hypot(local[:, 0], local[:, 1])
+    raise ValueError(f"no support function of a {kind!r}")
+
+
+def deep_overlaps(world: World) -> list[Overlap]:
+    """Pairs of solid shapes that may touch and overlap deeply (``DEEP``) at the initial positions, the deepest first."""
+    places = poses(world)
+    solids = [
+        _Solid(
+            body.name,
+            shape,
+            np.array((at := frames.compose(places[body.name], shape.pose)).position),
+            np.array(frames.matrix(at.quaternion)).T,
+        )
+        for body in world.bodies
+        for shape in body.shapes
+        if shape.collision
+    ]
+    may_touch = _filter(world)
+    found = []
+    for one, other in _near(solids):
+        if not may_touch(one, other):
+            continue
+        depth = _depth(one, other)
+        if len(found) == MOST_OVERLAPS:
+            break
+        if depth > 0.0:
+            found.append(Overlap(one.body, one.shape.name, other.body, other.shape.name, depth))
+    return sorted(found, key=lambda overlap: -overlap.depth)
+
+
+def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
+    rules = CollisionFilter(world)
+    bodies: dict[tuple[str, str], bool] = {}
+
+    def may_touch(one: _Solid, other: _Solid) -> bool:
+        pair = (one.body, other.body)
+        if pair not in bodies:
+            bodies[pair] = rules.may_touch(*pair)
+        return bodies[pair] and rules.may_materials_touch(one.shape.material, other.shape.material)
+
+    return may_touch
+
+
+def _near(solids: list[_Solid]) -> Iterator[tuple[_Solid, _Solid]]:
+    """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``."""
+    left = MOST_PAIRS
+    planes = [one for one in solids if one.shape.kind == "plane"]
+    others = [one for one in solids if one.shape.kind != "plane"]
+    if not others:
+        return
+    centre = np.array([one.centre for one in others])
+    radius = np.array([outer_radius(one.shape.kind, one.shape.size) for one in others])
+    for plane in planes:
+        below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius)
+        for index in below[:left]:
+            yield plane, others[index]
+        left -= len(below[:left])
+    pairs = _meeting(centre, radius)
+    inner = np.array([inner_radius(one.shape.kind, one.shape.size) for one in others])
+    apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
+    nearest = np.argsort(apart / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
+    for first, second in pairs[nearest[:left]]:
+        yield others[first], others[second]
+
+
+def _meeting(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Index pairs (n, 2), first < second, of spheres that overlap."""
+    count = len(centre)
+    if count <= MOST_AT_ONCE:
+        pairs = np.argwhere(np.triu(np.ones((count, count), dtype=bool), 1))
+    else:
+        from scipy.spatial import cKDTree
+
+        large = radius > OUTSIZE * np.median(radius)
+        many = np.flatnonzero(~large)
+        reach = 2.0 * float(radius[many].max())
+        tree = cKDTree(centre[many])
+        while tree.count_neighbors(tree, reach) > MOST_NEIGHBOURS:  # a heap of bodies in one place: the first of them
+            many = many[: len(many) // 2]
+            tree = cKDTree(centre[many])
+        found = [many[tree.query_pairs(reach, output_type="ndarray")].reshape(-1, 2)]
+        for one in np.flatnonzero(large)[:MOST_AT_ONCE]:
+            beside = np.flatnonzero(np.linalg.norm(centre - centre[one], axis=1) < radius + radius[one])
+            beside = beside[~large[beside] | (beside > one)]  # two large ones once
+            found.append(np.sort(np.stack([np.full(len(beside), one), beside], axis=1), axis=1))
+        pairs = np.concatenate(found)
+    first, second = pairs.T
+    apart = np.linalg.norm(centre[first] - centre[second], axis=1)
+    return pairs[apart < radius[first] + radius[second]]
+
+
+def _sphere_of_directions() -> np.ndarray:
+    """Unit vectors (n, 3) spread evenly over the sphere: a Fibonacci spiral."""
+    index = np.arange(DIRECTIONS) + 0.5
+    z = 1.0 - 2.0 * index / DIRECTIONS
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * index
+    across = np.sqrt(1.0 - z * z)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+
+
+SPREAD = _sphere_of_directions()
+
+
+def _depth(one: _Solid, other: _Solid) -> float:
+    """The depth (m) of a deep overlap; 0 when there is none."""
+    apart = other.centre - one.centre
+    if one.shape.kind == "plane":
+        limit = DEEP * inner_radius(other.shape.kind, other.shape.size)
+        local = (other.axes @ one.axes[2])[None]
+        depth = float(support(other.shape.kind, other.shape.size, local)[0] - apart @ one.axes[2])
+        return depth if depth > limit else 0.0
+    if one.shape.kind == other.shape.kind == "sphere":
+        depth = one.shape.size[0] + other.shape.size[0] - float(np.linalg.norm(apart))
+        return depth if depth > DEEP * min(one.shape.size[0], other.shape.size[0]) else 0.0
+    limit = DEEP * min(inner_radius(solid.shape.kind, solid.shape.size) for solid in (one, other))
+
+    def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
+        reach = sum(support(s.shape.kind, s.shape.size, directions @ s.axes.T) for s in (one, other))
+        overlap = reach - directions @ apart
+        best = int(overlap.argmin())
+        return float(overlap[best]), directions[best]
+
+    own = np.concatenate([one.axes, other.axes, -one.axes, -other.axes])
+    away = float(np.linalg.norm(apart))
+    known = np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
+    depth, best = least(known)
+    if depth <= limit:
+        return 0.0
+    edges = np.cross(one.axes[:, None], other.axes[None]).reshape(-1, 3)
+    size = np.linalg.norm(edges, axis=1)
+    edges = edges[size > 1e-6] / size[size > 1e-6, None]
+    depth, best = min((depth, best), least(np.concatenate([edges, -edges, SPREAD])), key=lambda item: item[0])
+    reach = 0.25  # 14°, the distance of the directions
+    for _ in range(ROUNDS):
+        around = best + reach * SPREAD
+        around /= np.linalg.norm(around, axis=1, keepdims=True)
+        depth, best = min((depth, best), least(around), key=lambda item: item[0])
+        reach *= 0.6
+    return depth if depth > limit else 0.0
