@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from simspec.arguments import (
+    DEADLINE,
+    AsJson,
+    Deadline,
+    Engines,
+    Outside,
+    Pythons,
+    Sets,
+    SpecName,
+    SpecNames,
+    Strict,
+    demand_installed,
+    engine_names,
+    interpreters,
+    load_spec,
+    print_json,
+    source_of,
+)
 from simspec.ending import in_order
-from simspec.errors import EXIT_OK, EngineError, Problem, SpecError
+from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.report.guard import command
 
 if TYPE_CHECKING:
@@ -44,91 +61,6 @@ def simspec_command() -> None:
     """
 
 
-SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
-SpecNames = Annotated[list[str] | None, typer.Argument(metavar="[SPEC]...", help="YAML files, or library scenarios.")]
-Sets = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="Override a value: --set physics.timestep=2ms. Repeatable."),
-]
-Engines = Annotated[
-    list[str] | None,
-    typer.Option("--engine", "-e", metavar="NAME", help="An engine (or a format: its engines). Repeatable."),
-]
-Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Warnings are errors: exit 2.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
-Pythons = Annotated[
-    list[str] | None,
-    typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another environment's Python. Repeatable."),
-]
-Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
-DEADLINE = 600.0
-
-
-def _print_json(value: Any) -> None:
-    from simspec.report.plain import text
-
-    sys.stdout.write(text(value))
-
-
-class _Loaded(NamedTuple):
-    """A spec, its world, and what looks like a slip in it."""
-
-    spec: Spec
-    world: World
-    warnings: list[Problem]
-
-
-def _load(
-    name: str,
-    sets: list[str] | None = None,
-    allow_outside: bool = False,
-    *,
-    strict: bool = False,
-    as_json: bool = False,
-    warn: bool = True,
-) -> _Loaded:
-    """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
-    ``strict`` they are raised."""
-    from simspec.resources import find_spec
-    from simspec.spec.load import load
-
-    spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
-    world = spec.resolve()
-    found = spec.warnings(world) if warn else []
-    if strict and found:
-        raise SpecError(found)
-    if found and not as_json:
-        from simspec.report.terminal import show_warnings
-
-        show_warnings(found)
-    return _Loaded(spec, world, found)
-
-
-def _pythons(words: list[str] | None) -> dict[str, str]:
-    from simspec.engines.base import find_engine
-
-    found = {}
-    for word in words or ():
-        engine, equals, path = word.partition("=")
-        if not equals or not path:
-            raise SpecError([Problem(f"--python {word}: no interpreter is named", allowed="ENGINE=/path/to/python")])
-        found[find_engine(engine).NAME] = path
-    return found
-
-
-def _engine_names(words: list[str] | None) -> list[str]:
-    """The engines asked for (a format stands for its engines); all known ones when none is asked for."""
-    from simspec.engines.base import engines, find_engine
-
-    known = engines()
-    found: dict[str, None] = {}
-    for word in words or known:
-        readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
-        found.update(dict.fromkeys(readers or [find_engine(word).NAME]))
-    return list(found)
-
-
 @app.command("new")
 @command
 def new_command(
@@ -145,7 +77,7 @@ def new_command(
 
     path = write_starter(name, Path())
     if as_json:
-        _print_json({"file": path})
+        print_json({"file": path})
     else:
         print(f"wrote {path}; now: simspec run {path} --all-engines")
 
@@ -173,9 +105,9 @@ def check_command(
     rows = []
     for name in specs:
         try:
-            spec, world, warned = _load(name, sets, allow_outside, strict=strict, as_json=as_json)
+            spec, world, warned = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
             if engine:
-                compile_world(world, _engine_names(engine), spec.locate)
+                compile_world(world, engine_names(engine), spec.locate)
             else:
                 problems.extend(check_options(world, spec.locate))
         except SpecError as error:
@@ -186,7 +118,7 @@ def check_command(
     if problems:
         raise SpecError(problems)
     if as_json:
-        _print_json({"specs": rows})
+        print_json({"specs": rows})
     else:
         for row in rows:
             count = len(row["warnings"])
@@ -276,12 +208,14 @@ def compile_command(
 
     def load(name: str) -> tuple[Spec, World]:
         # what is only looked at for being current was warned of when it was written
-        spec, world, found = _load(name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict)
+        spec, world, found = load_spec(
+            name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict
+        )
         warned.extend(found)
         return spec, world
 
     return files.compile_specs(
-        names, load, _engine_names(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+        names, load, engine_names(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
     )
 
 
@@ -317,24 +251,17 @@ def verify_command(
     """
     from simspec.report import verification
 
-    names, pythons = _engine_names(engine), _pythons(python)
+    names, pythons = engine_names(engine), interpreters(python)
     if (spec is None) != self_test:
         raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
-    _demand(names, pythons)
+    demand_installed(names, pythons)
     if spec is None:
         return verification.self_test(names, pythons, as_json)
-    loaded, world, warned = _load(spec, sets, allow_outside, strict=strict, as_json=as_json)
+    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     verification.check_targets(world, spec, out, contact)
     return verification.verify(
         world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache, warnings=warned
     )
-
-
-def _demand(names: list[str], pythons: Mapping[str, str]) -> None:
-    from simspec.comparison.study import missing_engines
-
-    for name, why in missing_engines(names, pythons).items():
-        raise EngineError(name, why)
 
 
 @app.command("run")
@@ -385,10 +312,10 @@ def run_command(
 
     if all_engines == bool(engine):
         raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
-    loaded, world, warned = _load(spec, sets, allow_outside, strict=strict, as_json=as_json)
+    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     return session.run(
         world,
-        _engine_names(engine),
+        engine_names(engine),
         out / world.name,
         spec=find_spec(spec),
         locate=loaded.locate,
@@ -397,22 +324,12 @@ def run_command(
         keep_going=keep_going,
         tolerance=tolerance if fail_on_diff is None else fail_on_diff,
         fail_on_diff=fail_on_diff is not None,
-        pythons=_pythons(python),
+        pythons=interpreters(python),
         deadline=deadline,
-        source=_source(spec, sets),
+        source=source_of(spec, sets),
         as_json=as_json,
         warnings=warned,
     )
-
-
-def _source(name: str, sets: list[str] | None) -> dict[str, Any]:
-    """Where a run's world came from, for its provenance."""
-    import hashlib
-
-    from simspec.resources import find_spec
-
-    path = find_spec(name)
-    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "sets": list(sets or ())}
 
 
 @app.command("diff")
@@ -438,7 +355,7 @@ def diff_command(
         return session.diff_runs(Path(a), Path(b), tolerance, as_json)
     if Path(a).is_dir() or Path(b).is_dir():
         raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
-    worlds = [_load(name, None, allow_outside, warn=False).world for name in (a, b)]
+    worlds = [load_spec(name, None, allow_outside, warn=False).world for name in (a, b)]
     return session.diff_specs(worlds[0], worlds[1], as_json)
 
 
@@ -465,7 +382,7 @@ def engines_command(
 
         return one_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
     if as_json:
-        _print_json({"engines": matrix.engine_data()})
+        print_json({"engines": matrix.engine_data()})
         return EXIT_OK
     from simspec.report.terminal import console, engine_tables
 

@@ -31,6 +31,7 @@ ORDER = (
     "comparison",
     "generated",
     "report",
+    "arguments",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""

@@ -1,0 +1,119 @@
+"""What the commands of the command line share: their options, and what the words given to them stand for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from simspec.errors import EngineError, Problem, SpecError
+
+if TYPE_CHECKING:
+    from simspec.spec.load import Spec
+    from simspec.world.types import World
+
+SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
+SpecNames = Annotated[list[str] | None, typer.Argument(metavar="[SPEC]...", help="YAML files, or library scenarios.")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="PATH=VALUE", help="Override a value: --set physics.timestep=2ms. Repeatable."),
+]
+Engines = Annotated[
+    list[str] | None,
+    typer.Option("--engine", "-e", metavar="NAME", help="An engine (or a format: its engines). Repeatable."),
+]
+Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Warnings are errors: exit 2.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+Pythons = Annotated[
+    list[str] | None,
+    typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another environment's Python. Repeatable."),
+]
+Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
+DEADLINE = 600.0
+
+
+def print_json(value: Any) -> None:
+    """Print the one answer of a command."""
+    from simspec.report.plain import text
+
+    sys.stdout.write(text(value))
+
+
+class Loaded(NamedTuple):
+    """A spec, its world, and what looks like a slip in it."""
+
+    spec: Spec
+    world: World
+    warnings: list[Problem]
+
+
+def load_spec(
+    name: str,
+    sets: list[str] | None = None,
+    allow_outside: bool = False,
+    *,
+    strict: bool = False,
+    as_json: bool = False,
+    warn: bool = True,
+) -> Loaded:
+    """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
+    ``strict`` they are raised."""
+    from simspec.resources import find_spec
+    from simspec.spec.load import load
+
+    spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
+    world = spec.resolve()
+    found = spec.warnings(world) if warn else []
+    if strict and found:
+        raise SpecError(found)
+    if found and not as_json:
+        from simspec.report.terminal import show_warnings
+
+        show_warnings(found)
+    return Loaded(spec, world, found)
+
+
+def interpreters(words: list[str] | None) -> dict[str, str]:
+    """The interpreters that ``--python`` names, by engine."""
+    from simspec.engines.base import find_engine
+
+    found = {}
+    for word in words or ():
+        engine, equals, path = word.partition("=")
+        if not equals or not path:
+            raise SpecError([Problem(f"--python {word}: no interpreter is named", allowed="ENGINE=/path/to/python")])
+        found[find_engine(engine).NAME] = path
+    return found
+
+
+def engine_names(words: list[str] | None) -> list[str]:
+    """The engines asked for (a format stands for its engines); all known ones when none is asked for."""
+    from simspec.engines.base import engines, find_engine
+
+    known = engines()
+    found: dict[str, None] = {}
+    for word in words or known:
+        readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
+        found.update(dict.fromkeys(readers or [find_engine(word).NAME]))
+    return list(found)
+
+
+def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
+    """Raise EngineError for the first engine that is neither installed nor found in an interpreter of its own."""
+    from simspec.comparison.study import missing_engines
+
+    for name, why in missing_engines(names, pythons).items():
+        raise EngineError(name, why)
+
+
+def source_of(name: str, sets: list[str] | None) -> dict[str, Any]:
+    """Where a run's world came from, for its provenance."""
+    import hashlib
+
+    from simspec.resources import find_spec
+
+    path = find_spec(name)
+    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "sets": list(sets or ())}
