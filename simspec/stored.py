@@ -49,6 +49,55 @@ class CacheEntry(Stored):
     figures: list[dict[str, Any]]
 
 
+class StoredTable(Stored):
+    """One table of a saved run: the hash of its file, and its rows."""
+
+    sha256: str
+    rows: int = Field(ge=0)
+
+
+class StoredControl(BaseModel):
+    """What a saved run says of its controllers, as far as its tables depend on it."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    joints: list[str]
+
+
+class Provenance(BaseModel):
+    """``provenance.json`` of a saved run: what is read from it must be of its type, the rest is kept as it is."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+    schema_: int = Field(alias="schema")
+    world_sha256: str
+    engine: str = Field(min_length=1, max_length=100)
+    engine_version: str | None = None
+    failed: str | None
+    tables: dict[str, StoredTable]
+    sha256: str
+    steps: int = Field(default=0, ge=0)
+    seconds: dict[str, float] = {}
+    perturb: float = 0.0
+    warnings: list[str] = []
+    control: StoredControl | None = None
+
+    def plain(self) -> dict[str, Any]:
+        """What the run's own provenance was: without what saving it added."""
+        kept = self.model_dump(by_alias=True, exclude_unset=True)
+        return {key: value for key, value in kept.items() if key not in ("failed", "tables", "sha256")}
+
+
+class FloorFacts(Stored):
+    """What the table of an engine's own noise says of itself; ``run``: the hash of its run's provenance."""
+
+    engine: str
+    bitwise: bool | None
+    perturbation: float | None
+    run: str
+    sha256: str
+
+
 class Report(BaseModel):
     """``report.json``, as far as a later study of the same world takes it over."""
 

@@ -7,18 +7,25 @@ engines that is of its size says nothing.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simspec.errors import Problem, SpecError
 from simspec.outputs.marker import RUN
+from simspec.outputs.reading import open_regular
 from simspec.outputs.writing import add_file
+from simspec.runner import tables
 from simspec.runner.metrics import rotation_vectors
 from simspec.runner.run import Run
+from simspec.runner.store import read_provenance
+from simspec.stored import FloorFacts, read_as
 
 PERTURBATION = 1e-15
 """Relative change of the initial state: 4.5 times the spacing of doubles at 1, the smallest that reaches every number."""
@@ -102,8 +109,15 @@ def measure_floor(run: Run, repeats: Sequence[Run]) -> Floor | None:
 FLOOR_FILE = "floor.parquet"
 
 
+LARGEST_FLOOR = 2**30
+"""Bytes of a floor's table, packed and unpacked: two numbers for each body and time."""
+
+
 def save_floor(floor: Floor, folder: Path) -> Path:
-    """Write a floor into its run's folder: ``floor.parquet``, time and, as lists over the bodies, position and angle."""
+    """Write a floor into its run's folder: ``floor.parquet``, time and, as lists over the bodies, position and angle.
+
+    It carries a hash of its content, and that of the run that it is of.
+    """
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -111,29 +125,63 @@ def save_floor(floor: Floor, folder: Path) -> Path:
         return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
 
     facts = {"engine": floor.engine, "bitwise": floor.bitwise, "perturbation": floor.perturbation}
+    facts |= {"run": _run_of(folder), "sha256": _digest(floor)}
     table = pa.table({"time": floor.time, "position": lists(floor.position), "angle": lists(floor.angle)})
     sink = pa.BufferOutputStream()
     parquet.write_table(table.replace_schema_metadata({"simspec": json.dumps(facts)}), sink)
     return add_file(folder, RUN, FLOOR_FILE, sink.getvalue().to_pybytes())
 
 
-def load_floor(folder: Path) -> Floor | None:
-    """The floor saved with a run; None when none was measured. Raises SpecError when it cannot be read."""
-    import pyarrow.compute
-    from pyarrow import parquet
+def _run_of(folder: Path) -> str:
+    """The hash of the run in a folder; "" where there is none."""
+    try:
+        return read_provenance(folder).sha256
+    except FileNotFoundError:
+        return ""
 
+
+def _digest(floor: Floor) -> str:
+    digest = hashlib.sha256(json.dumps([floor.engine, floor.bitwise, floor.perturbation]).encode())
+    for values in (floor.time, floor.position, floor.angle):
+        digest.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+    return digest.hexdigest()
+
+
+def load_floor(folder: Path) -> Floor | None:
+    """The floor saved with a run; None when none was measured.
+
+    Raises SpecError when it cannot be read, was edited, or is of another run than the one beside it.
+    """
     path = folder / FLOOR_FILE
-    if not path.is_file():
+    try:
+        descriptor = open_regular(path, LARGEST_FLOOR, folder)
+    except FileNotFoundError:
         return None
     try:
-        table = parquet.read_table(path)
-        facts = json.loads(table.schema.metadata[b"simspec"])
-        position, angle = (
-            pyarrow.compute.list_flatten(table[name]).to_numpy().reshape(len(table), -1)
-            for name in ("position", "angle")
-        )
-        return Floor(
-            facts["engine"], table["time"].to_numpy(), position, angle, facts["bitwise"], facts["perturbation"]
-        )
-    except (OSError, ValueError, KeyError) as error:  # pyarrow's errors are ValueErrors
-        raise SpecError([Problem(f"{path} cannot be read: {error}")]) from None
+        with os.fdopen(descriptor, "rb") as file:
+            floor, facts = _read(file, os.fstat(descriptor).st_size, path)
+    except (OSError, ValueError, KeyError, TypeError, MemoryError) as error:  # pyarrow's errors are ValueErrors
+        raise SpecError([Problem(f"{path} cannot be read: {str(error)[:300]}")]) from None
+    if facts.sha256 != _digest(floor):
+        raise SpecError([Problem(f"{path}: was edited, or is damaged: its content is not that of its hash")])
+    if facts.run != _run_of(folder):
+        raise SpecError([Problem(f"{path}: is of another run than the one beside it")])
+    return floor
+
+
+def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
+    import pyarrow as pa
+
+    number, listed = pa.float64(), pa.types.is_fixed_size_list
+    source = tables.open_parquet(file, size)
+    schema, rows = source.schema_arrow, source.metadata.num_rows
+    kinds = {name: schema.field(name).type for name in ("time", "position", "angle")}
+    width = kinds["position"].list_size if listed(kinds["position"]) else 0
+    wanted = pa.schema([("time", number), *((name, pa.list_(number, width)) for name in ("position", "angle"))])
+    if not listed(kinds["position"]) or rows * (1 + 2 * width) * 8 > LARGEST_FLOOR:
+        raise ValueError("it is no floor, or one of more than 1 GB")
+    facts = read_as(FloorFacts, (schema.metadata or {})[b"simspec"], str(path))
+    table = tables.read_checked(source, wanted, rows)
+    position, angle = (tables.lists(table, name).reshape(rows, width) for name in ("position", "angle"))
+    found = Floor(facts.engine, table["time"].to_numpy(), position, angle, facts.bitwise, facts.perturbation)
+    return found, facts

@@ -29,8 +29,8 @@ from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Record, World
 
-SCHEMA = 2
-"""Version of the provenance and of the files of a saved run. 2: columns of q, v, targets and efforts by name."""
+SCHEMA = 3
+"""Version of the provenance and of the files of a saved run. 2: columns of q, v, targets and efforts by name. 3: hashes."""
 
 
 @dataclass(frozen=True)

@@ -333,3 +333,37 @@ def test_rows_more_than_half_a_step_apart_are_not_of_one_time(steps):
 def test_rows_within_half_a_step_are_of_one_time():
     a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), 0.4 * TWO.physics.timestep)
     assert diff(a, b).compared_until == 1.0
+
+
+def saved_with_floor(folder, engine: str = "first"):
+    from simspec.comparison.floor import FLOOR_FILE
+
+    one = run(TWO, engine=engine)
+    one.save(folder)
+    flat = np.zeros(one.arrays["pose"].shape[:2])
+    save_floor(Floor(engine, one.time, flat + 1e-15, flat, True, 1e-15), folder)
+    return folder / FLOOR_FILE
+
+
+def test_a_floor_is_believed_only_beside_its_own_run(tmp_path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    path = saved_with_floor(tmp_path / "run")
+    assert load_floor(tmp_path / "run").largest == 1e-15
+    table = parquet.read_table(path)
+    # larger noise would hide differences
+    larger = pa.FixedSizeListArray.from_arrays(pa.array(np.full(2 * len(table), 1.0)), 2)
+    parquet.write_table(table.set_column(1, "position", larger), path)
+    with pytest.raises(SpecError, match=r"floor.parquet: was edited"):
+        load_floor(tmp_path / "run")
+    other = saved_with_floor(tmp_path / "other", engine="second")
+    path.write_bytes(other.read_bytes())
+    with pytest.raises(SpecError, match=r"floor.parquet: is of another run"):
+        load_floor(tmp_path / "run")
+    parquet.write_table(table.replace_schema_metadata({}), path)
+    with pytest.raises(SpecError, match=r"floor.parquet"):
+        load_floor(tmp_path / "run")
+    parquet.write_table(table.drop_columns(["angle"]), path)
+    with pytest.raises(SpecError, match=r"floor.parquet.*angle"):
+        load_floor(tmp_path / "run")

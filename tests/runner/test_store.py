@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from simspec.errors import EngineError, SpecError
+from simspec.runner import store, tables
 from simspec.runner.run import failed_run
 from simspec.runner.store import is_run, load_run
 from simspec.world.coordinates import coordinates
@@ -106,7 +111,7 @@ def damage(name: str, change) -> object:
         (lambda folder: (folder / "provenance.json").unlink(), "provenance.json is missing"),
         (lambda folder: (folder / "world.json").unlink(), "world.json is missing"),
         (lambda folder: (folder / "world.json").write_text("{"), "cannot be read"),
-        (lambda folder: (folder / "bodies.parquet").write_bytes(b"PAR1"), "cannot be read"),
+        (lambda folder: (folder / "bodies.parquet").write_bytes(b"PAR1"), "bodies.parquet: was edited, damaged"),
         (lambda folder: (folder / "bodies.parquet").unlink(), "bodies.parquet is missing"),
         (damage("provenance.json", lambda facts: {**facts, "schema": 99}), "schema 99"),
         (damage("world.json", lambda plain: {**plain, "name": "other"}), "not the one that was run"),
@@ -186,9 +191,7 @@ def test_a_free_body_and_a_ball_joint_of_one_name_keep_columns_of_their_own():
 def test_more_coordinates_than_a_table_has_columns_for_are_lists(tmp_path, monkeypatch):
     import pyarrow.parquet
 
-    from simspec.runner import store
-
-    monkeypatch.setattr(store, "MOST_COLUMNS", 20)
+    monkeypatch.setattr(tables, "MOST_COLUMNS", 20)
     one = noisy()
     one.save(tmp_path / "run")
     states = pyarrow.parquet.read_table(tmp_path / "run" / "states.parquet")
@@ -199,6 +202,7 @@ def test_more_coordinates_than_a_table_has_columns_for_are_lists(tmp_path, monke
     assert np.array_equal(again.arrays["q"], one.arrays["q"])
     bare = states.replace_schema_metadata({})
     pyarrow.parquet.write_table(bare, tmp_path / "run" / "states.parquet")
+    forge(tmp_path / "run")
     with pytest.raises(SpecError, match="other coordinates than the world"):
         load_run(tmp_path / "run")
 
@@ -207,5 +211,191 @@ def test_a_run_of_the_older_layout_says_so(tmp_path):
     folder = tmp_path / "run"
     noisy().save(folder)
     damage("provenance.json", lambda facts: {**facts, "schema": 1})(folder)
-    with pytest.raises(SpecError, match="has schema 1, this simspec reads 2"):
+    with pytest.raises(SpecError, match="schema 1, this simspec reads 3"):
         load_run(folder)
+
+
+# --- what others have made of a run -----------------------------------------------------------------------------------------
+
+
+def forge(folder: Path, **more: object) -> None:
+    """Make the hashes those of what is there, so that what lies behind them is looked at."""
+    facts = json.loads((folder / "provenance.json").read_text()) | more
+    for name, table in facts["tables"].items():
+        path = folder / f"{name}.parquet"
+        if path.exists():
+            table["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    facts["sha256"] = store.content_hash(facts)
+    (folder / "provenance.json").write_text(json.dumps(facts))
+
+
+def retabled(name: str, change) -> object:
+    """Another table in the place of one, with its hash."""
+
+    def work(folder: Path) -> None:
+        path = folder / f"{name}.parquet"
+        pq.write_table(change(pq.read_table(path)), path)
+        forge(folder)
+
+    return work
+
+
+def with_column(name: str, values) -> object:
+    def change(table):
+        made = values(table) if callable(values) else pa.array([values] * len(table))
+        return table.set_column(table.column_names.index(name), name, made)
+
+    return change
+
+
+BODIES = "bodies.parquet"
+
+
+def bomb(table):
+    return pa.table({column: pa.array(np.zeros(3_000_000)) for column in ("step", "time", "x")})
+
+
+DAMAGE = {
+    "a value edited": (
+        lambda folder: pq.write_table(with_column("x", 9.0)(pq.read_table(folder / BODIES)), folder / BODIES),
+        BODIES,
+    ),
+    "a flipped bit": (lambda folder: flip(folder / BODIES), BODIES),
+    "truncated": (lambda folder: (folder / BODIES).write_bytes((folder / BODIES).read_bytes()[:-9]), BODIES),
+    "a table of another run": (lambda folder: other_table(folder, "states.parquet"), "states.parquet"),
+    "seconds edited": (
+        damage("provenance.json", lambda facts: facts | {"seconds": {"step": 1e-9}}),
+        "provenance.json: was edited",
+    ),
+    "the engine relabelled": (damage("provenance.json", lambda facts: facts | {"engine": "second"}), "was edited"),
+    "failure taken out": (damage("provenance.json", lambda facts: facts | {"failed": "no"}), "was edited"),
+    "provenance a list": (lambda folder: (folder / "provenance.json").write_text("[]"), "provenance.json"),
+    "provenance deep": (lambda folder: (folder / "provenance.json").write_text("[" * 100_000), "provenance.json"),
+    "provenance not JSON": (lambda folder: (folder / "provenance.json").write_bytes(b"\xff"), "provenance.json"),
+    "provenance NaN": (lambda folder: (folder / "provenance.json").write_text('{"schema": NaN}'), "NaN"),
+    "seconds as text": (lambda folder: forge(folder, seconds={"step": "x"}), r"provenance.json.*seconds.step"),
+    "steps as text": (lambda folder: forge(folder, steps="many"), r"provenance.json.*steps"),
+    "tables as a list": (damage("provenance.json", lambda facts: facts | {"tables": []}), r"provenance.json.*tables"),
+    "a table with a path": (lambda folder: forge(folder, tables={"../x": {"sha256": "", "rows": 1}}), "tables"),
+    "world a list": (lambda folder: (folder / "world.json").write_text("[]"), "world.json"),
+    "world deep": (lambda folder: (folder / "world.json").write_text("[" * 100_000), "world.json"),
+    "world's bodies text": (damage("world.json", lambda plain: plain | {"bodies": "none"}), "world.json"),
+    "a FIFO": (lambda folder: replaced(folder / BODIES, os.mkfifo), r"bodies.parquet: a FIFO"),
+    "a link": (
+        lambda folder: replaced(folder / BODIES, lambda path: path.symlink_to("states.parquet")),
+        r"bodies.parquet: a sym",
+    ),
+    "provenance a FIFO": (lambda folder: replaced(folder / "provenance.json", os.mkfifo), "provenance.json: a FIFO"),
+    "provenance a device": (
+        lambda folder: replaced(folder / "provenance.json", lambda path: path.symlink_to("/dev/zero")),
+        "sym",
+    ),
+    "a folder": (lambda folder: replaced(folder / BODIES, os.mkdir), r"bodies.parquet: a folder"),
+    # behind right hashes
+    "times as text": (retabled("states", with_column("time", "soon")), r"states.parquet.*'time' holds string"),
+    "steps as numbers": (retabled("states", with_column("step", 0.5)), r"states.parquet.*'step' holds double"),
+    "a column missing": (
+        retabled("bodies", lambda table: table.drop_columns(["qw"])),
+        r"bodies.parquet.*'qw' is missing",
+    ),
+    "a column more": (
+        retabled("bodies", lambda table: table.append_column("more", table["x"])),
+        r"bodies.parquet.*'more'",
+    ),
+    "columns in another order": (
+        retabled("energy", lambda table: table.select(["step", "time", "potential", "kinetic"])),
+        "order",
+    ),
+    "rows missing": (retabled("bodies", lambda table: table.slice(2)), r"bodies.parquet.*20 rows, should be 22"),
+    "a body relabelled": (
+        retabled("bodies", with_column("body", lambda table: names(table, "a", "z"))),
+        r"names \['z'\]",
+    ),
+    "bodies swapped": (
+        retabled("bodies", with_column("body", lambda table: names(table, "b", "a"))),
+        "not the world's",
+    ),
+    "times of another run": (retabled("energy", with_column("time", 0.25)), r"energy.parquet: its times"),
+    "steps that fall": (retabled("states", with_column("step", 3)), "do not rise"),
+    "gaps": (retabled("energy", with_column("kinetic", lambda table: pa.nulls(len(table), pa.float64()))), "gaps"),
+    "contacts of no row": (retabled("contacts", with_column("row", 99)), "contacts.parquet: its rows"),
+    "contacts of another step": (retabled("contacts", with_column("step", 7)), "contacts.parquet: its steps"),
+    "a bomb": (retabled("bodies", bomb), r"bodies.parquet.*3,000,000 rows, should be 22"),
+    "rows by the million": (
+        lambda folder: forge(folder, tables={**told(folder), "states": {"sha256": "", "rows": 10**9}}),
+        "steps",
+    ),
+    "no Parquet": (lambda folder: other_bytes(folder, b"PAR1" + b"x" * 100 + b"PAR1"), "bodies.parquet"),
+    "a footer beyond the file": (lambda folder: other_bytes(folder, b"PAR1" + b"\xff" * 8 + b"PAR1"), "metadata"),
+}
+
+
+def names(table, *words):
+    order = pa.array(np.arange(len(table), dtype=np.int32) % len(words))
+    return pa.DictionaryArray.from_arrays(order, pa.array(words))
+
+
+def told(folder: Path) -> dict:
+    return json.loads((folder / "provenance.json").read_text())["tables"]
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 1
+    path.write_bytes(content)
+
+
+def replaced(path: Path, make) -> None:
+    path.unlink()
+    make(path)
+
+
+def other_table(folder: Path, name: str) -> None:
+    run(world(free_body("a"), free_body("b"))).save(folder.parent / "other")
+    (folder / name).write_bytes((folder.parent / "other" / name).read_bytes())
+
+
+def other_bytes(folder: Path, content: bytes) -> None:
+    (folder / BODIES).write_bytes(content)
+    forge(folder)
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_a_run_is_believed_only_as_it_was_saved(tmp_path, kind):
+    folder = tmp_path / "run"
+    noisy().save(folder)
+    spoil, words = DAMAGE[kind]
+    spoil(folder)
+    with pytest.raises(SpecError, match=words) as caught:
+        load_run(folder)
+    assert str(folder) in str(caught.value)
+
+
+def test_right_hashes_are_believed(tmp_path):
+    noisy().save(tmp_path / "run")
+    forge(tmp_path / "run")
+    assert load_run(tmp_path / "run").recorded
+
+
+def test_a_table_that_would_fill_memory_is_not_unpacked(tmp_path, monkeypatch):
+    one = noisy()
+    one.save(tmp_path / "run")
+    path = tmp_path / "run" / BODIES
+    monkeypatch.setattr(tables, "LARGEST_TABLE", 2_000)
+    schema = tables.schemas(one.world, [], [])["bodies"]
+    with open(path, "rb") as file, pytest.raises(ValueError, match="GB in memory, more than the"):
+        tables.read_checked(tables.open_parquet(file, path.stat().st_size), schema, 2 * len(one.time))
+
+
+def test_tables_are_written_block_by_block(tmp_path, monkeypatch):
+    one = noisy()
+    one.save(tmp_path / "whole")
+    monkeypatch.setattr("simspec.mapped.BLOCK_BYTES", 500)
+    one.save(tmp_path / "blocks")
+    assert pq.ParquetFile(tmp_path / "blocks" / BODIES).num_row_groups > 3
+    for name in ("states", "bodies", "energy", "contacts"):
+        assert pq.read_table(tmp_path / "blocks" / f"{name}.parquet").equals(
+            pq.read_table(tmp_path / "whole" / f"{name}.parquet")
+        )
+    again = load_run(tmp_path / "blocks")
+    assert all(np.array_equal(again.arrays[name], array) for name, array in one.arrays.items())
