@@ -163,19 +163,17 @@ def read_certificate(folder: Path) -> Certificate | None:
         content = read_text(path, root=folder)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    try:
-        return Certificate.from_json(content)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        why = f"{type(error).__name__}: {error}" if not isinstance(error, ValueError) else str(error)
-        raise SpecError([Problem(f"{path} cannot be read: {why[:200]}")]) from None
+    return Certificate.from_json(content, str(path))
 
 
 def certificate_mismatch(built: Built, folder: Path) -> str | None:
-    """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does."""
+    """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does. Judged from its figures."""
+    from simspec.proof.judge import judge
+
     try:
         certificate = read_certificate(folder)
     except SpecError as error:
-        return error.problems[0].message
+        return error.problems[0].message.removeprefix(f"{folder / CERTIFICATE_FILE}: ")
     if certificate is None:
         return "there is none"
     if certificate.world_sha256 != sha256(built.world):
@@ -186,16 +184,16 @@ def certificate_mismatch(built: Built, folder: Path) -> str | None:
             return f"it does not cover {engine}"
         if hashes[engine] != compiled.sha256:
             return f"it is of other files of {engine}"
-    if not certificate.valid:
-        return "it is not valid"
+    if found := judge(certificate, built.world):
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        return f"it is not valid: {found[0]}{more}"
     return None
 
 
 def write_certificate(certificate: Certificate, folder: Path) -> bool:
     """Write the certificate into ``folder``; whether anything was written.
 
-    An old one with the same hashes, versions and verdict stays as it is: its timings and last digits may differ, and a
-    repository should be quiet when nothing that matters has changed.
+    An old one that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
     """
 
     def change(real: Path | None) -> dict[str, bytes] | None:
@@ -212,17 +210,8 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
             old = read_certificate(real)
         except SpecError:
             old = None  # damaged, or of an old version
-        if old is not None and _identity(old) == _identity(certificate):
+        if old is not None and old.timeless() == certificate.timeless():
             return None
         return now | {CERTIFICATE_FILE: certificate.to_json().encode()}
 
     return update_folder(change, folder, COMPILED) is not None
-
-
-def _identity(certificate: Certificate) -> tuple[object, ...]:
-    return (
-        certificate.world_sha256,
-        sorted(dict(certificate.artifacts_sha256).items()),
-        sorted(dict(certificate.versions).items()),
-        certificate.valid,
-    )

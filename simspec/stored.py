@@ -40,6 +40,33 @@ class StagingMarker(Stored):
     fresh: list[int] | None = None
 
 
+class StoredProof(Stored):
+    """One engine's part of ``certificate.json``; ``valid`` is written for readers, and not read."""
+
+    version: str
+    valid: bool
+    artifacts_sha256: str
+    seconds: float
+    approximations: dict[str, str]
+    not_checked: dict[str, str]
+    not_compared: dict[str, str]
+    checks: list[dict[str, Any]]
+    contact: list[dict[str, Any]]
+
+
+class StoredCertificate(Stored):
+    """``certificate.json``. Its verdicts follow from its checks (``proof/judge.py``); ``valid`` is not read."""
+
+    sha256: str
+    schema_: int = Field(alias="schema")
+    valid: bool
+    simspec: str
+    name: str
+    world_sha256: str
+    oracle: str
+    engines: dict[str, StoredProof]
+
+
 class CacheEntry(Stored):
     """An entry of the cache of contact figures."""
 

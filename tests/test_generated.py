@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import os
 
 import pytest
 
@@ -13,10 +15,22 @@ from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate, write_certificate
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
+from simspec.proof.expected import expected, left_out
 from simspec.world.canonical import canonical_json, sha256
 from tests import worlds
 
-WORLD = worlds.spheres(2)
+
+def spheres(count: int):
+    """Bodies that cannot touch: a proof of them has no contact."""
+    world = worlds.spheres(count)
+    bodies = tuple(
+        dataclasses.replace(body, shapes=tuple(dataclasses.replace(shape, collision=False) for shape in body.shapes))
+        for body in world.bodies
+    )
+    return dataclasses.replace(world, bodies=bodies)
+
+
+WORLD = spheres(2)
 
 
 def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> Built:
@@ -28,9 +42,30 @@ def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") ->
     return Built(world, compiled, files)
 
 
-def proof(one: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0") -> Certificate:
-    checks = (Check("L1", "mass", 3, 1e-9, worst, "bodies.ball_0"),)
-    engines = {name: EngineProof(version, part.sha256, checks, {}, {}, seconds) for name, part in one.compiled.items()}
+def whole(world) -> tuple[Check, ...]:
+    """Checks of everything that a world without joints demands, each compared often enough."""
+    parts = [part for part, why in expected(world).items() if not why and part[1]]
+    parts += [
+        (level, name) for level in ("L0", "L1") for name in ("bodies", "mass", "centre of mass", "inertia tensor")
+    ]
+    parts += [(level, name) for level in ("L0", "L2") for name in ("joint type", "parent")]
+    parts += [("L2", "pose, orientation"), ("L2", "body velocity"), ("L4", "gravity")]
+    return tuple(Check(level, name, 100, 1e-12, 0.0, "somewhere") for level, name in dict.fromkeys(parts))
+
+
+def proof(one: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None) -> Certificate:
+    checks = whole(one.world) if checks is None else checks
+    checks = tuple(
+        dataclasses.replace(check, worst=worst, tolerance=1e-9)
+        if (check.level, check.name) == ("L1", "mass")
+        else check
+        for check in checks
+    )
+    missing = left_out(one.world)
+    engines = {
+        name: EngineProof(version, part.sha256, checks, {}, {}, seconds, not_compared=missing)
+        for name, part in one.compiled.items()
+    }
     return Certificate(one.world.name, sha256(one.world), "pinocchio 4", engines)
 
 
@@ -49,7 +84,7 @@ def test_a_folder_that_was_just_written_is_current(tmp_path):
 @pytest.mark.parametrize(
     ("other", "why"),
     [
-        (built(worlds.spheres(3)), "another world"),
+        (built(spheres(3)), "another world"),
         (built(text="<other/>\n"), "other files of first"),
         (built(engines=("first", "second", "third")), "does not cover third"),
     ],
@@ -71,7 +106,7 @@ def test_a_damaged_certificate_is_stale(tmp_path, text):
     (folder / CERTIFICATE_FILE).write_text(text)
     with pytest.raises(SpecError, match=CERTIFICATE_FILE):
         read_certificate(folder)
-    assert "cannot be read" in certificate_mismatch(built(), folder)
+    assert certificate_mismatch(built(), folder)
 
 
 def test_a_certificate_that_is_not_valid_does_not_count(tmp_path):
@@ -81,16 +116,160 @@ def test_a_certificate_that_is_not_valid_does_not_count(tmp_path):
     assert any("it is not valid" in line for line in check(built(), folder))
 
 
-def test_a_certificate_is_written_again_only_when_something_that_matters_changed(tmp_path):
+def test_a_certificate_is_written_again_unless_equal_in_all_but_times(tmp_path):
     one, folder = built(), tmp_path / "spheres"
     generated.write(one, folder)
     write_certificate(proof(one), folder)
     first = (folder / CERTIFICATE_FILE).read_bytes()
-    assert not write_certificate(proof(one, worst=2e-15, seconds=9.0), folder)
+    assert not write_certificate(proof(one, seconds=9.0), folder)
     assert (folder / CERTIFICATE_FILE).read_bytes() == first
+    assert write_certificate(proof(one, worst=2e-15), folder)
     assert write_certificate(proof(one, version="1.1"), folder)
     assert write_certificate(proof(one, worst=1.0, version="1.1"), folder)
     assert (folder / CERTIFICATE_FILE).read_bytes() != first
+
+
+def test_a_certificate_of_other_files_is_not_written(tmp_path):
+    folder = tmp_path / "spheres"
+    generated.write(built(text="<other/>\n"), folder)
+    with pytest.raises(SpecError, match="other files than those that were proven"):
+        write_certificate(proof(built()), folder)
+    assert not (folder / CERTIFICATE_FILE).exists()
+
+
+def edited(text: str, change) -> str:
+    """A certificate that somebody has edited, with the hash of what it says now."""
+    plain = json.loads(text)
+    change(plain)
+    del plain["sha256"]
+    body = json.dumps(plain, indent=2) + "\n"
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    return body.replace("{\n", f'{{\n  "sha256": "{digest}",\n', 1)
+
+
+def checks_of(plain: dict) -> list[dict]:
+    return plain["engines"]["first"]["checks"]
+
+
+def one_check(plain):
+    plain["engines"]["first"]["checks"] = checks_of(plain)[:1]
+
+
+def level_dropped(plain):
+    plain["engines"]["first"]["checks"] = [one for one in checks_of(plain) if one["level"] != "L3"]
+
+
+def excused(plain):
+    level_dropped(plain)
+    plain["engines"]["first"]["not_compared"]["L3"] = "not asked for"
+
+
+def change_of(of: str, name: str, **more):
+    def change(plain):
+        for one in checks_of(plain):
+            if (one["level"], one["name"]) == (of, name):
+                one.update(more)
+
+    return change
+
+
+def doubled(plain):
+    checks_of(plain).append(checks_of(plain)[0] | {"count": 1})
+
+
+EDITS = {
+    "one check": (one_check, "first: L"),
+    "worst beyond the tolerance": (change_of("L1", "mass", worst=1e9), "first: L1 mass"),
+    "a wider tolerance": (change_of("L1", "mass", worst=1e9, tolerance=1e10), "a tolerance of 1e"),
+    "worst in kind": (change_of("L1", "mass", worst=None), "first: L1 mass"),
+    "compared nothing": (change_of("L2", "joint type", count=0, worst=None), "first: L2 joint type"),
+    "compared less": (change_of("L1", "mass", count=1), "L1 mass: 1 comparisons, this world has 2"),
+    "a level dropped": (level_dropped, "first: L3"),
+    "a level excused": (excused, "does not lie in this world"),
+    "a check twice": (doubled, "is there twice"),
+    "another level": (change_of("L3", "mass matrix", level="L9"), "first: "),
+    "negative": (change_of("L1", "mass", worst=-1.0), "cannot be read"),
+    "no engine": (lambda plain: plain.update(engines={}), "it does not cover first"),
+    "another simspec": (lambda plain: plain.update(simspec="0.0.0"), "made by simspec 0.0.0"),
+    "another form": (lambda plain: plain.update(schema=1), "schema 1"),
+    "a count as text": (change_of("L1", "mass", count="many"), "cannot be read"),
+    "an engine as text": (lambda plain: plain["engines"].update(first="x"), "engines.first"),
+    "another world": (lambda plain: plain.update(world_sha256="0" * 64), "it is of another world"),
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_a_certificate_is_judged_from_its_figures(tmp_path, edit):
+    one, folder = built(), tmp_path / "spheres"
+    generated.write(one, folder)
+    write_certificate(proof(one), folder)
+    assert check(one, folder) == []
+    path = folder / CERTIFICATE_FILE
+    change, words = EDITS[edit]
+    path.write_text(edited(path.read_text(), change))
+    (stale,) = check(one, folder)
+    assert words in stale
+    # what is written anew is no longer the edited one
+    assert write_certificate(proof(one), folder)
+    assert check(one, folder) == []
+
+
+@pytest.mark.parametrize("edit", ["valid", "worst", "seconds", "space"])
+def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
+    one, folder = built(), tmp_path / "spheres"
+    generated.write(one, folder)
+    write_certificate(proof(one), folder)
+    path = folder / CERTIFICATE_FILE
+    text = path.read_text()
+    changed = {
+        "valid": text.replace('"valid": true', '"valid": false', 1),
+        "worst": text.replace("1e-15", "2e-15", 1),
+        "seconds": text.replace('"seconds": 1.0', '"seconds": 0.5'),
+        "space": text + " ",
+    }[edit]
+    assert changed != text
+    path.write_text(changed)
+    (stale,) = check(one, folder)
+    assert "was edited, or is damaged" in stale
+    assert write_certificate(proof(one), folder)
+
+
+@pytest.mark.parametrize("kind", ["fifo", "link", "folder"])
+@pytest.mark.parametrize("name", [CERTIFICATE_FILE, "world.json", "second/sidecar.json"])
+def test_what_is_no_regular_file_is_not_read(tmp_path, kind, name):
+    """A sidecar that is a link would have its target's content written into the repository."""
+    secret = tmp_path / "secret"
+    secret.write_text(json.dumps({"schema": 1, "world": sha256(WORLD), "secret": 1}))
+    folder = tmp_path / "spheres"
+    generated.write(built(), folder)
+    write_certificate(proof(built()), folder)
+    path = folder / name
+    path.unlink()
+    {"fifo": os.mkfifo, "link": lambda place: place.symlink_to(secret), "folder": os.mkdir}[kind](path)
+    with pytest.raises(SpecError, match=path.name):
+        generated.write(built(engines=("first",)), folder)
+    if kind != "folder":  # that is a file that is missing
+        with pytest.raises(SpecError, match=path.name):
+            check(built(engines=("first",)), folder)
+    assert not [
+        path for path in folder.rglob("*") if path.is_file() and not path.is_symlink() and "secret" in path.read_text()
+    ]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "null", '{"schema": 9}', "[" * 100_000])
+def test_a_broken_sidecar_is_a_located_error(tmp_path, text):
+    folder = tmp_path / "spheres"
+    generated.write(built(), folder)
+    (folder / "second" / "sidecar.json").write_text(text)
+    for work in (
+        lambda: check(built(engines=("first",)), folder),
+        lambda: generated.write(built(engines=("first",)), folder),
+    ):
+        with pytest.raises(SpecError, match=r"second/sidecar.json"):
+            work()
+    # compiling for that engine too writes it anew
+    generated.write(built(), folder)
+    assert (folder / "second" / "sidecar.json").read_text() != text
 
 
 def test_engines_of_the_same_world_stay_and_others_go(tmp_path):
@@ -100,7 +279,7 @@ def test_engines_of_the_same_world_stay_and_others_go(tmp_path):
     (folder / "notes" / "mine.txt").write_text("not an engine")
     generated.write(built(engines=("first",), text="<new/>\n"), folder)
     assert (folder / "second" / "model.xml").read_text() == "<model/>\n"
-    generated.write(built(worlds.spheres(3), engines=("first",)), folder)
+    generated.write(built(spheres(3), engines=("first",)), folder)
     assert not (folder / "second").exists()
     assert (folder / "notes" / "mine.txt").read_text() == "not an engine"  # simspec did not write it
 

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 
+from simspec.errors import Problem, SpecError
 from simspec.proof.checks import Check
 from simspec.proof.contact.probe import Figure
+from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
 
-SCHEMA = 3
+SCHEMA = 4
+"""4: the version of simspec, and a hash of the content."""
+HASH_LINE = re.compile(r'^  "sha256": "([0-9a-f]{64})",\n', re.MULTILINE)
+"""Where the hash of all the other lines stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +54,13 @@ class EngineProof:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """One world held against several engines; ``engines`` by name."""
+    """One world held against several engines; ``engines`` by name; ``simspec``: the version that made it."""
 
     name: str
     world_sha256: str
     oracle: str
     engines: dict[str, EngineProof]
+    simspec: str = field(default_factory=lambda: version("simspec"))
 
     @property
     def valid(self) -> bool:
@@ -70,9 +79,16 @@ class Certificate:
 
     def joined(self, earlier: Certificate | None) -> Certificate:
         """This proof, with those of other engines from an earlier one of the same world under the same oracle."""
-        if earlier is None or (earlier.world_sha256, earlier.oracle) != (self.world_sha256, self.oracle):
+        if earlier is None or any(
+            getattr(earlier, name) != getattr(self, name) for name in ("world_sha256", "oracle", "simspec")
+        ):
             return self
         return dataclasses.replace(self, engines=earlier.engines | self.engines)
+
+    def timeless(self) -> Certificate:
+        """The same without the seconds that it took."""
+        engines = {name: dataclasses.replace(proof, seconds=0.0) for name, proof in self.engines.items()}
+        return dataclasses.replace(self, engines=engines)
 
     def failures(self) -> list[tuple[str, Check]]:
         """Every check that did not pass, with its engine."""
@@ -83,6 +99,7 @@ class Certificate:
         data = {
             "schema": SCHEMA,
             "valid": self.valid,
+            "simspec": self.simspec,
             "name": self.name,
             "world_sha256": self.world_sha256,
             "oracle": self.oracle,
@@ -107,28 +124,42 @@ class Certificate:
             )
             rows = f'\n      "checks": [\n{checks}\n      ],\n      "contact": [\n{figures}\n      ]'
             blocks.append(f"    {json.dumps(name)}: {{\n" + "\n".join(lines) + rows + "\n    }")
-        return text.replace('"engines": {}', '"engines": {\n' + ",\n".join(blocks) + "\n  }") + "\n"
+        text = text.replace('"engines": {}', '"engines": {\n' + ",\n".join(blocks) + "\n  }") + "\n"
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        return text.replace("{\n", f'{{\n  "sha256": "{digest}",\n', 1)
 
     @classmethod
-    def from_json(cls, text: str) -> Certificate:
-        """Read :meth:`to_json`'s text. Raises ValueError for another schema or a verdict that its checks do not bear out."""
-        data = json.loads(text)
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            raise ValueError(f"not a certificate of schema {SCHEMA}")
-        engines = {
-            name: EngineProof(
-                block["version"],
-                block["artifacts_sha256"],
-                tuple(from_plain(Check, check) for check in block["checks"]),
-                block["approximations"],
-                block["not_checked"],
-                block["seconds"],
-                tuple(from_plain(Figure, figure) for figure in block["contact"]),
-                block["not_compared"],
-            )
-            for name, block in data["engines"].items()
-        }
-        found = cls(data["name"], data["world_sha256"], data["oracle"], engines)
-        if found.valid != data["valid"]:
-            raise ValueError("the certificate's verdict is not what its checks say")
-        return found
+    def from_json(cls, text: str, what: str = "the certificate") -> Certificate:
+        """Read :meth:`to_json`'s text; ``what`` names it in errors.
+
+        Its verdicts are not read: they follow from its figures. Raises SpecError for another schema, what is no certificate,
+        and text that is not that of its hash (somebody edited it, or it is damaged).
+        """
+        plain = parse(text, what)
+        schema = plain.get("schema") if isinstance(plain, dict) else None
+        if schema != SCHEMA:
+            hint = "simspec verify writes it anew"
+            raise SpecError([Problem(f"{what}: schema {schema!r}, this simspec reads {SCHEMA}", hint=hint)])
+        data = read_as(StoredCertificate, text, what)
+        told = HASH_LINE.search(text)
+        bare = HASH_LINE.sub("", text, count=1)
+        if told is None or told[1] != data.sha256 or hashlib.sha256(bare.encode()).hexdigest() != data.sha256:
+            message = f"{what}: was edited, or is damaged: its content is not that of its hash"
+            raise SpecError([Problem(message, hint="simspec verify writes it anew")])
+        try:
+            engines = {
+                name: EngineProof(
+                    block.version,
+                    block.artifacts_sha256,
+                    tuple(from_plain(Check, check) for check in block.checks),
+                    block.approximations,
+                    block.not_checked,
+                    block.seconds,
+                    tuple(from_plain(Figure, figure) for figure in block.contact),
+                    block.not_compared,
+                )
+                for name, block in data.engines.items()
+            }
+        except (ValueError, KeyError, TypeError) as error:
+            raise SpecError([Problem(f"{what} cannot be read: {str(error)[:300]}")]) from None
+        return cls(data.name, data.world_sha256, data.oracle, engines, data.simspec)

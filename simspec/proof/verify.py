@@ -19,6 +19,7 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats
 from simspec.formats.contact_plan import meeting_laws
+from simspec.outputs.reading import files_below, read_text
 from simspec.proof import control, dry_friction, motion
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
@@ -254,15 +255,11 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
         if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
     }
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
-    texts = {str(path.relative_to(folder).as_posix()): path.read_text(encoding="utf-8") for path in _files(folder)}
+    texts = {name: read_text(folder / name, root=folder) for name in files_below(folder)}
     on_disk = Compiled(compiled.engine, compiled.format, texts, ())
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     checks = sorted(checks, key=lambda check: check.level)
     return EngineProof(version, on_disk.sha256, tuple(checks), approximations, unreadable, seconds)
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _oracle_version() -> str:

@@ -70,9 +70,9 @@ class Results(Arrivals):
         if content is None:
             return None
         try:
-            return Certificate.from_json(content.decode())
-        except (ValueError, KeyError, TypeError, SpecError) as error:
-            self.notes.append(f"{self._folder / CERTIFICATE_FILE} could not be read and was written anew: {error}")
+            return Certificate.from_json(content.decode(errors="replace"), str(self._folder / CERTIFICATE_FILE))
+        except SpecError as error:
+            self.notes.append(f"{error.problems[0].message}; it was written anew")
             return None
 
     def run(self, run: Run) -> None:

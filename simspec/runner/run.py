@@ -22,6 +22,7 @@ from simspec.engines.base import find_engine, resolve_settings
 from simspec.engines.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
+from simspec.outputs.reading import files_below, read_text
 from simspec.scratch import scratch_folder
 from simspec.spec.strict import near
 from simspec.world.canonical import sha256
@@ -138,9 +139,8 @@ class Run:
 def artifacts_sha256(folder: Path) -> str:
     """The hash of a folder of artifacts; equal to ``Compiled.sha256`` of the files it was written from."""
     digest = hashlib.sha256()
-    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-    for name in sorted(files):
-        text = files[name].read_bytes().decode("utf-8")
+    for name in files_below(folder):
+        text = read_text(folder / name, root=folder)
         digest.update(f"{name}\0{len(text)}\0{text}".encode())
     return digest.hexdigest()
 

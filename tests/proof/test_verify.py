@@ -8,8 +8,9 @@ import json
 import pytest
 
 from simspec.engines.base import engines
-from simspec.errors import UnsupportedError
+from simspec.errors import SpecError, UnsupportedError
 from simspec.proof.certificate import Certificate
+from simspec.proof.judge import judge
 from simspec.proof.selftest import defects_of, self_test
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.canonical import sha256
@@ -49,8 +50,25 @@ def test_a_forged_verdict_is_noticed(certificate):
     _, found = certificate
     data = json.loads(found.to_json())
     data["engines"][ENGINES[0]]["checks"][0]["worst"] = 1.0
-    with pytest.raises(ValueError, match="verdict"):
-        Certificate.from_json(json.dumps(data))
+    with pytest.raises(SpecError, match="was edited"):
+        Certificate.from_json(json.dumps(data, indent=2))
+
+
+def test_it_is_judged_from_its_figures(certificate):
+    world, found = certificate
+    assert judge(found, world) == []
+    assert judge(found, dataclasses.replace(world, name="other")) == ["it is of another world"]
+    name = ENGINES[0]
+    proof = found.engines[name]
+    figure = dataclasses.replace(proof.contact[0], measured=1e6)
+    for change, words in (
+        ({"contact": proof.contact[1:]}, "no figure of"),
+        ({"contact": (figure, *proof.contact[1:])}, "not what its figures make of it"),
+        ({"checks": tuple(check for check in proof.checks if check.level != "L5")}, "L5"),
+        ({"checks": proof.checks[:3]}, "comparisons, this world has"),
+    ):
+        forged = dataclasses.replace(found, engines={**found.engines, name: dataclasses.replace(proof, **change)})
+        assert any(words in line for line in judge(forged, world)), words
 
 
 def test_a_certificate_without_checks_is_not_valid():

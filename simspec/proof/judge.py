@@ -1,0 +1,98 @@
+"""Whether a certificate that lies on a disk proves a world: judged from its figures, never from what it says of itself.
+
+Somebody may have edited it, it may be of another world, of another simspec, or of a time when less was compared. What an edit
+can say is held against what the world demands: the parts (``proof/expected.py``), how often each was compared, how closely at
+least, and each figure of contact behind the checks of level L5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE
+from simspec.proof.contact.run import PROBES, contact_checks, laws
+from simspec.proof.expected import judge as judge_checks
+from simspec.proof.expected import title
+from simspec.proof.probes import FEW_STATES, LARGE, STATES
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import layout, rigid_groups
+from simspec.world.types import World
+
+COARSEST: Mapping[str, float] = {
+    "L0": TEXT_TOLERANCE,
+    "L1": MODEL_TOLERANCE,
+    "L2": MODEL_TOLERANCE,
+    "L3": MODEL_TOLERANCE,
+    "L4": MODEL_TOLERANCE,
+    "L5": 1.0,  # in units of each figure's own tolerance
+    "L6": 1e-2,
+    "L7": 1e-2,
+}
+"""The largest tolerance that a check of each level may have. L6 and L7: relative, the larger of 1e-9 and 100 × the round-off
+floor, or 2e-3 for joints held by dry friction; a motion whose floor is above 1e-4 proves nothing."""
+
+
+def judge(certificate: Certificate, world: World) -> list[str]:
+    """Why ``certificate`` does not prove that its engines hold ``world``, a line each; [] when it does."""
+    if certificate.world_sha256 != sha256(world):
+        return ["it is of another world"]
+    found = []
+    if certificate.simspec != version("simspec"):
+        found.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
+    if not certificate.engines:
+        found.append("it proves nothing of any engine")
+    for name, proof in certificate.engines.items():
+        found += [f"{name}: {line}" for line in judge_proof(proof, world)]
+    return found
+
+
+def judge_proof(proof: EngineProof, world: World) -> list[str]:
+    """The same for one engine."""
+    found = judge_checks(world, proof.checks, proof.not_compared)
+    for check in proof.checks:
+        coarsest = COARSEST.get(check.level)
+        if coarsest is None:
+            found.append(f"there is no level {check.level!r}")
+        elif check.tolerance > coarsest:
+            found.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
+    twice = [(check.level, check.name) for check in proof.checks]
+    found += sorted({f"{title(*one)} is there twice" for one in twice if twice.count(one) > 1})
+    found += _counts(proof, world)
+    found += _contact(proof, world)
+    return found
+
+
+def _counts(proof: EngineProof, world: World) -> Iterator[str]:
+    """Checks that compared less than this world has."""
+    groups = rigid_groups(world)
+    moving = sum(groups[body.name] != "world" for body in world.bodies)
+    states = STATES if layout(world.bodies).nv <= LARGE else FEW_STATES
+    least = {(level, "bodies"): 1 for level in ("L0", "L1")}
+    least |= {(level, name): moving for level in ("L0", "L1") for name in ("mass", "centre of mass", "inertia tensor")}
+    least |= {(level, name): len(world.bodies) for level in ("L0", "L2") for name in ("joint type", "parent")}
+    least |= {("L2", name): states for name in ("pose, position", "pose, orientation", "body velocity")}
+    if moving:
+        least |= {("L3", name): states for name in ("mass matrix", "bias force", "gravity force")}
+    counts = {(check.level, check.name): check.count for check in proof.checks}
+    for part, count in least.items():
+        if count and counts.get(part, 0) < count:
+            yield f"{title(*part)}: {counts.get(part, 0)} comparisons, this world has {count}"
+
+
+def _contact(proof: EngineProof, world: World) -> Iterator[str]:
+    """Probes that this world has and the certificate does not, and checks of L5 that are not those of its figures."""
+    if "L5" in proof.not_compared:
+        return
+    there = {(figure.probe, figure.subject) for figure in proof.contact}
+    for law in laws(world):
+        subject = f"{law.pair.first}, {law.pair.second}"
+        for name, probe in PROBES.items():
+            if probe.applies(law) and (name, subject) not in there:
+                yield f"L5 {name}: no figure of {subject}"
+    made = {check.name: (check.count, check.worst) for check in contact_checks(proof.contact)}
+    told = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}
+    for name in sorted(made.keys() | told.keys()):
+        if made.get(name) != told.get(name):
+            yield f"L5 {name}: not what its figures make of it"
