@@ -1,12 +1,13 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in three engines, then a robot arm
 # make test    what CI runs: lint, stale files, tests
+# make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
 
-.PHONY: setup demo test check generated lock benchmarks scenario-full clean
+.PHONY: setup demo test check generated lock benchmarks scenario-full random-worlds clean
 
 setup: .venv/ready
 
@@ -55,6 +56,11 @@ benchmarks: setup
 # the whole robot scenario; python tools/stacking.py is the sweep over timesteps
 scenario-full: setup
 	$(BIN)/simspec run specs/stack-cylinders.yaml --all-engines --no-repeats --deadline 3600
+
+# random scenarios of the whole language, compiled, proven and run: none may be invalid; about 7 s each
+COUNT ?= 200
+random-worlds: setup
+	$(BIN)/python tools/random_worlds.py --count $(COUNT)
 
 clean:
 	rm -rf .venv runs

@@ -218,6 +218,26 @@ def test_a_rotor_makes_a_law_stable():
     at(1.1 * LARGEST, {**GAINS, "rotor_inertia": "0.3 kg m^2"})
 
 
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"law": "computed-torque", "natural_frequency": 5},
+        {"law": "pd", "kp": 1, "kd": 1, "gravity_compensation": True},
+        {"law": "pd", "kp": 1, "kd": 1, "discretisation": "implicit"},
+    ],
+)
+def test_a_law_that_needs_the_dynamics_of_a_tree_that_has_none_is_refused_at_its_place(law):
+    ball = {**SOLID, "parent": "hand", "joint": {"type": "ball"}}
+    bodies = {**BODIES, "eye": ball}
+    with pytest.raises(SpecError, match="needs a tree of hinges and slides") as caught:
+        spec(bodies, robot={"joints": ["elbow"], **law}).resolve()
+    (problem,) = caught.value.problems
+    assert problem.path == "control.robot"
+    assert problem.found == "bodies.eye, with a ball joint"
+    spec(bodies, robot={"joints": ["elbow"], "law": "pd", "kp": 1, "kd": 1}).resolve()
+    spec(BODIES, robot={"joints": ["elbow"], **law}).resolve()
+
+
 def test_what_no_timestep_helps_is_said(monkeypatch):
     from simspec.control import stability
 

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from simspec.control.law import needs_dynamics
 from simspec.errors import Problem
 from simspec.spec.control import PER_JOINT
 from simspec.spec.control import Controller as SpecController
@@ -16,6 +17,7 @@ from simspec.spec.sources import Source
 from simspec.spec.strict import Faults, near
 from simspec.spec.units import LARGEST, article
 from simspec.world.control import Controller
+from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
 
 if TYPE_CHECKING:
@@ -69,6 +71,9 @@ def unstable(source: Source, world: World) -> list[Problem]:
     """Controllers whose explicit law grows without end at the world's timestep; nothing is asked where none is driven."""
     if not world.controllers:
         return []
+    lawless = _without_dynamics(source, world)
+    if lawless:
+        return lawless
     try:
         from simspec.control import stability
 
@@ -77,6 +82,26 @@ def unstable(source: Source, world: World) -> list[Problem]:
         message = f"control needs a library that is not installed ({error.name})"
         return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec[pin]'")]
     return [_of_instability(source, one) for one in found]
+
+
+def _without_dynamics(source: Source, world: World) -> list[Problem]:
+    """Controllers whose law asks for the dynamics of a tree that the law has none of: with a ball or a free joint."""
+    found = []
+    for bodies in trees(world).values():
+        joints = {body.joint.name for body in bodies}
+        odd = next((body for body in bodies if body.joint.kind not in ("fixed", *DRIVEN)), None)
+        found += [
+            source.document.problem(
+                ("control", one.name),
+                "its law needs a tree of hinges and slides on a fixed base",
+                key=True,
+                found=f"bodies.{odd.name}, with a {odd.joint.kind} joint",
+                hint="law: pd with discretisation: explicit and without gravity_compensation works there",
+            )
+            for one in world.controllers
+            if odd is not None and needs_dynamics(one) and not joints.isdisjoint(one.joints)
+        ]
+    return found
 
 
 def _of_instability(source: Source, one: Instability) -> Problem:

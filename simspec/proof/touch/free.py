@@ -166,7 +166,7 @@ class FreePairs:
             if found is None:
                 continue
             at = there @ (found if base is host else np.linalg.inv(found))
-            root = at @ np.linalg.inv(scene.in_root[mover.number])
+            root = at @ scene.from_shape[mover.number]
             if not several or self._alone(mover, root, host, frame):
                 return root, True
             first = root if first is None else first

@@ -37,6 +37,7 @@ class Overlaps:
     def __init__(self, spacing: float):
         self._spacing = spacing
         self._known: dict[tuple[object, ...], np.ndarray | None] = {}
+        self._grids: dict[tuple[object, ...], list[tuple[float, float]]] = {}
 
     def places(self, base: Solid) -> int:
         """How many shapes can be brought to ``base`` at once."""
@@ -70,6 +71,12 @@ class Overlaps:
 
     def _grid(self, base: Solid) -> list[tuple[float, float]]:
         """Places on a plane, or on the largest face of a box, in that face's own axes."""
+        key = (base.shape.kind, base.shape.size)
+        if key not in self._grids:
+            self._grids[key] = self._new_grid(base)
+        return self._grids[key]
+
+    def _new_grid(self, base: Solid) -> list[tuple[float, float]]:
         if base.shape.kind == "plane":
             counts: tuple[int, ...] = (GRID, GRID)
         elif base.shape.kind == "box":

@@ -42,7 +42,7 @@ class Scene:
     group      of every shape the name of its body's rigid group
     parts      the shapes of one body and material
     at         poses (solids, 4, 4) in the world
-    in_root    the same in the frame of the tree's root where that is free
+    in_root    the same in the frame of the tree's root where that is free; ``from_shape`` are the inverse poses
     extent     of every free tree the radius of its shapes about its root's frame (m); ``spacing`` keeps any two of them apart
     parking    where the root's frame of every free tree is out of the way
     parked     the state with every free tree on a place of its own, far from everything
@@ -90,6 +90,7 @@ class Scene:
                 reach = float(np.linalg.norm(self.in_root[solid.number][:3, 3]))
                 reach += 0.0 if math.isinf(solid.outer) else solid.outer
                 self.extent[tree] = max(self.extent[tree], reach)
+        self.from_shape = np.linalg.inv(self.in_root)
         self.spacing = 2.2 * max((self.extent[tree] for tree, free in enumerate(self.free) if free), default=1.0)
         fixed = [
             float(np.linalg.norm(self.at[solid.number][:3, 3])) + solid.outer

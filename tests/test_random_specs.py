@@ -1,0 +1,76 @@
+"""Random scenarios of the whole language compile and are proven; tools/random_worlds.py does so for two hundred, and runs them."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+import simspec
+from simspec.engines.base import engines
+from simspec.features import Feature, needs
+from simspec.proof.verify import LEVELS
+from tests.random_specs import spec
+
+ROOT = Path(__file__).resolve().parent.parent
+ENGINES = sorted(engines())
+RARE = {
+    Feature.TREE_SIZE,
+    Feature.TREE_DEPTH,
+    Feature.CONTROL_NATIVE,
+    Feature.FRICTION_PAIRS,
+    Feature.RESTITUTION_PAIRS,
+    Feature.RESTITUTION_THRESHOLD,
+    Feature.HARDNESS_PAIRS,
+    Feature.HARDNESS_STIFFNESS,
+}
+"""What is an engine's matter (pairs), or refused in most worlds."""
+
+
+@pytest.fixture(scope="module")
+def tool():
+    place = importlib.util.spec_from_file_location("random_worlds", ROOT / "tools" / "random_worlds.py")
+    assert place is not None
+    module = importlib.util.module_from_spec(place)
+    sys.modules["random_worlds"] = module
+    assert place.loader is not None
+    place.loader.exec_module(module)
+    return module
+
+
+def test_two_hundred_of_them_use_the_whole_language():
+    used = set()
+    for seed in range(200):
+        world = simspec.Spec.from_data(spec(seed)).resolve()
+        used |= {need.feature for need in needs(world)}
+    assert set(Feature) - used <= RARE
+
+
+def test_a_seed_gives_the_same_world():
+    assert spec(3) == spec(3)
+    assert spec(3) != spec(4)
+
+
+@pytest.mark.parametrize("seed", [17, 25, 38])
+def test_they_are_proven_and_run_in_every_engine(seed, tool):
+    wrong, refused = tool.attempt(seed, ENGINES, set(LEVELS) - {"L5"}, None)
+    assert wrong == []
+    assert all(refused.values()), "a refusal has its cause"
+
+
+def test_what_fails_is_told_with_its_place(tool, monkeypatch):
+    held = tool.verify
+
+    def broken(world, engines, **more):
+        found = held(world, engines, **more)
+        proof = found.engines["mujoco"]
+        checks = tuple(dataclasses.replace(check, worst=1.0) if check.level == "L1" else check for check in proof.checks)
+        return dataclasses.replace(found, engines={"mujoco": dataclasses.replace(proof, checks=checks)})
+
+    monkeypatch.setattr(tool, "verify", broken)
+    wrong, _ = tool.attempt(17, ["mujoco"], {"L4"}, None)
+    assert wrong
+    assert all(line.startswith("mujoco L1 ") for line in wrong)
