@@ -1,4 +1,4 @@
-"""Random scenarios of the whole language compile and are proven; tools/random_worlds.py does so for two hundred, and runs them."""
+"""Random scenarios of the whole language compile, are proven and run; tools/random_worlds.py does so for two hundred."""
 
 from __future__ import annotations
 
