@@ -67,7 +67,9 @@ def test_what_fails_is_told_with_its_place(tool, monkeypatch):
     def broken(world, engines, **more):
         found = held(world, engines, **more)
         proof = found.engines["mujoco"]
-        checks = tuple(dataclasses.replace(check, worst=1.0) if check.level == "L1" else check for check in proof.checks)
+        checks = tuple(
+            dataclasses.replace(check, worst=1.0) if check.level == "L1" else check for check in proof.checks
+        )
         return dataclasses.replace(found, engines={"mujoco": dataclasses.replace(proof, checks=checks)})
 
     monkeypatch.setattr(tool, "verify", broken)

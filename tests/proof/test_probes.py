@@ -189,6 +189,13 @@ def test_copies_of_a_body_share_a_model_and_move_apart():
         np.testing.assert_allclose(found[-1][at_q if found.shape[1] == oracle.nq else at_v], expected[-1], rtol=1e-13)
 
 
+def test_a_world_that_cannot_move_has_no_dynamics_to_compare():
+    world = worlds.world(worlds.tree(["fixed"], 1))
+    oracle, empty = Oracle(world), np.zeros((1, 0))
+    found = {"mass": empty, "bias_force": empty, "gravity_force": empty}
+    assert dynamics_checks(world, oracle, empty, empty, found) == []
+
+
 # --- motion -------------------------------------------------------------------------------------------------------
 
 
