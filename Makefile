@@ -2,12 +2,13 @@
 # make demo    the main job: 216 spheres in three engines, then a robot arm
 # make test    what CI runs: lint, stale files, tests
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
+# make selftest   every change that compiled files can suffer, in three engines, and its table in docs/proof.md: under an hour
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
 
-.PHONY: setup demo test check generated lock benchmarks scenario-full random-worlds clean
+.PHONY: setup demo test check generated lock benchmarks scenario-full random-worlds selftest clean
 
 setup: .venv/ready
 
@@ -61,6 +62,9 @@ scenario-full: setup
 COUNT ?= 200
 random-worlds: setup
 	$(BIN)/python tools/random_worlds.py --count $(COUNT)
+
+selftest: setup
+	$(BIN)/python tools/selftest.py
 
 clean:
 	rm -rf .venv runs

@@ -227,6 +227,12 @@ def verify_command(
     self_test: Annotated[
         bool, typer.Option("--self-test", help="Plant one defect at a time into compiled files: is each caught?")
     ] = False,
+    complete: Annotated[
+        bool,
+        typer.Option(
+            "--complete", help="With --self-test: every change that files can suffer, one at a time (half an hour)."
+        ),
+    ] = False,
     contact: Annotated[
         bool, typer.Option("--contact", help="Print every contact figure, and draw friction by direction.")
     ] = False,
@@ -248,13 +254,20 @@ def verify_command(
     simspec verify robot.yaml --engine mujoco --engine dart
     simspec verify box-on-ramp --contact        what friction and restitution each engine really has, with a plot
     simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
+    simspec verify --self-test --complete       every change of every number, word, attribute and element, and more
     """
     from simspec.report import verification
 
     names, pythons = engine_names(engine), interpreters(python)
     if (spec is None) != self_test:
         raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
+    if complete and (spec is not None or pythons):
+        raise SpecError([Problem("--complete goes with --self-test, and with the engines of this Python")])
     demand_installed(names, pythons)
+    if complete:
+        from simspec.report.complete import complete_self_test
+
+        return complete_self_test(names, as_json)
     if spec is None:
         return verification.self_test(names, pythons, as_json)
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)

@@ -23,6 +23,7 @@ from simspec.world.types import (
     Body,
     HeldPair,
     HeldServo,
+    HeldValue,
     Inertial,
     Joint,
     Pose,
@@ -71,6 +72,7 @@ def read_folder(folder: Path) -> ReadBack:
         dict(UNREADABLE),
         reader.pairs(),
         reader.servos(),
+        reader.settings(),
     )
 
 
@@ -106,6 +108,7 @@ class _Reader:
         key = self._one(self.section("keyframe"), "key")
         self._position, self._velocity = _floats(key.attrib["qpos"]), _floats(key.attrib["qvel"])
         self._nq = self._nv = 0
+        self._settings = beside["settings"]
         self._law = CommonLaw.of(self.timestep, beside["settings"])
         self._pair_defaults = self._one(defaults, "pair").attrib
 
@@ -239,6 +242,21 @@ class _Reader:
             held = self._surface(given, (one, torsion, roll), inverse[first] + inverse[second])
             found.append(HeldPair(first, second, held))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))
+
+    def settings(self) -> dict[str, HeldValue]:
+        """The solver settings that the file itself holds, as ``settings.NAME``, whatever stands beside it."""
+        option = self.section("option")
+        given = option.attrib
+        flags = self._one(option, "flag").attrib
+        found: dict[str, HeldValue] = {"solver": given["solver"].lower()}
+        found |= {name: int(given[name]) for name in ("iterations", "ls_iterations", "noslip_iterations")}
+        found |= {name: float(given[name]) for name in ("tolerance", "ls_tolerance", "impratio")}
+        found |= {name: flags[name] == "enable" for name in ("warmstart", "island", "multiccd")}
+        if (
+            found["impratio"] != self._settings["impratio"]
+        ):  # the file has one, whichever of the two settings it comes from
+            found["high_impratio"] = found["impratio"]
+        return {f"settings.{name}": value for name, value in found.items()}
 
     def servos(self) -> tuple[HeldServo, ...]:
         """The actuators: position with kp and kv, velocity with kv; all on one joint, without gear."""

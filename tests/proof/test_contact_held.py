@@ -15,6 +15,7 @@ from simspec.formats.base import formats, read_sidecar
 from simspec.formats.contact_plan import contact_plan, meeting_laws
 from simspec.proof.contact import held as module
 from simspec.proof.contact.held import held, of_pair
+from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
 
@@ -248,3 +249,23 @@ def test_a_pair_is_only_its_own():
     assert {material.name for material in one.contact.materials} == {"a", "b"}
     assert {name for name, _ in one.plan.numbers} == {"a", "b"}
     assert set(one.plan.layer_of) <= {("a", "a"), ("a", "b"), ("b", "b")}
+
+
+def test_settings_are_those_that_the_engine_runs_with(tmp_path):
+    """What model.xml says counts, though the sidecar says otherwise."""
+    world = WORLDS["bouncing"]("mujoco")
+    folder = tmp_path / "files"
+    write_folder(compile_world(world, ["mujoco"])["mujoco"].files, folder)
+    path = folder / "model.xml"
+    text = path.read_text()
+    for before, after in (
+        ('iterations="100"', 'iterations="7"'),
+        ('solver="Newton"', 'solver="CG"'),
+        ('impratio="1000"', 'impratio="5"'),
+    ):
+        assert before in text
+        text = text.replace(before, after, 1)
+    path.write_text(text)
+    settings = dict(held(world, find_engine("mujoco"), folder).options.settings)
+    assert [settings[name] for name in ("iterations", "solver", "impratio", "high_impratio")] == [7, "cg", 5.0, 5.0]
+    assert settings["friction_rate"] == 100.0, "what is no option stands beside the file"

@@ -50,7 +50,10 @@ def held(world: World, engine: type[Engine], folder: Path) -> Held:
     Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
     """
     read = formats()[engine.FORMAT].read(folder)
-    settings = read_sidecar(folder)["settings"]
+    # what the engine's own file says counts, not what is said beside it
+    settings = read_sidecar(folder)["settings"] | {
+        name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")
+    }
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     cone = world.contact.friction_cone if "friction_cone" in read.unreadable else read.friction_cone
     timestep = world.physics.timestep if "timestep" in read.unreadable else read.timestep

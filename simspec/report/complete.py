@@ -1,0 +1,73 @@
+"""``simspec verify --self-test --complete``: what became of every change, as a table, as JSON and as a page's table."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from simspec.errors import EXIT_FAILED, EXIT_OK
+from simspec.report import terminal
+from simspec.report.plain import text
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from simspec.proof.complete import CompleteTest
+
+COLUMNS = ("planted", "caught", "refused", "inert", "missed")
+SHOWN = 40
+"""Missed changes that the terminal lists; ``--json`` has all."""
+
+
+def complete_self_test(engines: list[str], as_json: bool) -> int:
+    """Try every change that compiled files can suffer, and say what was missed."""
+    from simspec.proof.complete import complete_self_test as plant
+
+    found = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
+    if as_json:
+        rows = [
+            {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
+            for engine, kind, counts in found.rows()
+        ]
+        answer = {
+            "passed": found.passed,
+            "versions": found.versions,
+            "seconds": found.seconds,
+            "skipped": found.skipped,
+            "rows": rows,
+            "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(found)],
+            "mutations": found.verdicts,
+        }
+        sys.stdout.write(text(answer))
+    else:
+        screen = terminal.console()
+        screen.print(complete_table(found))
+        for one in found.missed[:SHOWN]:
+            screen.print(
+                f"MISSED {one.engine}, {one.world}: {one.file} {one.place}: {one.kind} {one.change} {one.why}",
+                markup=False,
+            )
+        if len(found.missed) > SHOWN:
+            screen.print(f"and {len(found.missed) - SHOWN} more: --json has them")
+        for where, why in found.skipped.items():
+            screen.print(f"{where}: {why}", markup=False)
+        planted, missed = found.count(), len(found.missed)
+        screen.print(f"missed {missed} of {planted} changes, in {found.seconds / 60.0:.0f} min")
+    return EXIT_OK if found.passed else EXIT_FAILED
+
+
+def complete_table(found: CompleteTest) -> Table:
+    """A row for each engine and kind of change."""
+    made = terminal.table("What becomes of every change", "engine", "change", *COLUMNS, right=range(2, 7))
+    for engine, kind, counts in found.rows():
+        made.add_row(engine, kind, *(str(count) for count in counts))
+    return made
+
+
+def inert_reasons(found: CompleteTest) -> list[tuple[str, str, int]]:
+    """(engine, reason, how many) of what is declared inert and was seen to be."""
+    counts = Counter((one.engine, one.why) for one in found.verdicts if one.verdict == "inert")
+    return [
+        (engine, why, count) for (engine, why), count in sorted(counts.items(), key=lambda row: (row[0][0], -row[1]))
+    ]
