@@ -192,6 +192,11 @@ TABLE = MutationTable(
                 *("spring_rest_position", "gravity", "init_pos", "init_vel", "mobile", "offset", "inertia"),
             )
         ),
+        Inert("time_step*", "DART's own 1 ms, which is the world's", ("sign", "element removed"), "*.skel"),
+        Inert("parent", "of a root: the world", ("element removed",), "*.skel"),
+        Inert("body", "DART discards a second one of the same name", ("element doubled",), "*.skel"),
+        Inert("joint", "DART discards a second one of the same body", ("element doubled",), "*.skel"),
+        Inert("skeleton/body", "DART leaves out a body without a joint", ("element added",), "*.skel"),
         *(Inert(site, NAMED, (), "*.skel") for site in ("world@name", "skel@version")),
         Inert("color*", SEEN, (), "*.skel"),
         Inert("visualization_shape*", SEEN, ("element removed", "swapped"), "*.skel"),

@@ -70,10 +70,17 @@ def check_sidecar(content: Mapping[str, Any]) -> None:
 def _check_filter(content: Mapping[str, Any]) -> None:
     classes = content["classes"]
     check_distinct((node for held in classes.values() for node in held), "sidecar.filter.classes")
-    check_known((name for pair in content["apart"] for name in pair), classes, "sidecar.filter.apart")
+    _check_used(classes, content["apart"], "sidecar.filter.classes")
     for one, other, layer in content["layers"]:
         if not (isinstance(one, str) and isinstance(other, str) and (layer is None or type(layer) is int)):
             raise ValueError(
                 f"sidecar.filter.layers has {[one, other, layer]!r}, should be two materials and a layer or null"
             )
     check_distinct(((one, other) for one, other, _ in content["layers"]), "sidecar.filter.layers")
+
+
+def _check_used(sets: Mapping[str, Any], pairs: Any, at: str) -> None:
+    """Sets of names are there for pairs of them: those that pairs name, and none is empty."""
+    used = {name for pair in pairs for name in pair}
+    if set(sets) != used or not all(sets.values()):
+        raise ValueError(f"{at} has {sorted(sets)}, none of them empty, for pairs of {sorted(used)}")
