@@ -9,6 +9,7 @@ import re
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.formats import skel_sidecar
 from simspec.formats.base import SIDECAR
 from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.proof.selftest_worlds import WORLDS
@@ -60,3 +61,32 @@ def test_what_is_not_is_refused(sound, change, said):
     change(content)
     with pytest.raises(ValueError, match=re.escape(said)):
         check_sidecar(content)
+
+
+@pytest.fixture(scope="module")
+def skel():
+    return json.loads(compile_world(WORLDS["surfaces"]("dart"), ["dart"])["dart"].files[SIDECAR])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda content: content["models"].pop(), "sidecar.models has 3 entries for 4 bodies"),
+        (
+            lambda content: content["shapes"][0]["surfaces"].append(content["shapes"][0]["surfaces"][0]),
+            "surfaces has 0 twice",
+        ),
+        (_set([], "filter", "classes", "more"), "sidecar.filter.classes"),
+        (_set({"more": []}, "groups"), "sidecar.groups"),
+        (_set([["ice", "rubber", "x"]], "filter", "layers"), "sidecar.filter.layers"),
+        (lambda content: content["excluded"].append(["floor", "nobody"]), "'nobody'"),
+        (_set("round", "friction_cone"), "'round'"),
+        (_set(None, "settings"), "sidecar.settings is None, should be an object"),
+    ],
+)
+def test_what_is_not_of_a_skel_is_refused(skel, change, said):
+    skel_sidecar.check_sidecar(skel)
+    content = copy.deepcopy(skel)
+    change(content)
+    with pytest.raises(ValueError, match=re.escape(said)):
+        skel_sidecar.check_sidecar(content)
