@@ -56,9 +56,7 @@ def check_sidecar(content: Mapping[str, Any]) -> None:
     check_known(content["enforce_limits"], bodies, "sidecar.enforce_limits")
     check_known((name for pair in content["excluded"] for name in pair), bodies, "sidecar.excluded")
     check_known((name for held in content["groups"].values() for name in held), bodies, "sidecar.groups")
-    check_known(
-        (name for pair in content["ignored_groups"] for name in pair), content["groups"], "sidecar.ignored_groups"
-    )
+    _check_used(content["groups"], content["ignored_groups"], "sidecar.groups")
     check_distinct((copy["node"] for copy in content["copies"]), "sidecar.copies")
     check_known((copy["body"] for copy in content["copies"]), bodies, "sidecar.copies")
     check_known((shape["body"] for shape in content["shapes"]), bodies, "sidecar.shapes")
