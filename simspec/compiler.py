@@ -17,6 +17,7 @@ from simspec.formats.contact_plan import (
     MOST_SPLIT_MATERIALS,
     ContactPlan,
     contact_plan,
+    impact_needs,
     meeting_laws,
     pair_needs,
     unreachable,
@@ -94,7 +95,7 @@ def _compile_engine(
 ) -> Compiled:
     file_format: Format = formats()[engine.FORMAT]
     table = combine(file_format.SUPPORT, engine.SUPPORT)
-    extra = () if plan is not None else pair_needs(world, engine.RULES)
+    extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     decisions = negotiate(world, engine.NAME, table, locate, extra)
     if plan is None and engine.LAYERS:
         _refuse_unreachable(world, engine)

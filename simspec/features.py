@@ -62,6 +62,7 @@ class Feature(StrEnum):
     HARDNESS_NATIVE = "contact.hardness.native"
     HARDNESS_PAIRS = "contact.hardness.pairs"
     PASSING_PAIRS = "contact.pairs.collide"
+    IMPACT_FRICTION = "contact.friction.impact"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
@@ -116,6 +117,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.HARDNESS_NATIVE: "contact as hard as the engine makes it by default: a declared difference",
     Feature.HARDNESS_PAIRS: "a hardness for each pair of materials",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
+    Feature.IMPACT_FRICTION: "friction of bodies that hit each other obliquely, in the step of the impact",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
@@ -147,15 +149,18 @@ class Support:
 
     ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
     unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
-    difference (then it counts as VIA_API, and needs no acceptance), or None. ``accepted_in`` gives what is approximate in
-    this world because the spec accepts the feature by name, or None; it is for what depends on more than the feature (which
-    shapes may meet), and which the format refuses by itself where it is not accepted.
+    difference (then it counts as VIA_API, and needs no acceptance), or None. ``outside_if``, for APPROXIMATE too, gives how
+    it is computed outside the engine where a setting of the spec asks for that (then it counts as OUTSIDE, asked for by
+    name), or None. ``accepted_in`` gives what is approximate in this world because the spec accepts the feature by name, or
+    None; it is for what depends on more than the feature (which shapes may meet), and which the format refuses by itself
+    where it is not accepted.
     """
 
     level: Level
     how: str = ""
     only_if: Callable[[World], str | None] | None = None
     exact_if: Callable[[World], str | None] | None = None
+    outside_if: Callable[[World], str | None] | None = None
     accepted_in: Callable[[World], str | None] | None = None
 
 
@@ -342,6 +347,9 @@ def negotiate(
             level, how = Level.UNSUPPORTED, reason
         if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
             level, how = Level.VIA_API, reason
+        asked = None if level is not Level.APPROXIMATE or support.outside_if is None else support.outside_if(world)
+        if asked is not None:
+            level, how = Level.OUTSIDE, asked
         if (
             level is not Level.UNSUPPORTED
             and support.accepted_in is not None
@@ -370,7 +378,7 @@ def negotiate(
                     hint=f"accept it by name: engines.{target}.accept: [{name}]",
                 )
             )
-        elif level is Level.OUTSIDE and name not in options.outside:
+        elif level is Level.OUTSIDE and asked is None and name not in options.outside:
             problems.append(
                 Problem(
                     f"{target} has no {name} of its own; simspec can compute it outside the engine: {how}{more}",

@@ -141,8 +141,11 @@ def with_options(base: World, engine: str, **options: tuple) -> World:
 
 
 MATERIAL = Material("default", 0.4, 0.0)
+MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
+"""What a world accepts in which something has friction and moves."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
+ROUGH = (MUJOCO, BULLET)
 
 
 def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
@@ -174,7 +177,7 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
         )
     contact = Contact(materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),))
     accepted = tuple(f"shape.{kind}" for kind in ("capsule", "cylinder", "ellipsoid", "plane"))
-    return world(tuple(bodies), "shapes", contact=contact, engines=(EngineOptions("dart", accept=accepted), BULLET))
+    return world(tuple(bodies), "shapes", contact=contact, engines=(EngineOptions("dart", accept=accepted), *ROUGH))
 
 
 def spheres(count: int = 8) -> World:
@@ -247,7 +250,7 @@ def gripper() -> World:
         ignored_groups=(("finger", "finger"),),
         excluded_bodies=(("bar", "palm"), ("left", "palm"), ("palm", "right")),
     )
-    return world(bodies, "gripper", contact=contact, engines=(BULLET,))
+    return world(bodies, "gripper", contact=contact, engines=ROUGH)
 
 
 def one_law(**law: object) -> World:
@@ -258,7 +261,8 @@ def one_law(**law: object) -> World:
         dataclasses.replace(body, shapes=tuple(dataclasses.replace(s, material="default") for s in body.shapes))
         for body in base.bodies
     )
-    return dataclasses.replace(base, bodies=bodies, contact=Contact(materials=(Material("default"),), pairs=(pair,)))
+    contact = Contact(materials=(Material("default"),), pairs=(pair,))
+    return dataclasses.replace(base, bodies=bodies, contact=contact, engines=(MUJOCO,))
 
 
 CONTACT_GAPS = {
@@ -301,4 +305,4 @@ def table(friction: dict[tuple[str, str], float], **law: object) -> World:
             bodies.append(Body(body, body, flat, joint, (shape,)))
     pairs = tuple(PairContact(first, second, value, 0.0, **law) for (first, second), value in sorted(friction.items()))
     contact = Contact(materials=tuple(Material(name, friction[name, name]) for name in names), pairs=pairs)
-    return world(tuple(bodies), "table", contact=contact, engines=(BULLET,))
+    return world(tuple(bodies), "table", contact=contact, engines=ROUGH)

@@ -158,6 +158,7 @@ class Dart(Engine):
         Feature.HARDNESS_NATIVE: Support(Level.EXACT, "DART's default is the common law"),
         Feature.HARDNESS_PAIRS: unsupported(_RIGID),
         Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
+        Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes",

@@ -138,6 +138,7 @@ class PyBullet(Engine):
         Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
+        Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(CONE, exact_if=only_balls_slide),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"

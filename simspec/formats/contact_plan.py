@@ -373,3 +373,18 @@ def pair_needs(world: World, rules: Rules) -> list[Need]:
         if rules.hardness == "same" and any(simple.numbers[name, 0].hardness != law.hardness for name in pair):
             found.setdefault(Feature.HARDNESS_PAIRS, {})[f"contact.pairs.{pair[0]}.{pair[1]}.hardness"] = None
     return [Need(feature, tuple(paths)) for feature, paths in found.items()]
+
+
+def impact_needs(world: World) -> list[Need]:
+    """The need of IMPACT_FRICTION: where two bodies that may touch, one of which moves, have friction under a rigid contact.
+
+    A compliant contact lasts many steps, and its friction is that of any slide; native contact is a declared difference.
+    """
+    paths = tuple(
+        f"contact.pairs.{first}.{second}.{quantity}"
+        for (first, second), law in meeting_laws(world).items()
+        if law.hardness.kind == "common"
+        for quantity in ("friction", "torsional_friction", "rolling_friction")
+        if getattr(law, quantity)
+    )
+    return [Need(Feature.IMPACT_FRICTION, paths)] if paths else []

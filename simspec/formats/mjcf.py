@@ -18,6 +18,7 @@ from simspec.formats.base import SIDECAR, Format, Target, environment, number, n
 from simspec.formats.mjcf_contact import (
     MATERIAL_CLASS,
     VISUAL_CLASS,
+    check_friction,
     check_laws,
     classes,
     contact_reference,
@@ -170,7 +171,7 @@ class Mjcf(Format):
 
     def emit(self, world: World, target: Target) -> dict[str, str]:
         """``model.xml`` and ``sidecar.json``. Raises UnsupportedError for what this world cannot have in MJCF."""
-        _check(world)
+        _check(world, target)
         moved, offsets = recentre_free_roots(world)
         order = depth_first(moved)
         masks, group_excludes = collision_masks(moved)
@@ -230,7 +231,7 @@ def world_name(name: str) -> str:
     return {there: here for here, there in RESERVED.items()}.get(name, name)
 
 
-def _check(world: World) -> None:
+def _check(world: World, target: Target) -> None:
     problems = [
         Problem(
             "MuJoCo has no hinge or slide whose lower and upper position limits are equal",
@@ -253,6 +254,7 @@ def _check(world: World) -> None:
         if limit == 0.0
     )
     problems.extend(check_laws(world))
+    problems.extend(check_friction(target))
     if problems:
         raise UnsupportedError(problems)
 

@@ -31,10 +31,11 @@ class CommonLaw:
 
     @classmethod
     def of(cls, timestep: float, settings: Mapping[str, Any]) -> CommonLaw:
-        """From a sidecar's settings; the two impedances are the rigid one, and friction's with its soft first touch."""
+        """From a sidecar's settings; the two impedances are the rigid one, and native friction's with its soft first touch."""
         high, cushion = float(settings["contact_impedance"]), float(settings["friction_cushion"])
         rigid = (high, high, 0.001, 0.5, 2.0)
-        return cls(timestep, float(settings["contact_error_reduction"]), (rigid, (0.01, high, cushion, 0.5, 2.0)))
+        soft = () if settings["friction"] == "coulomb" else ((0.01, high, cushion, 0.5, 2.0),)
+        return cls(timestep, float(settings["contact_error_reduction"]), (rigid, *soft))
 
 
 def surface(

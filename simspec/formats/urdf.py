@@ -112,6 +112,7 @@ class Urdf(Format):
         Feature.HARDNESS_NATIVE: via_api(_SIDECAR),
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
+        Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"

@@ -92,7 +92,7 @@ def model(engine: str) -> World:
         bodies,
         contact,
         PHYSICS,
-        engines=_options(engine, "contact.cone.elliptic", "joint.limits.position"),
+        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact", "joint.limits.position"),
     )
 
 
@@ -148,7 +148,7 @@ def bouncing(engine: str) -> World:
             (Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"),),
         ),
     )
-    options = _options(engine, "material.restitution")
+    options = _options(engine, "contact.friction.impact", "material.restitution")
     return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
 
 
@@ -182,7 +182,13 @@ def surfaces(engine: str) -> World:
             PairContact("rubber", "rubber", 0.2, 0.0),
         ),
     )
-    return World("self-test-surfaces", bodies, contact, PHYSICS, engines=_options(engine, "contact.cone.elliptic"))
+    return World(
+        "self-test-surfaces",
+        bodies,
+        contact,
+        PHYSICS,
+        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact"),
+    )
 
 
 def rolling(engine: str) -> World:
@@ -190,7 +196,7 @@ def rolling(engine: str) -> World:
     world = bouncing(engine)
     law = PairContact("rubber", "rubber", 0.5, 0.0, torsional_friction=0.01, rolling_friction=0.002)
     contact = Contact(materials=(Material("rubber", 0.5, 0.0, 0.01, 0.002),), pairs=(law,))
-    options = _options(engine, "material.friction.rolling", "material.friction.torsional")
+    options = _options(engine, "contact.friction.impact", "material.friction.rolling", "material.friction.torsional")
     return dataclasses.replace(world, name="self-test-rolling", contact=contact, engines=options)
 
 

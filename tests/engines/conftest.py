@@ -42,7 +42,7 @@ def loaded(name, tmp_path):
         for engine in alive:
             engine.close()
         alive.clear()
-        world = worlds.with_options(world, name, accept=accept, outside=outside)
+        world = worlds.with_options(world, name, accept=(*accept, "contact.friction.impact"), outside=outside)
         folder = tmp_path / str(len(list(tmp_path.iterdir())))
         write_folder(compile_world(world, [name])[name].files, folder)
         engine = find_engine(name)()

@@ -546,7 +546,9 @@ def test_every_setting_reaches_the_engine(load):
         "dry_friction_impedance": 0.97,
         "explicit_pairs_limit": 4,
     }
-    assert set(settings) == set(MuJoCo.SETTINGS)
+    assert set(settings) == set(MuJoCo.SETTINGS) - {
+        "friction"
+    }  # which excludes some of these: see test_mujoco_coulomb.py
     world = worlds.with_options(block(0.5, 0.0, 0.001), "mujoco", settings=tuple(settings.items()))
     arm = worlds.with_options(
         slider(0.001, 0.0, position_limits=(0.0, 1.0)), "mujoco", settings=tuple(settings.items())

@@ -60,6 +60,54 @@ def test_the_elliptic_cone_of_a_ball_is_refused_by_none(engine, tmp_path):
     compile_world(spec.resolve(), [engine], spec.locate)
 
 
+IMPACT = Feature.IMPACT_FRICTION.value
+UNSAID = BODIES.partition("engines:")[0]
+"""The bodies, without what is accepted of them."""
+
+
+def test_friction_that_is_missing_in_impacts_is_refused_where_it_is_written(tmp_path):
+    """File, line, and both ways out: accept it, or have it computed."""
+    pair = "  pairs:\n    - {between: [rubber, steel], friction: 0.7}"
+    path = written(tmp_path, pair, UNSAID)
+    (problem,) = refused(path, "mujoco")
+    assert (problem.location.file, problem.location.line) == (str(path), 6)
+    assert problem.path == "contact.pairs.rubber.steel.friction"
+    assert f"only approximately: {engines()['mujoco'].SUPPORT[Feature.IMPACT_FRICTION].how}" in problem.message
+    assert "settings: {friction: coulomb}" in problem.message
+    assert problem.hint == f"accept it by name: engines.mujoco.accept: [{IMPACT}]"
+    for way in (f"accept: [{IMPACT}]", "settings: {friction: coulomb}"):
+        spec = load(written(tmp_path, pair, f"{UNSAID}engines: {{mujoco: {{{way}}}}}\n"))
+        decisions = compile_world(spec.resolve(), ["mujoco"], spec.locate)["mujoco"].decisions
+        (level,) = [one.level for one in decisions if one.feature is Feature.IMPACT_FRICTION]
+        assert level is (Level.APPROXIMATE if "accept" in way else Level.OUTSIDE)
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        "  pairs:\n    - {between: [rubber, steel], friction: 0}",
+        "  pairs:\n    - {between: [rubber, steel], collide: false}",
+        "  exclude: [[ball, floor]]",
+        "  hardness: native",
+    ],
+    ids=["no friction", "passing materials", "excluded bodies", "native"],
+)
+def test_what_cannot_hit_obliquely_with_friction_need_not_accept_that(contact, tmp_path):
+    way = "engines: {mujoco: {accept: [contact.hardness.native]}}\n"  # a declared difference of its own
+    spec = load(written(tmp_path, contact, UNSAID + way))
+    compile_world(spec.resolve(), ["mujoco"], spec.locate)
+
+
+def test_the_solver_that_does_not_find_coulombs_law_is_refused(tmp_path):
+    way = "{settings: {friction: coulomb, solver: pgs}}"
+    (problem,) = refused(
+        written(tmp_path, "  friction_cone: elliptic", f"{UNSAID}engines: {{mujoco: {way}}}\n"), "mujoco"
+    )
+    assert "pgs" in problem.message
+    assert problem.location.line == 9
+    assert problem.hint == "solver: newton or cg"
+
+
 def test_every_cone_is_refused_by_some_engine():
     """So that the test above sees all refusals: no cone is exact in every engine, and each is in some."""
     assert set(CONES) == set(Contact.model_json_schema()["properties"]["friction_cone"]["enum"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from simspec.proof.contact.probe import FLOOR, Law
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, Vector3
@@ -26,11 +28,15 @@ def ball(
     at: Vector3,
     velocity: tuple[float, ...] = STILL,
     inertia: float | None = None,
+    material: str | None = None,
+    group: str = "default",
 ) -> Body:
-    """A free ball with its centre at ``at``; ``inertia`` (kg m²) about every axis, by default a solid ball's."""
+    """A free ball with its centre at ``at``; ``inertia`` (kg m²) about every axis, by default a solid ball's. ``material`` by
+    default the pair's second; ``group``: see :class:`Trial`."""
     own = 0.4 * mass * radius * radius if inertia is None else inertia
-    shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), law.pair.second)
-    return _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
+    shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), material or law.pair.second)
+    found = _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
+    return dataclasses.replace(found, collision_group=group)
 
 
 def box(

@@ -41,10 +41,14 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One probe world: its bodies in their initial state, and how they are driven."""
+    """One probe world: its bodies in their initial state, and how they are driven.
+
+    What moves meets the floor alone, but for bodies of the collision groups of ``meets``: those meet each other alone.
+    """
 
     bodies: tuple[Body, ...]
     phases: tuple[Phase, ...]
+    meets: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ All probe worlds of an engine run one after the other in one process; what was m
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from simspec.engines.process import Answer, Operation, Running, call, start
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import Check, failed
-from simspec.proof.contact import cache, compliance, friction, impact, size, spin
+from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
 from simspec.proof.contact.held import Held, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.scratch import scratch_folder
@@ -31,7 +32,7 @@ from simspec.world.kinematics import layout
 from simspec.world.types import Body, Physics, World
 
 LEVEL = "L5"
-PROBES: Mapping[str, Probe] = friction.PROBES | impact.PROBES | compliance.PROBES | spin.PROBES
+PROBES: Mapping[str, Probe] = friction.PROBES | impact.PROBES | oblique.PROBES | compliance.PROBES | spin.PROBES
 """Every probe of two materials, by name, in the order of reports."""
 MOVING = "probe"
 """Collision group of what moves in a probe world: only the floor is met."""
@@ -205,11 +206,16 @@ def _key(
 
 
 def _world(one: Held, law: Law, trial: Trial) -> World:
+    meeting = {group for pair in trial.meets for group in pair}
     bodies = tuple(
-        dataclasses.replace(body, collision_group=MOVING) if body.joint.kind != "fixed" else body
+        body
+        if body.joint.kind == "fixed" or body.collision_group in meeting
+        else dataclasses.replace(body, collision_group=MOVING)
         for body in trial.bodies
     )
-    contact = dataclasses.replace(one.contact, ignored_groups=((MOVING, MOVING),), excluded_bodies=_joined(bodies))
+    groups = sorted({MOVING, *meeting})
+    ignored = tuple(pair for pair in itertools.combinations_with_replacement(groups, 2) if pair not in set(trial.meets))
+    contact = dataclasses.replace(one.contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
     physics = Physics((0.0, 0.0, -GRAVITY), one.timestep, sum(phase.steps for phase in trial.phases))
     return World("contact-probe", bodies, contact, physics, engines=(one.options,))
 

@@ -1,0 +1,301 @@
+"""Contact probes of oblique impacts: friction in the one step in which a body hits another (see ``proof/contact/probe.py``).
+
+Balls and flat boxes land on a floor with a speed along it, and balls of unequal mass hit each other off-centre, all without
+spin. What an impact takes away of the speed along the surface follows from Coulomb's law for impulses (Routh 1905, Dynamics of
+a System of Rigid Bodies, ch. IV; Brach 1991, Mechanical Impact Dynamics, ch. 6). With the normal impulse m (1 + e) v, m the
+reduced mass and v the speed of approach, friction stops the slip u if it can, and opposes it by μ times the normal impulse if
+it cannot:
+
+    change of u  =  the projection of  s u  onto the cone's section of size  μ (1 + e) v
+
+with s = 1 for a body that does not turn, and s = 2/7 for solid balls, whose point of contact is moved by their spin too. The
+balls' spins change by 5/2 of that over their radius. A flat box does not turn: its corners arrive together, and share the
+impulse.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.proof.contact.bodies import ball, box, floor
+from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
+from simspec.proof.contact.law import project
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world.types import Body, Vector3
+
+APPROACH = 2.0
+"""m/s along the normal: a step's fall is half a percent of it at 1 ms, and all engines bounce at it."""
+FASTEST = 40.0
+"""m/s along the surface at most; beyond, the approach is slower (μ above 1.9 at e = 1)."""
+ABOVE_THRESHOLD = 2.0
+"""Approach over the threshold speed of restitution, at least."""
+REGIMES = {"slips": 1.6, "grips": 0.6}
+"""Friction that would stop the slip, over what there is: clearly above one and below."""
+TOLERANCE = 0.04
+"""Of the change of speed: what is promised at 1 ms. The lever of a contact amid an overlap of up to one step's way is up to 1 %
+short, taking back the overlap adds up to 1 % to the normal impulse, and e may be 0.03 off (see ``impact``)."""
+SHARE = {"box": 1.0, "ball": 2.0 / 7.0}
+"""s: the share of the slip that friction must take from the bodies' velocity to stop it."""
+SOLID = 2.5
+"""Of a solid ball, over its radius: change of spin over change of velocity."""
+
+LANDINGS = ((0.0, 0.1), (35.0, 0.4), (90.0, 0.7), (200.0, 0.9))
+"""Direction (degrees from the floor's x axis), and share of a step after which the body arrives."""
+MEETINGS = {
+    "elliptic": (((1.0, 0.0, 0.0), 0.0, 0.3), ((0.8, 0.36, 0.48), 35.0, 0.7)),
+    "pyramid-inscribed": (((1.0, 0.0, 0.0), 0.0, 0.3), ((1.0, 0.0, 0.0), 90.0, 0.7)),
+    "pyramid-circumscribed": (((1.0, 0.0, 0.0), 0.0, 0.3), ((1.0, 0.0, 0.0), 90.0, 0.7)),
+}
+"""By cone: direction from the first ball's centre to the second's as they touch, direction of the slip (degrees), share of a
+step. A pyramid's axes are the engine's own: along them alone the law is the same in all engines."""
+MASSES = (1.0, 3.0)
+"""kg: of the ball of the first material, and of the second's."""
+DRIFT = np.array([0.3, -0.2, 0.1])
+"""m/s: velocity of both balls' common centre of mass, which must not matter."""
+RADIUS, THICKNESS, WIDTH, MASS = 0.1, 0.02, 0.2, 1.0
+"""m, kg: of what lands, at least."""
+WAYS = 50.0
+"""Radius over the way of one step, at least: it keeps the lever within 1 % at any timestep."""
+THICK_WAYS = 4.0
+"""The same of a box's thickness, so that its centre stays above the floor."""
+STEPS_BEFORE, STEPS_AFTER = 2, 8
+"""Whole steps of flight before the one that arrives, and steps from there on."""
+SPACING = 6.0
+"""Radii between bodies, beside the ways that they go: those of a world do not meet but as they are meant to."""
+STRIKER, STRUCK = "striker", "struck"
+"""Collision groups of the balls that hit each other."""
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One body that lands, or two balls that hit each other: names of the bodies, and what they do."""
+
+    bodies: tuple[str, ...]
+    shape: str
+    regime: str
+    degrees: float
+    phase: float
+    normal: Vector3 = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True)
+class _Hit:
+    """What a case shows: vectors along the surface (2,), in m/s, as the law wants them and as they were, and the ratio of
+    separation to approach."""
+
+    expected: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray | None
+    ratio: float
+
+
+class Oblique(Probe):
+    """Balls and flat boxes that land obliquely, and balls that hit each other off-centre."""
+
+    NAME = "oblique"
+    SEPARATION = "oblique-separation"
+    """The name of the figures along the normal: friction must not change how bodies part."""
+    MEANING = "speed and spin that an oblique impact takes and gives, against Coulomb's law for impulses"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.hardness.kind == "common" and law.pair.friction > 0.0
+
+    def approach(self, law: Law) -> float:
+        """Speed (m/s) along the normal."""
+        fastest = self._demand(law, 1.0, "slips", "ball")
+        return max(
+            APPROACH * min(1.0, FASTEST / (APPROACH * fastest)), ABOVE_THRESHOLD * law.pair.restitution_threshold
+        )
+
+    def _demand(self, law: Law, approach: float, regime: str, shape: str) -> float:
+        """Speed (m/s) along the surface of a regime."""
+        return REGIMES[regime] * law.pair.friction * (1.0 + law.pair.restitution) * approach / SHARE[shape]
+
+    def shapes(self, law: Law) -> tuple[str, ...]:
+        """Rolling friction is a torque that spin meets, which the closed form of balls has no place for."""
+        return ("box",) if law.pair.rolling_friction else ("box", "ball")
+
+    def landings(self, law: Law) -> list[_Case]:
+        return [
+            _Case((f"{shape}_{regime}_{index}",), shape, regime, *landing)
+            for shape in self.shapes(law)
+            for regime in REGIMES
+            for index, landing in enumerate(LANDINGS)
+        ]
+
+    def meetings(self, law: Law) -> list[_Case]:
+        if "ball" not in self.shapes(law):
+            return []
+        return [
+            _Case((f"one_{regime}_{index}", f"other_{regime}_{index}"), "ball", regime, degrees, phase, normal)
+            for regime in REGIMES
+            for index, (normal, degrees, phase) in enumerate(MEETINGS[law.friction_cone])
+        ]
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        phases = (Phase(STEPS_BEFORE + STEPS_AFTER),)
+        landing = [floor(law), *(self._landing(law, case, index) for index, case in enumerate(self.landings(law)))]
+        found = [Trial(tuple(landing), phases)]
+        if meetings := self.meetings(law):
+            balls = [one for index, case in enumerate(meetings) for one in self._meeting(law, case, index)]
+            found.append(Trial(tuple(balls), phases, meets=((STRIKER, STRUCK),)))
+        return found
+
+    def _landing(self, law: Law, case: _Case, index: int) -> Body:
+        dt, approach = law.timestep, self.approach(law)
+        speed = self._demand(law, approach, case.regime, case.shape)
+        start = approach - (STEPS_BEFORE + 1) * GRAVITY * dt
+        flown = sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + case.phase * approach
+        along = speed * _direction(case.degrees)
+        velocity = (float(along[0]), float(along[1]), -start, 0.0, 0.0, 0.0)
+        spacing = SPACING * self.radius(law, approach) + self._ways(law)
+        x, y = spacing * (index % 4), spacing * (index // 4)
+        (name,) = case.bodies
+        if case.shape == "ball":
+            radius = self.radius(law, approach)
+            return ball(law, name, radius, MASS, (x, y, radius + flown * dt), velocity)
+        size = max(1.0, THICK_WAYS * approach * dt / THICKNESS)
+        height = size * THICKNESS
+        return box(law, name, (size * WIDTH, size * WIDTH, height), MASS, (x, y, height / 2 + flown * dt), velocity)
+
+    def radius(self, law: Law, speed: float) -> float:
+        """Of a ball (m) that comes at this speed."""
+        return max(RADIUS, WAYS * speed * law.timestep)
+
+    def _ways(self, law: Law) -> float:
+        """How far (m) two bodies that go apart can go in a trial."""
+        return 2.0 * FASTEST * law.timestep * (STEPS_BEFORE + STEPS_AFTER)
+
+    def _meeting(self, law: Law, case: _Case, index: int) -> Iterator[Body]:
+        approach = self.approach(law)
+        normal, axes = _frame(case.normal)
+        slip = self._demand(law, approach, case.regime, case.shape) * _direction(case.degrees) @ axes
+        relative = approach * normal + slip  # of the first, seen from the second
+        radius = self.radius(law, float(np.linalg.norm(relative)))
+        apart = -2.0 * radius * normal - relative * law.timestep * (STEPS_BEFORE + case.phase)
+        spacing = SPACING * self.radius(law, FASTEST + approach) + self._ways(law)
+        centre = np.array([0.0, index * spacing, 0.0])
+        shares = (MASSES[1] / sum(MASSES), -MASSES[0] / sum(MASSES))
+        for name, material, mass, share, group in zip(
+            case.bodies, (law.pair.first, law.pair.second), MASSES, shares, (STRIKER, STRUCK), strict=True
+        ):
+            place, velocity = centre + share * apart, DRIFT + share * relative
+            still = (*velocity.tolist(), 0.0, 0.0, 0.0)
+            yield ball(law, name, radius, mass, tuple(place.tolist()), still, material=material, group=group)
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        hits = [(case, self._landed(law, case, motions[0])) for case in self.landings(law)]
+        hits += [(case, self._met(law, case, motions[1])) for case in self.meetings(law)]
+        groups: dict[str, list[tuple[_Case, _Hit]]] = {}
+        for case, hit in hits:
+            what = (
+                f"a {case.shape} on the floor" if len(case.bodies) == 1 else "a ball on a ball of three times its mass"
+            )
+            groups.setdefault(f"{what} that {case.regime}", []).append((case, hit))
+        return [figure for text, group in groups.items() for figure in self._figures(law, text, group)]
+
+    def _figures(self, law: Law, text: str, group: Sequence[tuple[_Case, _Hit]]) -> Iterator[Figure]:
+        """Of each quantity the case that is furthest off."""
+        for quantity in ("velocity", "spin"):
+            worst: tuple[float, float, float, _Case] | None = None
+            for case, hit in group:
+                measured = hit.velocity if quantity == "velocity" else hit.spin
+                if measured is None:
+                    continue
+                size, off = float(np.linalg.norm(hit.expected)), float(np.linalg.norm(measured - hit.expected))
+                sign = 1.0 if np.linalg.norm(measured) >= size else -1.0
+                if worst is None or not off / size <= worst[0]:
+                    worst = (off / size, size, size + sign * off, case)
+            if worst is not None:
+                _, expected, found, case = worst
+                named = f"{text}, worst at {case.degrees:g}°"
+                # spin as what it is of a velocity, so that both are in one unit
+                yield Figure(
+                    self.NAME,
+                    subject(law),
+                    named,
+                    f"change of {quantity}",
+                    "m/s",
+                    expected,
+                    found,
+                    TOLERANCE * expected,
+                )
+        e = law.pair.restitution
+        case, hit = max(group, key=lambda one: math.inf if math.isnan(one[1].ratio) else abs(one[1].ratio - e))
+        named = f"{text}, worst at {case.degrees:g}°"
+        yield Figure(self.SEPARATION, subject(law), named, "ratio", "", e, hit.ratio, RESTITUTION_TOLERANCE)
+
+    def _landed(self, law: Law, case: _Case, motion: Motion) -> _Hit:
+        (name,) = case.bodies
+        velocity = motion.velocity[name]
+        approach = self.approach(law)
+        begin = impact_begins(velocity[:, :3], law.timestep)
+        end = impact_ends(velocity[:, 2], begin)
+        fallen = GRAVITY * law.timestep
+        fall = -float(velocity[begin, 2])
+        normal = (1.0 + law.pair.restitution) * fall + fallen * (end - begin)
+        expected = project(SHARE[case.shape] * velocity[begin, :2], law.pair.friction * normal, law.friction_cone)
+        spin = None
+        if case.shape == "ball":
+            turned = velocity[end, 3:] - velocity[begin, 3:]
+            spin = self.radius(law, approach) / SOLID * np.array([turned[1], -turned[0]])  # ω = (5/2r) z × change
+        ratio = float(velocity[end, 2] + fallen * (end - begin - 1)) / fall  # one step leaves gravity no time
+        return _Hit(expected, velocity[begin, :2] - velocity[end, :2], spin, ratio)
+
+    def _met(self, law: Law, case: _Case, motion: Motion) -> _Hit:
+        one, other = (motion.velocity[name] for name in case.bodies)
+        relative = one[:, :3] - other[:, :3]
+        begin = impact_begins(relative, law.timestep)
+        apart = motion.pose[case.bodies[1]][begin, :3] - motion.pose[case.bodies[0]][begin, :3]
+        normal, axes = _frame(tuple((apart / np.linalg.norm(apart)).tolist()))
+        end = impact_ends(-relative @ normal, begin)
+        approach = float(relative[begin] @ normal)
+        size = law.pair.friction * (1.0 + law.pair.restitution) * approach
+        expected = project(SHARE["ball"] * axes @ relative[begin], size, law.friction_cone)
+        reduced = MASSES[0] * MASSES[1] / sum(MASSES)
+        radius = float(np.linalg.norm(apart)) / 2.0
+        velocities, spins = [], []
+        # m Δv = ∓ J and (2/5) m r Δω = −n × J: what either ball shows of the one impulse, over the reduced mass
+        for body, mass, sign in ((one, MASSES[0], -1.0), (other, MASSES[1], 1.0)):
+            change = body[end] - body[begin]
+            fallen = np.array([0.0, 0.0, GRAVITY * law.timestep * (end - begin)])
+            velocities.append(sign * mass / reduced * axes @ (change[:3] + fallen))
+            spins.append(mass / reduced * radius / SOLID * axes @ np.cross(normal, change[3:]))
+        far = [max(some, key=lambda found: float(np.linalg.norm(found - expected))) for some in (velocities, spins)]
+        return _Hit(expected, far[0], far[1], -float(relative[end] @ normal) / approach)
+
+
+def impact_begins(velocity: np.ndarray, timestep: float) -> int:
+    """The last step before an impact, from velocities (n, 3) at every step: the first that changes by more than steps' falls
+    and ``TURNED`` of the largest change."""
+    sizes = np.nan_to_num(np.linalg.norm(np.diff(velocity, axis=0), axis=1), nan=math.inf)
+    return int(np.argmax(sizes > TURNED * sizes.max() + 2.0 * GRAVITY * timestep))
+
+
+def impact_ends(speed: np.ndarray, begin: int) -> int:
+    """The first step after an impact, from the speeds (n,) along its normal: it goes on while steps add more than ``TURNED`` of
+    what the first step added."""
+    change = np.diff(speed)
+    end = begin + 1
+    while end < len(change) and change[end] > TURNED * change[begin]:
+        end += 1
+    return end
+
+
+def _direction(degrees: float) -> np.ndarray:
+    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+
+
+def _frame(normal: Vector3) -> tuple[np.ndarray, np.ndarray]:
+    """The unit normal (3,), and two axes (2, 3) across it, the first horizontal."""
+    unit = np.array(normal) / math.sqrt(sum(part * part for part in normal))
+    first = np.cross([0.0, 0.0, 1.0], unit)
+    first /= np.linalg.norm(first)
+    return unit, np.array([first, np.cross(unit, first)])
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Oblique(),)}
