@@ -36,7 +36,10 @@ def world_of(name: str, duration: float, bodies: dict):
         },
         "bodies": {"ground": {"fixed": True, "shapes": [floor]}, **bodies},
         "record": {"every": 0.01, "channels": ["pose", "velocity", "contacts"]},
-        "engines": {"pybullet": {"accept": ["contact.cone.elliptic"]}},
+        "engines": {
+            "mujoco": {"accept": ["contact.friction.impact"]},
+            "pybullet": {"accept": ["contact.cone.elliptic"]},
+        },
     }
     return simspec.Spec.from_data(data).resolve()
 

@@ -36,7 +36,7 @@ WRONG = {
         "mujoco",
         (
             "contact.friction_cone=pyramid-inscribed",
-            "engines.mujoco.accept=[contact.cone.pyramid-inscribed]",
+            "engines.mujoco.accept=[contact.cone.pyramid-inscribed, contact.friction.impact]",
         ),
     ),
     "tripod, a circumscribed pyramid": ("tripod", "pybullet", ("contact.friction_cone=pyramid-circumscribed",)),
@@ -45,7 +45,7 @@ WRONG = {
         "mujoco",
         (
             "contact.friction_cone=pyramid-inscribed",
-            "engines.mujoco.accept=[contact.cone.pyramid-inscribed]",
+            "engines.mujoco.accept=[contact.cone.pyramid-inscribed, contact.friction.impact]",
         ),
     ),
     "ramp-grid, one pair": ("ramp-grid", "pybullet", ("contact.pairs.1.friction=0.5",)),

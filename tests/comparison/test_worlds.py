@@ -45,7 +45,7 @@ def test_added_and_removed_bodies_are_one_change_each():
 
 
 def test_everything_else_that_a_world_says():
-    one = worlds.gripper()
+    one = dataclasses.replace(worlds.gripper(), engines=(worlds.BULLET,))
     other = dataclasses.replace(
         one,
         physics=Physics((0.0, 0.0, -1.62), 0.001, 2000),

@@ -218,7 +218,7 @@ def test_probes_have_the_world_wide_numbers_of_the_scenario(tmp_path):
         for pair in world.contact.pairs
     )
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=rolling))
-    world = worlds.with_options(world, "mujoco", accept=("material.friction.rolling",))
+    world = worlds.with_options(world, "mujoco", accept=("contact.friction.impact", "material.friction.rolling"))
     files = written(world, "mujoco", tmp_path / "scenario")
     option = ElementTree.fromstring((files / "model.xml").read_text()).find("option")
     _, found = pairs_in_probe(world, tmp_path / "rolling")

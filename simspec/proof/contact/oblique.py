@@ -175,7 +175,7 @@ class Oblique(Probe):
         normal, axes = _frame(case.normal)
         slip = self._demand(law, approach, case.regime, case.shape) * _direction(case.degrees) @ axes
         relative = approach * normal + slip  # of the first, seen from the second
-        radius = self.radius(law, float(np.linalg.norm(relative)))
+        radius = self.radius(law, math.hypot(approach, float(np.linalg.norm(slip))))
         apart = -2.0 * radius * normal - relative * law.timestep * (STEPS_BEFORE + case.phase)
         spacing = SPACING * self.radius(law, FASTEST + approach) + self._ways(law)
         centre = np.array([0.0, index * spacing, 0.0])
@@ -257,7 +257,9 @@ class Oblique(Probe):
         size = law.pair.friction * (1.0 + law.pair.restitution) * approach
         expected = project(SHARE["ball"] * axes @ relative[begin], size, law.friction_cone)
         reduced = MASSES[0] * MASSES[1] / sum(MASSES)
-        radius = float(np.linalg.norm(apart)) / 2.0
+        radius = self.radius(
+            law, math.hypot(self.approach(law), self._demand(law, self.approach(law), case.regime, "ball"))
+        )
         velocities, spins = [], []
         # m Δv = ∓ J and (2/5) m r Δω = −n × J: what either ball shows of the one impulse, over the reduced mass
         for body, mass, sign in ((one, MASSES[0], -1.0), (other, MASSES[1], 1.0)):
