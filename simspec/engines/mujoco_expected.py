@@ -90,6 +90,11 @@ class _Expected:
     def _sleeping(self) -> bool:
         return bool(self.settings["sleeping"])
 
+    @property
+    def _coulomb(self) -> bool:
+        """Whether friction obeys Coulomb's law, which needs neither a cushion nor a rate."""
+        return self.settings["friction"] == "coulomb"
+
     def _impratio(self) -> float:
         soft = any(
             law.torsional_friction or law.rolling_friction or (law.friction and law.hardness.kind in COMPLIANT)
@@ -212,7 +217,8 @@ class _Expected:
         taken_back, bounce = float(self.settings["contact_error_reduction"]), held.restitution or 0.0
         solref = (-taken_back / self.dt**2, -(1.0 + bounce) / self.dt)
         depth = float(self.settings["friction_cushion"])
-        soft = cushion and depth and held.friction and not bounce and self.world.contact.friction_cone == "elliptic"
+        cushioned = cushion and not self._coulomb and self.world.contact.friction_cone == "elliptic"
+        soft = cushioned and depth and held.friction and not bounce
         return solref, ((CUSHION, high, depth, 0.5, 2.0) if soft else _flat_impedance(high))
 
     @staticmethod
@@ -240,12 +246,11 @@ class _Expected:
         must, may = [], []
         for pair, law in self.laws.items():
             kind = law.hardness.kind
-            if (
-                pair in self.plan.missed
-                or kind == "stiffness"
-                or (kind in COMPLIANT and law.friction)
-                or (law.friction and law.restitution and elliptic)
-            ):
+            if pair in self.plan.missed or kind == "stiffness":
+                must.append(pair)
+            elif self._coulomb:
+                continue
+            elif law.friction and (kind in COMPLIANT or (law.restitution and elliptic)):
                 must.append(pair)
             elif elliptic and law.friction and kind != "native":
                 may.append(pair)
@@ -274,6 +279,8 @@ class _Expected:
         """1/s at which friction takes back slip."""
         if kind == "native":
             return 0.0
+        if self._coulomb:
+            return 1.0 / self.dt
         most = float(self.settings["friction_share"]) / self.dt
         return most * SOFT if kind in COMPLIANT else min(most, float(self.settings["friction_rate"]))
 

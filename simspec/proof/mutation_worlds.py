@@ -80,7 +80,7 @@ def shapes(engine: str) -> World:
     )
     law = PairContact("stone", "stone", 0.4, 0.0)
     contact = Contact(materials=(Material("stone", 0.4),), pairs=(law,), excluded_bodies=(("knob", "toy"),))
-    accept = tuple(sorted(("contact.cone.elliptic", "shape.cylinder", "shape.plane")))
+    accept = tuple(sorted(("contact.cone.elliptic", "contact.friction.impact", "shape.cylinder", "shape.plane")))
     options = EngineOptions(engine, accept=accept)
     return World("self-test-shapes", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
@@ -104,7 +104,9 @@ def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
         world = uneven("bouncing")(engine)
         law = PairContact("rubber", "rubber", 0.5, 0.0, hardness=hardness)
         contact = dataclasses.replace(world.contact, materials=(Material("rubber", 0.5),), pairs=(law,))
-        options = EngineOptions(engine, accept=("contact.cone.elliptic", f"contact.hardness.{kind}"))
+        options = EngineOptions(
+            engine, accept=("contact.cone.elliptic", "contact.friction.impact", f"contact.hardness.{kind}")
+        )
         return dataclasses.replace(world, name=f"self-test-{kind}", contact=contact, engines=(options,))
 
     return made
@@ -116,7 +118,7 @@ def cone(name: str) -> Callable[[str], World]:
     def made(engine: str) -> World:
         world = hard("common", Hardness())(engine)
         contact = dataclasses.replace(world.contact, friction_cone=name)
-        options = EngineOptions(engine, accept=(f"contact.cone.{name}",))
+        options = EngineOptions(engine, accept=(f"contact.cone.{name}", "contact.friction.impact"))
         return dataclasses.replace(world, name=f"self-test-{name}", contact=contact, engines=(options,))
 
     return made

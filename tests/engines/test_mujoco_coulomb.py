@@ -14,6 +14,7 @@ from simspec.engines import mujoco_coulomb
 from simspec.engines.mujoco import MuJoCo
 from simspec.engines.worker import OPERATIONS
 from simspec.formats.base import read_sidecar
+from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact import friction, run
 from simspec.proof.contact.probe import Motion
 from simspec.world.types import Body, Hardness, Inertial, Joint, Material, Pose, Shape
@@ -294,6 +295,18 @@ def test_files_say_the_mode_and_its_numbers(tmp_path):
     own = compile_world(scene(box("one", (0.0, 0.0, 0.02))), ["mujoco"])["mujoco"].files
     assert "0.01 0.999 0.0001" in own["model.xml"]
     assert json.loads(own["sidecar.json"])["settings"]["friction"] == "native"
+
+
+def test_what_the_engine_holds_is_what_the_mode_asks_for(load):
+    """Every number of the engine, as part of the proof compares it."""
+    body = box("one", (0.0, 0.0, 0.02))
+    for world in (scene(body), scene(body, restitution=0.3), scene(body, cone="pyramid-inscribed")):
+        for one in (world, coulomb(world)):
+            engine = load(one)
+            held = engine.read_back()
+            checks = compare(one, held, MuJoCo.RULES, MuJoCo.LAYERS)
+            checks += inventory_checks(MuJoCo.expected_inventory(one, held.neutral), held.inventory)
+            assert [check for check in checks if not check.passed] == []
 
 
 def test_what_did_not_converge_is_counted_and_said(load, monkeypatch):

@@ -61,7 +61,8 @@ def held(world, folder, edit=lambda text: text):
 def with_hardness(name, hardness):
     world = WORLDS[name]("mujoco")
     pairs = tuple(dataclasses.replace(pair, hardness=hardness, restitution=0.0) for pair in world.contact.pairs)
-    accept = EngineOptions("mujoco", accept=("contact.hardness.native", "contact.hardness.time-constant"))
+    accepted = ("contact.friction.impact", "contact.hardness.native", "contact.hardness.time-constant")
+    accept = EngineOptions("mujoco", accept=accepted)
     return dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs), engines=(accept,))
 
 
