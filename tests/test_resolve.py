@@ -418,6 +418,37 @@ def test_an_array_of_models_is_laid_out_in_the_frame_of_its_pose():
     assert second.joint.position[:3] == pytest.approx((1, 7, 0), abs=1e-14)  # rounding of two turns, at 7 m
 
 
+def test_a_velocity_is_in_the_axes_that_the_pose_is_in():
+    """Of a loose body that is the world, whatever the body's own pose turns; its array does not turn it either."""
+    turned = {"pose": {"rpy": [0, 0, "90 deg"]}, "velocity": {"linear": [1, 0, 0], "angular": [0, 1, 0]}}
+    ring = {"array": {"ring": 4, "radius": 1, "face": True}}
+    found = world({"a": SOLID | turned, "b": SOLID | turned | ring})
+    assert {body.joint.velocity for body in found.bodies} == {(1, 0, 0, 0, 1, 0)}
+    # in a model the same words are in the model's axes, and alone in its file these are the world's
+    alone = Spec.from_data({"name": "m", "model": {"bodies": {"a": SOLID | turned}}}).resolve()
+    assert alone.bodies[0].joint.velocity == (1, 0, 0, 0, 1, 0)
+
+
+def test_implied_names_give_way_to_given_ones():
+    hinge = {"type": "hinge", "axis": [0, 0, 1]}
+    ball = {"sphere": {"radius": 0.1}}
+    found = world(
+        {
+            "base": {
+                **SOLID,
+                "joint": {**hinge, "name": "base_footprint_joint"},
+                "shapes": [{**ball, "name": "arm_0"}],
+            },
+            "base_footprint": {**SOLID, "parent": "base", "joint": hinge},
+            "arm": {**SOLID, "parent": "base", "joint": {**hinge}, "shapes": [ball, ball]},
+        }
+    )
+    assert [body.joint.name for body in found.bodies] == [
+        *("base_footprint_joint", "base_footprint_joint_2", "arm_joint"),
+    ]
+    assert [shape.name for body in found.bodies for shape in body.shapes] == ["arm_0", "arm_0_2", "arm_1"]
+
+
 def test_a_model_that_is_turned_takes_its_velocity_with_it():
     thrown = {**SOLID, "velocity": {"linear": [1, 0, 0], "angular": [0, 1, 0]}}
     models = {

@@ -8,7 +8,7 @@ from simspec.errors import SpecError
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
-from simspec.resolve.scenario import engines, expectations, physics, record, shortened
+from simspec.resolve.scenario import engines, expectations, fixed_for_ever, physics, record, shortened
 from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
 from simspec.spec.load import Spec
@@ -48,6 +48,7 @@ def resolve(spec: Spec) -> World:
     if problems:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)
-    if problems := unstable_joints(spec.source, world) or unstable(spec.source, world):
+    problems = unstable_joints(spec.source, world) or unstable(spec.source, world)
+    if problems := [*problems, *fixed_for_ever(spec.source, world)]:
         raise SpecError(in_order(problems))
     return world

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
@@ -117,6 +117,7 @@ class _Tree:
 def _trees(bodies: Bodies, only: str | None) -> Iterator[_Tree]:
     own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
     only = next(iter(own)) if len(own) == 1 else only
+    shape_names = {shape.name for spec in bodies.typed.values() if spec is not None for shape in spec.shapes}
     current: list[Body] = []
     named: set[str] = set()
     root: SpecBody | None = None
@@ -129,7 +130,7 @@ def _trees(bodies: Bodies, only: str | None) -> Iterator[_Tree]:
         if spec.joint is not None and spec.joint.name is not None:
             named.add(spec.joint.name)
         named.update(shape.name for shape in spec.shapes if shape.name is not None)
-        current.append(_body(name, spec, bodies, only))
+        current.append(_body(name, spec, bodies, only, shape_names))
     if root is not None:
         yield _tree(current, named, root)
 
@@ -143,8 +144,10 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> _Tree:
     return _Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
 
 
-def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None) -> Body:
-    shapes = tuple(_shape(f"{name}_{index}", shape, only) for index, shape in enumerate(spec.shapes))
+def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str | None]) -> Body:
+    shapes = tuple(
+        _shape(trees.unused(f"{name}_{index}", taken), shape, only) for index, shape in enumerate(spec.shapes)
+    )
     joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
     return Body(name, "", _inertial(spec, shapes), joint, shapes, spec.collision_group)
 
@@ -241,17 +244,24 @@ def _copy(
     found = []
     for index, body in enumerate(tree.bodies):
         joint, name = body.joint, own(body.name)
-        joint_name = own(joint.name) if joint.name in tree.own_names else f"{name}_joint"
+        joint_name = own(joint.name) if joint.name in tree.own_names else _implied(joint.name, body.name, name)
         if index == 0:
             joint = _root_joint(joint, place, velocity)
         parent = None if joint.parent is None else own(joint.parent)
         joint = replace(joint, name=joint_name, parent=parent)
         shapes = tuple(
-            replace(shape, name=own(shape.name) if shape.name in tree.own_names else f"{name}_{number}")
-            for number, shape in enumerate(body.shapes)
+            replace(
+                shape, name=own(shape.name) if shape.name in tree.own_names else _implied(shape.name, body.name, name)
+            )
+            for shape in body.shapes
         )
         found.append(Body(name, model, body.inertial, joint, shapes, body.collision_group))
     return found
+
+
+def _implied(name: str, body: str, full: str) -> str:
+    """The implied name of a joint or shape of ``body``, whose full name is ``full``: `<body>_joint`, `<body>_0`."""
+    return f"{full}{name.removeprefix(body)}"
 
 
 def _root_joint(joint: Joint, place: Pose, velocity: tuple[Vector3, Vector3]) -> Joint:
@@ -302,7 +312,7 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
             where = frames.compose(frame, element)
             if use.velocity is not None:
                 velocity = (use.velocity.linear, use.velocity.angular)
-            else:  # a model that is placed turned moves turned
+            else:  # the root's own is in the model's axes, as its pose is: a model that is placed turned moves turned
                 velocity = tuple(frames.rotate(where.quaternion, one) for one in tree.velocity)
             place = frames.compose(where, tree.placement)
             copied = _copy(tree, f"{model}/", "", model, place, velocity)

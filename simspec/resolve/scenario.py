@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from simspec.errors import Problem
 from simspec.spec.expectations import BODIES, KINDS, TIMES, Kind
@@ -14,7 +16,8 @@ from simspec.spec.models import Record as SpecRecord
 from simspec.spec.models import whole_steps
 from simspec.spec.sources import Source
 from simspec.spec.strict import near
-from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record
+from simspec.world.kinematics import poses, rigid_groups
+from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
 
 
 def physics(given: SpecPhysics) -> Physics:
@@ -82,9 +85,19 @@ def expectations(
         asked = time == whole or not _later(KINDS[kind], values, time)
         for name in TIMES:
             if name in values and (why := _not_recorded(values[name], time if asked else whole, recorded)):
-                problems.append(
-                    source.document.problem((*path, name), why[0], found=f"{values[name]:g} s", allowed=why[1])
+                end = (time if asked else whole).steps * time.timestep
+                late = values[name] > end
+                hint = (
+                    f"a longer physics.duration, or --set {'.'.join(map(str, (*path, name)))}={end:g}s"
+                    if late
+                    else None
                 )
+                found_at = f"{values[name]:g} s"
+                problems.append(
+                    source.document.problem((*path, name), why[0], found=found_at, allowed=why[1], hint=hint)
+                )
+        for place, message, more in _never(kind, values, bodies, time, recorded, bool(source.file.control)):
+            problems.append(source.document.problem((*path, *place), f"this can never pass: {message}", **more))
         if kind == "momentum_conserved" and any(time.gravity):
             shown = ", ".join(f"{value:g}" for value in time.gravity)
             message = "momentum is conserved without gravity only"
@@ -92,6 +105,86 @@ def expectations(
         if asked:
             found.append(Expectation(kind, tuple(sorted(values.items()))))
     return tuple(found), problems
+
+
+def _never(
+    kind: str, values: Mapping[str, Any], bodies: Sequence[Body], time: Physics, recorded: Record, driven: bool
+) -> Iterator[tuple[tuple[str, ...], str, dict[str, str]]]:
+    """Why an expectation fails in every run (place, message, more): a run could not be measured for it."""
+    if kind == "no_penetration_deeper_than" and "contacts" not in recorded.channels:
+        yield (), "contacts are not recorded", {"hint": "add contacts to record.channels"}
+    if kind == "keeps_place" and values.get("until") is not None and values["until"] < values["after"]:
+        yield ("until",), "until is before after", {"found": f"{values['until']:g} s < {values['after']:g} s"}
+    if kind == "apex_height" and values["after"] >= time.steps * time.timestep > 0.0:
+        yield ("after",), "nothing comes after the end of the run", {"found": f"{values['after']:g} s"}
+    if kind != "follows_oracle":
+        return
+    if driven:
+        hint = "leave it out; proof level L7 holds the controllers against the oracle"
+        yield (), "the oracle's motion knows no control, and this scenario has controllers", {"hint": hint}
+    if rough := [body.joint.name for body in bodies if body.joint.dry_friction]:
+        shown = ", ".join(rough[:6]) + (", ..." if len(rough) > 6 else "")
+        yield (), "the oracle's motion knows no dry friction", {"found": shown, "hint": "leave it out, or dry_friction"}
+    until = values.get("until")
+    last = time.steps if until is None else round(until / time.timestep)
+    if last < min(recorded.every_steps, time.steps) or not time.steps:
+        hint = "a longer physics.duration" if until is None else "a later until, or a shorter record.every"
+        yield (), "no motion is recorded up to then", {"hint": hint}
+
+
+def fixed_for_ever(source: Source, world: World) -> list[Problem]:
+    """The problems of expectations that the initial state decides: of bodies that cannot move, and of places that count from
+    the beginning on."""
+    start = {name: np.array(pose.position) for name, pose in poses(world).items()}
+    still = {name for name, group in rigid_groups(world).items() if group == "world"}
+    problems = []
+    for index, entry in enumerate(source.file.expect):
+        kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
+        given = getattr(entry, kind)
+        for place, message, found in _decided(kind, given, start, still):
+            path = ("expect", index, kind, *place)
+            problems.append(source.document.problem(path, f"this can never pass: {message}", found=found))
+    return problems
+
+
+def _decided(
+    kind: str, given: Any, start: Mapping[str, np.ndarray], still: set[str]
+) -> Iterator[tuple[tuple[str, ...], str, str]]:
+    """Why the initial state alone makes an expectation fail: place, message, what is there."""
+    if kind == "position" and given.body in still:
+        away = float(np.linalg.norm(start[given.body] - np.array(given.xyz)))
+        if away > given.tolerance:
+            yield ("xyz",), f"{given.body} cannot move", f"it is {away:.4g} m away"
+    elif kind == "at_target":
+        for body, target in given.targets:
+            away = float(np.linalg.norm(start[body] - np.array(target)))
+            if body in still and away > given.tolerance:
+                yield ("targets", body), f"{body} cannot move", f"it is {away:.4g} m away"
+    elif kind == "displacement" and given.body in still:
+        asked = given.distance if given.xyz is None else float(np.linalg.norm(given.xyz))
+        if asked > given.tolerance:
+            yield (), f"{given.body} cannot move", f"a displacement of {asked:.4g} m"
+    elif kind == "apex_height" and given.body in still:
+        if abs(start[given.body][2] - given.height) > given.tolerance:
+            yield ("height",), f"{given.body} cannot move", f"it is at {start[given.body][2]:.4g} m"
+    elif kind == "angular_speed" and given.body in still:
+        if given.speed > given.tolerance:
+            yield ("speed",), f"{given.body} cannot move", f"{given.speed:.4g} rad/s"
+    elif kind == "stays_within":
+        # round-off of resolving: a body may begin on the boundary
+        out = float(
+            np.maximum(np.array(given.lower) - start[given.body], start[given.body] - np.array(given.upper)).max()
+        )
+        if out > ROUND_OFF:
+            yield (), f"{given.body} begins outside", f"by {out:.4g} m"
+    elif kind == "bodies_apart":
+        apart = float(np.linalg.norm(start[given.first] - start[given.second]))
+        if apart < given.at_least - ROUND_OFF:
+            yield ("at_least",), "the two begin closer than that", f"{apart:.4g} m"
+
+
+ROUND_OFF = 1e-9
+"""m: places that are equal but for the arithmetic of poses."""
 
 
 def _later(kind: Kind, values: Mapping[str, Any], time: Physics) -> bool:

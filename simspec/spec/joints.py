@@ -105,7 +105,9 @@ class Joint(Strict):
     """How a body moves against its parent (a root: against the world). The joint's frame is `origin` in the parent's body
     frame; the body's own frame coincides with it when the joint is at zero."""
 
-    name: NameOf = Field(None, description="Name; default `<body>_joint`")
+    name: NameOf = Field(
+        None, description="Name; default `<body>_joint`, with a number behind if that is given to another"
+    )
     type: Annotated[str, Word(JOINT_TYPES)] = Field(
         ...,
         description="fixed: rigid; hinge: turns about `axis`; slide: moves along `axis`; ball: turns about its origin; "

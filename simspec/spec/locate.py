@@ -126,7 +126,8 @@ def _joint(source: Source, name: str) -> str | None:
         if bodies is not None and base in bodies.raw:
             named = bodies.joint_name(base)
             # an element's joint has the suffix after a name of its own, else its body's name
-            return f"{named}{name.removeprefix(base)}" if named != f"{base}_joint" else f"{name}_joint"
+            implied = named == base + (end := named.removeprefix(base)) and end.startswith("_joint")
+            return f"{name}{end}" if implied else f"{named}{name.removeprefix(base)}"
     return None
 
 

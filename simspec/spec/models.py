@@ -57,7 +57,9 @@ class Body(Strict):
     pose: Pose = Field(
         None, description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin"
     )
-    velocity: Velocity = Field(None, description="A free root only: initial velocity")
+    velocity: Velocity = Field(
+        None, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
+    )
     mass: Mass = Field(
         None, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
     )
@@ -151,7 +153,9 @@ class Use(Strict):
     )
     fixed: Switch = Field(None, description="Whether the root is fixed to the world; default: as the model says")
     pose: Pose = Field(None, description="Pose of the model in the world; the root's own pose in the model follows it")
-    velocity: Velocity = Field(None, description="Initial velocity of a free root, instead of the model's own")
+    velocity: Velocity = Field(
+        None, description="Initial velocity of a free root, in world axes, instead of the model's own"
+    )
     positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
     velocities: dict[NameOf, Any] = Field({}, description="Initial joint velocities by the joint's name in the model")
 

@@ -58,7 +58,8 @@ class Pose(Strict):
 
 
 class Velocity(Strict):
-    """The initial velocity of a free root body, in world axes."""
+    """The initial velocity of a free root, in the axes of the frame that its `pose` is in: the world's for a loose body and for
+    a placed model, the model's for the root within a model."""
 
     linear: LinearVelocity = Field((0.0, 0.0, 0.0), description="Velocity of the origin of the body's frame")
     angular: AngularVelocity = Field((0.0, 0.0, 0.0), description="Angular velocity")
@@ -105,7 +106,9 @@ class Shape(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = SHAPES
 
-    name: NameOf = Field(None, description="Name; default `<body>_<index>`")
+    name: NameOf = Field(
+        None, description="Name; default `<body>_<index>`, with a number behind if that is given to another"
+    )
     sphere: Sphere = Field(None, description="A ball")
     box: Box = Field(None, description="A cuboid")
     cylinder: Cylinder = Field(None, description="A cylinder along z")

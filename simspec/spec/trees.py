@@ -3,8 +3,10 @@ wrong between bodies is found together with what is wrong in one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from pydantic import ValidationError
@@ -12,6 +14,13 @@ from pydantic import ValidationError
 from simspec.spec.document import Key
 from simspec.spec.models import Body, Use
 from simspec.spec.sources import Source
+
+
+def unused(name: str, taken: Container[str]) -> str:
+    """An implied name as it is, or with the first number from 2 behind it that makes it another than those given."""
+    if name not in taken:
+        return name
+    return next(one for number in itertools.count(2) if (one := f"{name}_{number}") not in taken)
 
 
 @dataclass
@@ -56,10 +65,19 @@ class Bodies:
         return kind
 
     def joint_name(self, name: str) -> str:
-        """The name of a body's joint within its tree."""
+        """The name of a body's joint within its tree: the given one, else `<body>_joint`, with a number behind where another
+        joint was given that name."""
+        given = self._given_joint_name(name)
+        return given if given is not None else unused(f"{name}_joint", self._given_joint_names)
+
+    def _given_joint_name(self, name: str) -> str | None:
         joint = self.field(name, "joint")
         given = joint.get("name") if isinstance(joint, Mapping) else None
-        return given if isinstance(given, str) else f"{name}_joint"
+        return given if isinstance(given, str) else None
+
+    @cached_property
+    def _given_joint_names(self) -> frozenset[str]:
+        return frozenset(given for name in self.raw if (given := self._given_joint_name(name)) is not None)
 
     def roots(self) -> list[str]:
         """Bodies without a parent."""
