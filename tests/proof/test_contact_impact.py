@@ -109,6 +109,34 @@ def test_rest(engine, restitution, tmp_path):
     assert all(figure.passed for figure in found), found
 
 
+@pytest.mark.parametrize("restitution", [0.1, 0.3, 0.4, 0.5, 0.8])
+@pytest.mark.parametrize("start", [0.0, 0.3, 1.0, 2.9])
+def test_a_hop_at_rest_stays_below_its_bound(restitution, start):
+    """The law stepped by itself, in units of g dt and dt: v' = −e v where it touches, after gravity was added."""
+    gap, speed, fastest = 0.0, start, 0.0
+    for step in range(2000):
+        touching = gap <= 0.0
+        speed -= 1.0
+        if touching and speed < 0.0:
+            speed = max(-restitution * speed, -0.01 * gap)
+        gap += speed
+        fastest = max(fastest, abs(speed)) if step > 1000 else fastest
+    bound = impact.hop(law(timestep=0.002, restitution=restitution)) / (0.002 * GRAVITY)
+    assert bound == pytest.approx((1.0 + restitution) / (1.0 - restitution))
+    assert 0.0 < fastest < bound
+
+
+def test_without_restitution_nothing_hops():
+    assert impact.hop(law(restitution=0.0)) == 0.0
+    assert impact.hop(law(restitution=1.0)) == impact.hop(law(restitution=0.8)), "beyond 0.8 deviations are declared"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rest_at_a_restitution_between_those_that_deviations_were_measured_at(engine, tmp_path):
+    found = figures(engine, impact.Rest(), law(friction=0.8, restitution=0.4), tmp_path)
+    assert all(one.passed for one in found if one.probe == "steady")
+
+
 def test_a_soft_floor_is_measured_as_deep(tmp_path):
     """A ball lies g T² ζ² deep on a floor of a stated compliance: 0.98 mm."""
     soft = law(hardness=Hardness("time-constant", 0.01, 1.0))
