@@ -24,11 +24,21 @@ STEPS = 2000
 WORK = 2_600_000
 """Coordinates × steps: of larger worlds as many steps as that allows (216 free bodies: all), and ``FEWEST`` at least. More
 bodies do not make each one's motion harder to tell."""
-EVERY = 40
+EVERY, LOOK = 40, 10
+"""Steps between two instants that are compared; the second where there are few, and when a beginning is tried."""
+SECONDS = 2.0
+"""Time in which motion comes as far as it should: what falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80 m/s, where
+PyBullet's own round-off is a hundred times the others' (measured)."""
 TOLERANCE = 1e-9
 LOOSEST = 1e-7
 """Motion is compared up to the instant at which the tolerance would become larger: a chaotic world multiplies the last bit
 without end, and within 0.1 m and rad everything agrees."""
+LARGEST_TURN = 0.25
+"""rad in a step up to which motion is compared: what turns faster is not resolved by the timestep at all, and PyBullet turns
+nothing by more than π/4 in a step (measured, at the end of motions that diverge)."""
+LARGEST_SLIDE = 3.0
+"""m from the beginning up to which a slide is followed: one without limits is flung out without end, and at 100 m the mass
+matrix is so uneven that one step of PyBullet is off by 1e-8, of MuJoCo and DART by 1e-10 (measured)."""
 FLOOR_FACTOR = 100.0
 PERTURBATION = 1e-15
 DISTURBED = 4
@@ -72,51 +82,109 @@ class Motion:
 def plan(world: World, oracle: Oracle) -> Motion:
     """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bits."""
     most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
-    best: tuple[int, np.ndarray, np.ndarray, np.ndarray] | None = None
+    best: _Beginning | None = None
     for attempt in range(TRIES + len(GENTLER)):
-        q, v, effort = _beginning(world, oracle, attempt)
-        steps = _steps_within_limits(world, oracle, q, v, effort, most)
-        if best is None or steps > best[0]:
-            best = (steps, q, v, effort)
-        if steps == most or (best[0] >= FEWEST and attempt >= TRIES + 1):
+        one = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
+        if best is None or one.steps > best.steps:
+            best = one
+        if best.steps == most or (best.steps >= FEWEST and attempt >= TRIES + 1):
             break
     if best is None:
         raise ValueError("no beginning was tried")
-    steps, q, v, effort = best
-    every = max(1, min(EVERY, steps))
-    exact = _poses(oracle, q, v, effort, steps, every)
+    q, v, effort, steps, ends = best.q, best.v, best.effort, best.steps, best.ends
+    every = EVERY if steps >= 10 * EVERY else LOOK
+    exact = _poses(oracle, _motion(oracle, q, v, effort, steps, every)[0])
     floors = np.zeros(len(exact))
     generator = np.random.default_rng(SEED + 200)
     for _ in range(DISTURBED):
-        disturbed = _poses(oracle, *(_disturb(state, generator) for state in (q, v)), effort, steps, every)
+        beginning = [_disturb(state, generator) for state in (q, v)]
+        disturbed = _poses(oracle, _motion(oracle, *beginning, effort, steps, every)[0])
         with np.errstate(invalid="ignore", over="ignore"):
             found = deviation(exact, disturbed).max(axis=1, initial=0.0)
         floors = np.maximum(floors, np.where(np.isfinite(found), found, np.inf))
     floors = np.maximum.accumulate(floors)
-    steps, last, ends = _compared(world, floors, steps, every, most)
+    useful = FLOOR_FACTOR * floors <= LOOSEST
+    last = len(floors) - 1
+    if not useful.all():
+        last = max(0, int(np.argmin(useful)) - 1)
+        steps, ends = last * every, f"then round-off alone would move bodies by {LOOSEST / FLOOR_FACTOR:.0e}"
+    if steps < FEWEST and (diverging := unstable(world)):
+        ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
     return Motion(q, v, effort, steps, every, exact[: last + 1], float(floors[last]), rubbing(world), ends)
 
 
-def _compared(world: World, floors: np.ndarray, steps: int, every: int, most: int) -> tuple[int, int, str]:
-    """How many steps, and instants after the first, have a floor that can be used, and why not all of ``most``."""
-    ends = "" if steps == most else "then a joint comes near a limit"
-    useful = FLOOR_FACTOR * floors <= LOOSEST
-    if useful.all():
-        return steps, len(floors) - 1, ends
-    last = int(np.argmin(useful)) - 1
-    done = last * every
-    ends = f"then round-off alone would move bodies by {LOOSEST / FLOOR_FACTOR:.0e}"
-    if done < FEWEST and (diverging := unstable(world)):
-        ends = f"then the motion diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
-    return done, last, ends
+@dataclass(frozen=True)
+class _Beginning:
+    """A beginning, how many steps can be compared from there on as far as the oracle knows, and why not more."""
+
+    q: np.ndarray
+    v: np.ndarray
+    effort: np.ndarray
+    steps: int
+    ends: str
 
 
-def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, most: int) -> _Beginning:
+    """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: up to ``most``, or until a joint comes within
+    5 % of its range to a limit, or turns too fast."""
+    states, speeds = _motion(oracle, q, v, effort, most, LOOK)
+    reasons = {
+        "then a joint comes near a limit": _near_limits(world, oracle, states),
+        f"then something turns by more than {LARGEST_TURN:g} rad in a step": ~(
+            _turns(world, oracle, speeds) <= LARGEST_TURN
+        ),
+    }
+    slid = f"then something slides more than {LARGEST_SLIDE:g} m away"
+    reasons[slid] = ~(_slides(world, oracle, states) <= LARGEST_SLIDE)
+    ends, steps = "", most
+    for why, bad in reasons.items():
+        if bad.any() and (until := max(0, int(np.argmax(bad)) - 1) * LOOK) < steps:
+            ends, steps = why, until
+    return _Beginning(q, v, effort, steps, ends)
+
+
+def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
+    """Whether, at each instant, a joint is within 5 % of its range to a limit, or beyond."""
+    rows = [
+        (at.start, *body.joint.position_limits)
+        for body, at in zip(world.bodies, oracle.layout.position, strict=True)
+        if body.joint.position_limits is not None
+    ]
+    if not rows:
+        return np.zeros(len(states), dtype=bool)
+    index = np.array([row[0] for row in rows])
+    low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    margin = 0.05 * (high - low)
+    return ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
+
+
+def _slides(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
+    """How far (instants,) the slide that went farthest is from where it began, at each instant; NaN where motion diverged."""
+    parts = zip(world.bodies, oracle.layout.position, strict=True)
+    index = [at.start for body, at in parts if body.joint.kind == "slide"]
+    return np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
+
+
+def _turns(world: World, oracle: Oracle, speeds: np.ndarray) -> np.ndarray:
+    """The largest angle (instants,) by which a joint turns in a step, at each instant; NaN where motion has diverged."""
+    found = np.zeros(len(speeds))
+    for body, part in zip(world.bodies, oracle.layout.velocity, strict=True):
+        if body.joint.kind in ("hinge", "ball", "free"):
+            turning = speeds[:, part][:, -3:]
+            with np.errstate(invalid="ignore", over="ignore"):
+                found = np.maximum(found, np.sqrt((turning * turning).sum(axis=1)))
+    return found * world.physics.timestep
+
+
+def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
 
     Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From ``HELD`` on
     they also carry the weight and the springs of where they start, and all else is gentler: falling reaches limits soonest.
+    In longer motions than ``SECONDS`` everything is as much slower, and free roots are held up as far as that takes, so that
+    all come as far as in that time.
     """
+    slower = min(1.0, SECONDS / (most * world.physics.timestep))
     q, v = (states[0] for states in random_states(world, 1, SEED + 1 + attempt, speed=0.5))
     start, _ = initial_state(world)
     for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
@@ -132,43 +200,34 @@ def _beginning(world: World, oracle: Oracle, attempt: int) -> tuple[np.ndarray, 
     diagonal = np.zeros(oracle.nv)
     for block, mass in zip(oracle.blocks, oracle.mass_blocks(q), strict=True):
         diagonal[block] = np.diag(mass)
-    effort = generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
+    effort = slower**2 * generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
+    v *= slower
+    still = np.zeros(oracle.nv)
+    weight = oracle.bias_force(q, still)
     if attempt < HELD:
+        for body, at_v in zip(world.bodies, oracle.layout.velocity, strict=True):
+            if body.joint.kind == "free":
+                effort[at_v][:3] += (1.0 - slower**2) * weight[at_v][:3]
         return q, v, effort
     gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
-    still = np.zeros(oracle.nv)
-    held = oracle.bias_force(q, still) - oracle.joint_effort(q, still)
+    held = weight - oracle.joint_effort(q, still)
     return q, gentle * v, held + gentle * effort
-
-
-def _steps_within_limits(
-    world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, most: int
-) -> int:
-    """How many steps the oracle does before a joint comes within 5 % of its range to a limit; ``most`` when none does."""
-    rows = [
-        (at.start, *body.joint.position_limits)
-        for body, at in zip(world.bodies, oracle.layout.position, strict=True)
-        if body.joint.position_limits is not None
-    ]
-    if not rows:
-        return most
-    index = np.array([row[0] for row in rows])
-    low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    margin = 0.05 * (high - low)
-    every = 10
-    states, _ = oracle.motion(q, v, effort, most, every)
-    outside = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
-    return most if not outside.any() else max(0, int(np.argmax(outside)) - 1) * every
 
 
 def _disturb(state: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     return state * (1.0 + PERTURBATION * generator.choice([-1.0, 1.0], len(state)))
 
 
-def _poses(oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int, every: int) -> np.ndarray:
-    """The oracle's poses (n, bodies, 7) at every ``every``-th step; not finite where the motion diverges."""
+def _motion(
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int, every: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The oracle's states at every ``every``-th step; not finite where the motion diverges."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return np.array([oracle.body_poses(row) for row in oracle.motion(q, v, effort, steps, every)[0]])
+        return oracle.motion(q, v, effort, steps, every)
+
+
+def _poses(oracle: Oracle, states: np.ndarray) -> np.ndarray:
+    return np.array([oracle.body_poses(row) for row in states])
 
 
 def deviation(expected: np.ndarray, found: np.ndarray) -> np.ndarray:

@@ -323,3 +323,70 @@ def test_the_floor_of_chaos_is_the_tolerance():
     _, plan = moved(world)
     assert plan.floor > 1e-11
     assert plan.tolerance == max(1e-9, 100 * plan.floor)
+
+
+def at_4_ms(kinds: list[str], seed: int, parents: list[int] | None = None, **joint: float) -> World:
+    """A tree at 4 ms, for all engines."""
+    physics = dataclasses.replace(worlds.every_joint().physics, timestep=0.004)
+    return worlds.world(worlds.tree(kinds, seed, parents, **joint), physics=physics)
+
+
+WILD = [
+    (["free", "ball", "hinge"], 284, [-1, 0, 0], {}, "round-off alone"),
+    # stiff for its timestep, and far from its springs' rest at first: a gentler beginning is found. What diverges ends with
+    # whole turns in a step, and PyBullet turns nothing by more than π/4
+    (["fixed", "hinge", "ball", "ball", "ball", "hinge"], 148, None, {"spring_stiffness": 20.0}, "turns by more than"),
+    # flung out to 100 m, where one step of PyBullet is off by 1e-8
+    (["free", "hinge", "hinge", "hinge", "slide"], 311, None, {"damping": 0.3}, "slides more than"),
+    (["fixed", *["hinge"] * 7], 21, None, {}, ""),
+]
+
+
+@pytest.mark.parametrize(("kinds", "seed", "parents", "joint", "why"), WILD)
+def test_motion_is_compared_as_far_as_it_means_something_and_says_why_not_farther(kinds, seed, parents, joint, why):
+    world = at_4_ms(kinds, seed, parents, **joint)
+    oracle, plan = moved(world)
+    assert plan.steps >= motion.FEWEST
+    assert plan.tolerance <= motion.LOOSEST
+    assert np.isfinite(plan.poses).all()
+    states, speeds = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, plan.every)
+    assert len(states) == len(plan.poses)
+    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+        if body.joint.kind == "slide":
+            assert np.abs(states[:, at_q] - states[0, at_q]).max() <= 3.0
+        elif body.joint.kind != "fixed":
+            assert np.linalg.norm(speeds[:, at_v][:, -3:], axis=1).max() * 0.004 <= 0.25
+    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert check.passed
+    assert why in check.detail
+
+
+def test_the_floor_is_the_worst_of_several_runs():
+    """One disturbed run is off by up to a factor of 15: every one of many stays within a few times the floor."""
+    world = at_4_ms(["free", "fixed", "hinge", "ball", "ball"], 80)
+    oracle, plan = moved(world)
+    generator = np.random.default_rng(5)
+    for _ in range(6):
+        q, v = (state * (1.0 + 1e-15 * generator.choice([-1.0, 1.0], len(state))) for state in (plan.q, plan.v))
+        states, _ = oracle.motion(q, v, plan.effort, plan.steps, plan.every)
+        away = motion.deviation(plan.poses, np.array([oracle.body_poses(row) for row in states])).max()
+        assert away <= 10.0 * plan.floor
+
+
+@pytest.mark.parametrize("joint", [{"damping": 4000.0}, {"spring_stiffness": 1e6}])
+def test_motion_that_diverges_fails_with_its_cause(joint):
+    world = at_4_ms(["fixed", "hinge", "slide"], 3, **joint)
+    _, plan = moved(world)
+    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    assert not check.passed
+    assert "is unstable at this timestep" in check.detail
+    assert "stable up to" in check.detail
+
+
+def test_long_motion_comes_no_farther_than_short_motion():
+    """2,000 steps of 16 ms: 32 s of free fall would be 5 km."""
+    for timestep in (0.001, 0.016):
+        physics = dataclasses.replace(worlds.every_joint().physics, timestep=timestep)
+        _, plan = moved(dataclasses.replace(worlds.spheres(2), physics=physics))
+        assert plan.steps == 2000
+        assert 5.0 < np.abs(plan.poses[:, 1:, :3]).max() < 30.0

@@ -15,6 +15,7 @@ from simspec.proof.selftest import defects_of, self_test
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.canonical import sha256
 from tests import worlds
+from tests.proof.test_probes import WILD, at_4_ms
 
 ENGINES = sorted(engines())
 
@@ -105,3 +106,10 @@ def test_a_defect_that_changes_nothing_is_an_error():
     plant = defects_of("mjcf")["gravity"]
     with pytest.raises((ValueError, LookupError, KeyError)):
         plant({"model.xml": "<mujoco><option/></mujoco>"})
+
+
+@pytest.mark.parametrize("case", WILD[:3])
+def test_wild_worlds_at_4_ms_are_valid_in_every_engine(case):
+    kinds, seed, parents, joint, _ = case
+    found = verify(at_4_ms(kinds, seed, parents, **joint), ENGINES, levels=["L6"])
+    assert found.valid, found.failures()
