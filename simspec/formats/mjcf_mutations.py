@@ -387,7 +387,7 @@ INERT: tuple[Inert, ...] = (
     Inert("default/*", "a default of what is not there", ("element added",)),
     *(
         Inert(f"{tag}@*class", "the class says something of shapes alone, which state their own")
-        for tag in ("body", "joint", "pair")
+        for tag in ("body", "joint", "pair", "position", "velocity")
     ),
     # shapes
     *(Inert(f"geom@{name}", "for the eye") for name in ("rgba", "castshadow")),
@@ -403,12 +403,22 @@ INERT: tuple[Inert, ...] = (
     ),
     *(
         Inert(site, "a quaternion is normalised, and its negative is the same turn", NORMALISED)
-        for site in ("geom@quat", "body@quat", "inertial@quat", "key@qpos")
+        for site in ("body@quat", "inertial@quat", "key@qpos")
     ),
-    Inert("geom@quat", "a turn that the shape's symmetry makes meaningless", NORMALISED),
+    Inert(
+        "geom@quat",
+        "a quaternion is normalised, its negative the same turn, and turns that a shape's symmetry makes meaningless give the "
+        "same contact in turned axes, with other round-off",
+        NORMALISED,
+        within=1e-9,
+    ),
+    Inert("geom@group", "each shape for the eye states its own", ("scaled", "sign"), place="*/default(visual)/geom@*"),
+    Inert("geom@name", "two shapes of a body that are alike in all that acts", ("swapped",)),
+    Inert("geom@pos", "a shift of a plane within itself", ("moved",)),
+    Inert("geom@size", "of a plane what viewers draw", ("moved", "scaled", "sign", "swapped")),
     Inert("joint@axis", "a hinge's axis is normalised", ("scaled",)),
     *(
-        Inert(f"geom@{name}", "each shape states its own", ("attribute added",), place="*/default(material/*)/geom@*")
+        Inert(f"geom@{name}", "each shape states its own", ("attribute added",), place="*/default(*)/geom@*")
         for name in ("axisangle", "conaffinity", "contype", "euler", "pos", "quat", "size", "type", "xyaxes", "zaxis")
     ),
     *(
@@ -430,6 +440,12 @@ INERT: tuple[Inert, ...] = (
     Inert(
         "geom", "each class states what is not MuJoCo's own default", ("element removed",), place="mujoco/default/geom"
     ),
+    Inert(
+        "pair",
+        "each explicit pair states what is not MuJoCo's own default",
+        ("element removed",),
+        place="mujoco/default/pair",
+    ),
     Inert("option", "the same said twice", ("element doubled",)),
     Inert("contact", "it is empty", ("element doubled", "element removed"), without=".//contact/*"),
     # joints and bodies
@@ -439,6 +455,16 @@ INERT: tuple[Inert, ...] = (
         for name in ("actuatorfrclimited", "limited", "pos", "ref", "springref", "axis", "user")
     ),
     Inert("joint@group", "for viewers"),
+    # actuators
+    *(
+        Inert(f"{tag}@{name}", OWN_DEFAULT, ("attribute removed", "number dropped", "word"))
+        for tag in ("position", "velocity")
+        for name in ("ctrllimited", "forcelimited", "gear")
+    ),
+    *(
+        Inert(f"{tag}@forcerange", "a range without its limit", ("attribute added",))
+        for tag in ("position", "velocity")
+    ),
     # lists
     *(
         Inert(f"{tag}@{name}", "the last number is MuJoCo's own default", ("number dropped",))
