@@ -204,7 +204,8 @@ def main() -> int:
     found = []
     for name, words in commands(given.engine or ["mujoco"]).items():
         found += kill_often(name, words, given.count, dice)
-    print("\n".join(found) if found else "nothing lost, nothing stray, nothing left")
+    if not found:
+        print("nothing lost, nothing stray, nothing left")
     return 1 if found else 0
 
 

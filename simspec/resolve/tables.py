@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import re
 import tokenize
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.errors import SpecError
+from simspec.reading import read_bytes
 from simspec.spec.document import LARGEST_FILE, read_text
 from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
 from simspec.spec.units import LARGEST
@@ -21,6 +23,8 @@ from simspec.spec.units import LARGEST
 LARGEST_NPZ = 64_000_000
 """Bytes of the file, and of all its arrays together once unpacked: eight for each of the most numbers, in four arrays, and
 some more."""
+LONGEST_NAME = 200
+"""Characters of a joint's or an array's name."""
 MOST_ARRAYS = 20
 """Arrays of a file; six mean something."""
 NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,4})?")
@@ -154,9 +158,8 @@ def _number(text: str) -> float | None:
 
 def _npz_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an NPZ, whose headers are looked at before anything is unpacked. Raises ValueError with the reason."""
-    if path.stat().st_size > LARGEST_NPZ:
-        raise ValueError(f"more than {LARGEST_NPZ / 1e6:g} MB")
-    with zipfile.ZipFile(path) as archive:
+    content = read_bytes(path, LARGEST_NPZ, links=True)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
         entries = archive.infolist()
         if len(entries) > MOST_ARRAYS:
             raise ValueError(f"{len(entries)} arrays, more than {MOST_ARRAYS}")
@@ -169,11 +172,13 @@ def _npz_arrays(path: Path) -> dict[str, np.ndarray]:
                     raise ValueError(f"{entry.filename}: a format of version {version}")
                 shape, _, dtype = headers[version](stream)
             if dtype.hasobject:
-                raise ValueError(f"{entry.filename} holds Python objects")
+                raise ValueError(f"{entry.filename[:LONGEST_NAME]} holds Python objects")
+            if max(len(entry.filename), dtype.itemsize // 4) > LONGEST_NAME:
+                raise ValueError(f"{entry.filename[:40]}: names of more than {LONGEST_NAME} characters")
             total += max(entry.file_size, math.prod(shape) * dtype.itemsize)
             if total > LARGEST_NPZ:
                 raise ValueError(f"more than {LARGEST_NPZ / 1e6:g} MB unpacked")
-    with np.load(path, allow_pickle=False) as archive:
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
 
 

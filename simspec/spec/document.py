@@ -7,6 +7,7 @@ events of the parser are taken as a stream, so that nesting without end is notic
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.reading import NotReadableError, open_regular
 
 LARGEST_FILE = 10_000_000
 """Bytes; a spec of 10,000 written-out bodies has 4 MB."""
@@ -110,8 +112,10 @@ def read_text(path: Path, shown: str | None = None) -> str:
                     )
                 ]
             )
-        with path.open("rb") as stream:
+        with os.fdopen(open_regular(path, LARGEST_FILE, links=True), "rb") as stream:  # a link to a spec is a spec
             content = stream.read(LARGEST_FILE + 1)
+    except NotReadableError as error:
+        raise SpecError([Problem(f"{file}: cannot be read: {error}")]) from None
     except OSError as error:
         raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}")]) from None
     if len(content) > LARGEST_FILE:

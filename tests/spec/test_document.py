@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 
 import pytest
@@ -93,6 +94,14 @@ def test_a_file_that_is_too_large_is_not_read(tmp_path):
     with path.open("wb") as file:
         file.truncate(LARGEST_FILE + 40_000_000)
     with pytest.raises(SpecError, match="too large"):
+        read(path)
+
+
+@pytest.mark.parametrize("kind", ["a FIFO", "a device", "a folder"])
+def test_what_is_no_regular_file_is_not_read(kind, tmp_path):
+    path = tmp_path / "some.yaml"
+    {"a FIFO": os.mkfifo, "a device": lambda at: at.symlink_to("/dev/zero"), "a folder": os.mkdir}[kind](path)
+    with pytest.raises(SpecError, match=f"some.yaml: cannot be read: {kind}, not a regular file"):
         read(path)
 
 

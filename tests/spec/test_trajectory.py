@@ -3,6 +3,8 @@
 # ruff: noqa: E501 (a case is a line, so that cases can be compared)
 from __future__ import annotations
 
+import os
+
 import jsonschema
 import numpy as np
 import pytest
@@ -278,6 +280,8 @@ ARRAYS = {
     "velocities of another shape": ({"velocities": np.zeros((3, 2))}, "velocities has the wrong shape", "(3, 2)"),
     "many arrays": ({f"a{number}": np.zeros(1) for number in range(20)}, "23 arrays, more than 20", None),
     "much": ({"positions": np.zeros((8_000_001, 1))}, "more than 64 MB", None),
+    "a name of 10 MB": ({"joints": np.array(["x" * 2_500_000])}, "joints.npy: names of more than 200 characters", None),
+    "an array's name of 60 kB": ({"x" * 60_000: np.zeros(1)}, "names of more than 200 characters", None),
 }  # fmt: skip
 
 
@@ -297,6 +301,15 @@ def test_what_is_no_table_is_not_read(name, tmp_path):
     (tmp_path / name).write_text("time,arm/elbow\n0,0\n")
     (one,) = problems(tmp_path, spec(f"  file: {name}\n"))
     assert one.message == "no table that can be read"
+
+
+@pytest.mark.parametrize("name", ["reach.csv", "reach.npz"])
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_a_table_that_is_no_regular_file_is_not_read(name, kind, tmp_path):
+    path = tmp_path / name
+    {"pipe": os.mkfifo, "device": lambda at: at.symlink_to("/dev/zero"), "folder": os.mkdir}[kind](path)
+    (one,) = problems(tmp_path, spec(f"  file: {name}\n"))
+    assert one.path == "trajectory.file"
 
 
 def test_an_npz_that_is_none(tmp_path):
