@@ -59,6 +59,9 @@ NAMES: Mapping[str, str] = {
     "excluded pair dropped": "model",
     "excluded pair too many": "model",
     "collision group": "model",
+    "excluded pair of a mechanism dropped": "model",
+    "excluded pair of a mechanism too many": "model",
+    "group filter dropped": "model",
     "gravity": "model",
     "timestep": "model",
 }

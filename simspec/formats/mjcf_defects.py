@@ -75,6 +75,27 @@ def _exclude_too_many(root: Element) -> None:
     SubElement(contact, "exclude", {"body1": "ball", "body2": "floor"})
 
 
+def _drop_linked(root: Element) -> None:
+    contact = one(root, "contact")
+    contact.remove(one(contact, "exclude[@body1='lower']"))
+
+
+def _linked_too_many(root: Element) -> None:
+    """An explicit pair passes by exclusions."""
+    contact = one(root, "contact")
+    for pair in contact.findall("pair"):
+        if {pair.get("geom1"), pair.get("geom2")} == {"lower_0", "ball_0"}:
+            contact.remove(pair)
+    SubElement(contact, "exclude", {"body1": "ball", "body2": "lower"})
+
+
+def _no_groups(root: Element) -> None:
+    for geom in root.iter("geom"):
+        if geom.get("class") != "visual":
+            for name in ("contype", "conaffinity"):
+                geom.attrib.pop(name, None)
+
+
 def _group(root: Element) -> None:
     geom = one(root, ".//geom[@name='quiet_0']")
     same = one(root, ".//geom[@name='cube_0']")
@@ -152,6 +173,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": xml(MODEL, _drop_exclude),
     "excluded pair too many": xml(MODEL, _exclude_too_many),
     "collision group": xml(MODEL, _group),
+    "excluded pair of a mechanism dropped": xml(MODEL, _drop_linked),
+    "excluded pair of a mechanism too many": xml(MODEL, _linked_too_many),
+    "group filter dropped": xml(MODEL, _no_groups),
     "pair value": xml(MODEL, _pair_value),
     "cone": _attribute("option", "cone", lambda _: "pyramidal"),
     "hardness": xml(MODEL, _soft),

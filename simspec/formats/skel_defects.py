@@ -95,6 +95,18 @@ def _exclude_too_many(content: dict) -> None:
     content["excluded"].append(["ball", "floor"])
 
 
+def _drop_linked(content: dict) -> None:
+    content["excluded"].remove(["lower", "upper"])
+
+
+def _linked_too_many(content: dict) -> None:
+    content["excluded"].append(["ball", "lower"])
+
+
+def _no_groups(content: dict) -> None:
+    content["ignored_groups"], content["groups"] = [], {}
+
+
 def _group(content: dict) -> None:
     content["ignored_groups"].clear()
 
@@ -133,6 +145,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
+    "excluded pair of a mechanism dropped": sidecar(_drop_linked),
+    "excluded pair of a mechanism too many": sidecar(_linked_too_many),
+    "group filter dropped": sidecar(_no_groups),
     "pair value": sidecar(_pair_value),
     "cone": sidecar(_cone),
     "hardness": "DART's contacts are rigid by a rule of its own: no file has a number for it",

@@ -89,6 +89,20 @@ def _exclude_too_many(content: dict) -> None:
     content["collision_filter"]["excluded"].append(["ball", "floor"])
 
 
+def _drop_linked(content: dict) -> None:
+    content["collision_filter"]["excluded"].remove(["lower", "upper"])
+
+
+def _linked_too_many(content: dict) -> None:
+    content["collision_filter"]["excluded"].append(["ball", "lower"])
+
+
+def _no_groups(content: dict) -> None:
+    classes = content["collision_filter"]["classes"]
+    for entry in classes:
+        entry["mask"] = sum(other["group"] for other in classes)
+
+
 def _group(content: dict) -> None:
     """The quiet body goes into the class of the cube."""
     classes = content["collision_filter"]["classes"]
@@ -170,6 +184,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
+    "excluded pair of a mechanism dropped": sidecar(_drop_linked),
+    "excluded pair of a mechanism too many": sidecar(_linked_too_many),
+    "group filter dropped": sidecar(_no_groups),
     "pair value": _attribute("link/contact/lateral_friction", "value", halved, "rubber_cube.urdf"),
     "cone": sidecar(_cone),
     "hardness": sidecar(_softer),

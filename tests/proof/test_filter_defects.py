@@ -36,13 +36,14 @@ def test_the_sound_filter_passes_with_all_that_can_meet(bench):
 
 
 def test_every_defect_of_the_filter_is_caught(bench, tmp_path):
+    """By bringing shapes together, or by the engine's own refusal, beside what the inventory of its masks tells."""
     engine, world, compiled, probes = bench
     missed = []
     for number, (name, plant) in enumerate(filters.DEFECTS[engine].items()):
         folder = tmp_path / f"{number}"
         write_folder(plant(compiled.files), folder)
         found = verify(world, [engine], levels=["L4"], artifacts={engine: folder}, probes=probes)
-        if not [check for _, check in found.failures() if check.level != "L0"]:
+        if not {check.name for _, check in found.failures()} & {"collision matrix", "engine"}:
             missed.append(name)
     assert missed == []
 
