@@ -66,18 +66,35 @@ def compile_world(
     """
     found: dict[str, Compiled] = {}
     problems: list[Problem] = [*check_options(world, locate), *check_control(world, locate)]
-    for name in _engine_names(targets):
+    names = _engine_names(targets)
+    decisions: dict[str, tuple[Decision, ...]] = {}
+    for name in names:
         try:
-            found[name] = _compile_engine(world, find_engine(name), locate, (plans or {}).get(name))
+            decisions[name] = _negotiate(world, find_engine(name), locate, (plans or {}).get(name))
         except UnsupportedError as error:
-            # formats do not know the spec: what they refuse is given its place here
-            problems.extend(
-                problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
-                for problem in error.problems
-            )
+            problems.extend(_located(error, locate))
+    for name in names:
+        # files are written from the options: from wrong ones, anything could come
+        if name in decisions and not any(_of_options(problem, name) for problem in problems):
+            try:
+                found[name] = _emit(world, find_engine(name), (plans or {}).get(name), decisions[name])
+            except UnsupportedError as error:
+                problems.extend(_located(error, locate))
     if problems:
         raise UnsupportedError(problems)
     return found
+
+
+def _of_options(problem: Problem, engine: str) -> bool:
+    return f"{problem.path}.".startswith((f"engines.{engine}.", "control."))
+
+
+def _located(error: UnsupportedError, locate: Callable[[str], Location | None]) -> list[Problem]:
+    """Formats do not know the spec: what they refuse is given its place here."""
+    return [
+        problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
+        for problem in error.problems
+    ]
 
 
 def _engine_names(targets: Iterable[str]) -> list[str]:
@@ -90,17 +107,21 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
     return list(names)
 
 
-def _compile_engine(
+def _negotiate(
     world: World, engine: type[Engine], locate: Callable[[str], Location | None], plan: ContactPlan | None
-) -> Compiled:
+) -> tuple[Decision, ...]:
     file_format: Format = formats()[engine.FORMAT]
     table = combine(file_format.SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     decisions = negotiate(world, engine.NAME, table, locate, extra)
     if plan is None and engine.LAYERS:
         _refuse_unreachable(world, engine)
-    files = file_format.emit(world, target_of(world, engine, plan))
-    return Compiled(engine.NAME, engine.FORMAT, files, tuple(decisions))
+    return tuple(decisions)
+
+
+def _emit(world: World, engine: type[Engine], plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
+    files = formats()[engine.FORMAT].emit(world, target_of(world, engine, plan))
+    return Compiled(engine.NAME, engine.FORMAT, files, decisions)
 
 
 def _refuse_unreachable(world: World, engine: type[Engine]) -> None:

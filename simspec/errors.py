@@ -6,6 +6,7 @@ problems of one step at once, so that a user repairs a file in one go.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -20,11 +21,32 @@ EXIT_ENGINE = 3
 
 MOST_TEXT = 400
 """Characters of a text of somebody else's that a message quotes."""
+MOST_WORDS = 1500
+"""Characters of a field of a problem in simspec's own words; the longest lists all words of a table of the language."""
+MOST_PROBLEMS = 50
+"""Problems that one error tells; it counts the others."""
 
 
 def clipped(text: str, most: int = MOST_TEXT) -> str:
     """``text``, or its beginning and its length where it is longer than ``most`` characters."""
     return text if len(text) <= most else f"{text[:most]}… ({len(text):,} characters)"
+
+
+def visible(text: str, lines: bool = False) -> str:
+    """``text`` with everything escaped that is not seen, or that does more than be seen: control characters (with ``lines``,
+    all but the ends of lines), other ends of lines, marks that change the direction of writing, and halves of characters."""
+    return _UNSEEN.sub(lambda found: _escaped(found.group(), lines), text)
+
+
+_UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
+)
+
+
+def _escaped(character: str, lines: bool) -> str:
+    if lines and character == "\n":
+        return character
+    return character.encode("unicode_escape", "surrogatepass").decode("ascii")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +58,7 @@ class Location:
     column: int
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}:{self.column}"
+        return f"{visible(self.file)}:{self.line}:{self.column}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +78,19 @@ class Problem:
 
     def __str__(self) -> str:
         place = f"{self.location}: " if self.location else ""
-        where = f"{self.path}: " if self.path else ""
-        parts = [f"{place}{where}{self.message}"]
+        where = f"{visible(clipped(self.path))}: " if self.path else ""
+        parts = [f"{place}{where}{_words(self.message)}"]
         if self.found is not None:
-            parts.append(f"  found:   {self.found}")
+            parts.append(f"  found:   {visible(clipped(self.found))}")
         if self.allowed is not None:
-            parts.append(f"  allowed: {self.allowed}")
+            parts.append(f"  allowed: {_words(self.allowed)}")
         if self.hint is not None:
-            parts.append(f"  hint:    {self.hint}")
+            parts.append(f"  hint:    {_words(self.hint)}")
         return "\n".join(parts)
+
+
+def _words(text: str) -> str:
+    return visible(clipped(text, MOST_WORDS))
 
 
 class SimspecError(Exception):
@@ -82,7 +108,13 @@ class SpecError(SimspecError):
         self.problems = tuple(problems)
         if not self.problems:
             raise ValueError("a SpecError needs at least one problem")
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        super().__init__("\n".join([*map(str, self.problems[:MOST_PROBLEMS]), *self.more]))
+
+    @property
+    def more(self) -> tuple[str, ...]:
+        """A line that counts the problems that are not told, where there are such."""
+        left = len(self.problems) - MOST_PROBLEMS
+        return (f"and {left:,} more problem{'s' if left > 1 else ''}",) if left > 0 else ()
 
 
 class UnsupportedError(SpecError):
@@ -96,4 +128,6 @@ class EngineError(SimspecError):
 
     def __init__(self, engine: str, message: str):
         self.engine = engine
-        super().__init__(f"{engine}: {message}")
+        # lines of an engine's own words are told apart from simspec's
+        first, *rest = visible(message, lines=True).split("\n")
+        super().__init__("\n  | ".join([f"{visible(engine)}: {first}", *rest]))

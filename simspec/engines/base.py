@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.metadata
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,10 @@ CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
 """The arrays of ``Engine.contacts`` and the shape of one row. ``body``: indices into the world's bodies; ``position``: in
 the world (m); ``normal``: unit vector in the world, pointing from the second body to the first; ``distance``: gap in m,
 negative when the bodies overlap; ``normal_force``: N, ≥ 0."""
+
+
+LARGEST_WHOLE = 2**31 - 1
+"""The largest whole number that every engine's settings can hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -368,10 +373,14 @@ def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) ->
 
 def _wrong_value(setting: Setting, value: Any) -> str | None:
     kind = type(setting.default)
-    if kind is float and type(value) is int:
+    if kind is float and type(value) is int and abs(value) <= LARGEST_WHOLE:
         value = float(value)
     if type(value) is not kind:
         return {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}[kind]
+    if kind is float and not math.isfinite(value):
+        return "a finite number"
+    if kind is int and abs(value) > LARGEST_WHOLE:
+        return f"a whole number of at most {LARGEST_WHOLE}"
     if setting.choices and value not in setting.choices:
         return ", ".join(setting.choices)
     if setting.minimum is not None and value < setting.minimum:

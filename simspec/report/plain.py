@@ -14,7 +14,7 @@ import numpy as np
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import Diff, summary
 from simspec.comparison.study import Study
-from simspec.errors import EngineError, SimspecError, SpecError
+from simspec.errors import MOST_PROBLEMS, MOST_WORDS, EngineError, SimspecError, SpecError, clipped
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
@@ -42,10 +42,18 @@ def text(value: Any) -> str:
 
 
 def error_data(error: SimspecError) -> dict[str, Any]:
-    """An error with all its problems."""
+    """An error with its problems: the first of them, and the number of all, where there are very many."""
     found: dict[str, Any] = {"kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
     if isinstance(error, SpecError):
-        found["problems"] = [plain(problem) for problem in error.problems]
+        found["problems"] = [
+            {
+                name: clipped(value, MOST_WORDS) if isinstance(value, str) else value
+                for name, value in plain(problem).items()
+            }
+            for problem in error.problems[:MOST_PROBLEMS]
+        ]
+        if error.more:
+            found["problem_count"] = len(error.problems)
     if isinstance(error, EngineError):
         found["engine"] = error.engine
     return {"error": found}

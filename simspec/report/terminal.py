@@ -18,7 +18,7 @@ from simspec.comparison.runs import CANNOT_BE_TOLD, QUANTITIES, BodyDiff, Diff, 
 from simspec.comparison.study import Study
 from simspec.comparison.worlds import Change
 from simspec.compiler import Compiled
-from simspec.errors import Problem, SimspecError, SpecError
+from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
 from simspec.features import Feature, Level
 from simspec.report.matrix import WORDS
 from simspec.runner.expectations import Outcome
@@ -102,8 +102,10 @@ def show_error(error: SimspecError) -> None:
     if not isinstance(error, SpecError):
         screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
         return
-    for problem in error.problems:
+    for problem in error.problems[:MOST_PROBLEMS]:
         screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
+    for line in error.more:
+        screen.print(line)
     count = len(error.problems)
     screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
 

@@ -17,6 +17,9 @@ from typing import Any
 from simspec.errors import Location, Problem, SpecError
 from simspec.reading import NotReadableError, open_regular
 
+MOST_EVENTS = 100_000
+"""Keys, values, and beginnings and ends of mappings and lists of one file: two seconds' worth of reading. The largest spec of
+the library, a robot with a program of moves, has 4,000."""
 LARGEST_FILE = 10_000_000
 """Bytes; a spec of 10,000 written-out bodies has 4 MB."""
 DEEPEST = 40
@@ -163,8 +166,13 @@ def events(text: str, file: str) -> Iterator[Any]:
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
     from ruamel.yaml.reader import ReaderError
 
+    count = 0
     try:
-        yield from YAML(typ="safe", pure=True).parse(text)
+        for event in YAML(typ="safe", pure=True).parse(text):
+            count += 1
+            if count > MOST_EVENTS:
+                break
+            yield event
     except ReaderError as error:
         before = text[: error.position]
         place = Location(file, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
@@ -178,6 +186,11 @@ def events(text: str, file: str) -> Iterator[Any]:
         raise SpecError([Problem(f"not YAML: {what}", location=place, hint=hint)]) from None
     except YAMLError as error:
         raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
+    if count > MOST_EVENTS:
+        place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
+        hint = "repeated bodies are written once, with array:; long trajectories stand in a CSV file"
+        message = "the file has too many keys and values, counted from its beginning to here"
+        raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
 
 
 def scalar(text: str) -> Any:

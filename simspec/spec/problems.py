@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import functools
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from pydantic import ValidationError
@@ -14,6 +15,8 @@ from simspec.spec.hints import hint_for_key
 from simspec.spec.models import File
 from simspec.spec.strict import FAULT, REPORTED, Strict, near, show
 
+MOST_LOOKED_AT = 2000
+"""Problems of one file that are told with their places and hints: all that can be read; a second's worth."""
 _WANTED = {
     "dict_type": "wants a mapping (key: value)",
     "list_type": "wants a list",
@@ -24,6 +27,9 @@ _WANTED = {
 def of_validation(error: ValidationError, document: Document, root: type[Strict] = File) -> Iterator[Problem]:
     """Every error as a problem, in the order that pydantic found them."""
     errors = error.errors(include_url=False)
+    if len(errors) > MOST_LOOKED_AT:
+        yield document.problem((), f"{len(errors):,} problems, of which {MOST_LOOKED_AT:,} are looked at")
+        del errors[MOST_LOOKED_AT:]
     unknown: dict[tuple[Any, ...], set[str | None]] = {}
     for one in errors:
         if one["type"] == "extra_forbidden":
@@ -66,13 +72,20 @@ def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem
 
 def _elsewhere(word: str, root: type[Strict]) -> str | None:
     """The part of the language that has a key of this name, if there is just one."""
-    owners = {
-        field
-        for model in walk.models(root).values()
-        for field, kind in walk.fields(model).items()
-        if walk.is_model(kind) and word in walk.keys(kind)
-    }
-    return f"{word} belongs to {owners.pop()}" if len(owners) == 1 else None
+    owners = _owners(root).get(word, frozenset())
+    return f"{word} belongs to {next(iter(owners))}" if len(owners) == 1 else None
+
+
+@functools.cache
+def _owners(root: type[Strict]) -> Mapping[str, frozenset[str]]:
+    """The parts of the language that have a key, by the key."""
+    found: dict[str, frozenset[str]] = {}
+    for model in walk.models(root).values():
+        for field, kind in walk.fields(model).items():
+            if walk.is_model(kind):
+                for word in walk.keys(kind):
+                    found[word] = found.get(word, frozenset()) | {field}
+    return found
 
 
 def _example(root: type[Strict], path: list[Any]) -> str | None:

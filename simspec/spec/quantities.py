@@ -325,6 +325,8 @@ class Setting(Reader):
             raise fault("not a finite number", show(value))
         if not isinstance(value, (bool, int, float, str)):
             raise fault("wants a number, a word, true or false", show(value))
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise fault("too large a number", show(value))
         return value
 
     def describe(self) -> str:
