@@ -79,7 +79,9 @@ def new_command(
     if as_json:
         print_json({"file": path})
     else:
-        print(f"wrote {path}; now: simspec run {path} --all-engines")
+        from simspec.report.screen import say
+
+        say(f"wrote {path}; now: simspec run {path} --all-engines")
 
 
 @app.command("check")
@@ -123,7 +125,9 @@ def check_command(
         for row in rows:
             count = len(row["warnings"])
             told = f", {count} warning{'s' if count > 1 else ''}" if count else ""
-            print(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
+            from simspec.report.screen import say
+
+            say(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
 
 
 @app.command("fmt")
@@ -395,12 +399,15 @@ def engines_command(
 
         return one_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
     if as_json:
-        print_json({"engines": matrix.engine_data()})
+        print_json({"engines": matrix.engine_data(), "broken": matrix.broken()})
         return EXIT_OK
+    from simspec.report.screen import say
     from simspec.report.terminal import console, engine_tables
 
     for table in engine_tables(matrix.engine_data()):
         console().print(table)
+    for name, why in matrix.broken().items():
+        say(f"{name}: {why}")
     return EXIT_OK
 
 

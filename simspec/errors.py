@@ -35,10 +35,10 @@ def clipped(text: str, most: int = MOST_TEXT) -> str:
 def visible(text: str, lines: bool = False) -> str:
     """``text`` with everything escaped that is not seen, or that does more than be seen: control characters (with ``lines``,
     all but the ends of lines), other ends of lines, marks that change the direction of writing, and halves of characters."""
-    return _UNSEEN.sub(lambda found: _escaped(found.group(), lines), text)
+    return UNSEEN_CHARACTERS.sub(lambda found: _escaped(found.group(), lines), text)
 
 
-_UNSEEN = re.compile(
+UNSEEN_CHARACTERS = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
 

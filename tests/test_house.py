@@ -13,6 +13,7 @@ ORDER = (
     "errors",
     "reading",
     "scratch",
+    "plugins",
     "mapped",
     "stored",
     "outputs",

@@ -23,6 +23,7 @@ from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
 from simspec.formats.base import SIDECAR_SCHEMA
 from simspec.formats.contact_plan import Rules
+from simspec.plugins import Offered, offered
 from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
@@ -408,16 +409,46 @@ def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.nd
     return poses, velocities
 
 
+DECLARED = ("NAME", "FORMAT", "DISTRIBUTION", "EXTRA", "SUPPORT", "SETTINGS", "RULES", "LAYERS")
+"""What an engine's class must say."""
+
+
 @functools.cache
+def _offered() -> Offered:
+    return offered("simspec.engines", _sound)
+
+
+def _sound(name: str, engine: Any) -> type[Engine]:
+    """The engine, if it is one that can be used. Raises TypeError, ValueError."""
+    from simspec.formats.base import formats
+
+    if not (isinstance(engine, type) and issubclass(engine, Engine)):
+        raise TypeError("it is no Engine")
+    missing = [word for word in DECLARED if not hasattr(engine, word)]
+    if missing:
+        raise ValueError(f"it does not say its {', '.join(missing)}")
+    if name != engine.NAME:
+        raise ValueError(f"it calls itself {engine.NAME!r}")
+    if engine.FORMAT not in formats():
+        raise ValueError(f"it reads {engine.FORMAT!r}, which no format is")
+    engine.version()
+    return engine
+
+
 def engines() -> Mapping[str, type[Engine]]:
     """Every known engine by name (entry points ``simspec.engines``), installed or not."""
-    points = importlib.metadata.entry_points(group="simspec.engines")
-    return {point.name: point.load() for point in sorted(points, key=lambda p: p.name)}
+    return _offered().good
+
+
+def broken_engines() -> Mapping[str, str]:
+    """The engines that are offered and cannot be used, with the reason."""
+    return _offered().broken
 
 
 def find_engine(name: str) -> type[Engine]:
     """The engine called ``name``. Raises EngineError naming the known ones."""
     found = engines().get(name)
     if found is None:
-        raise EngineError(name, f"no such engine; known: {', '.join(engines())}")
+        why = broken_engines().get(name)
+        raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}")
     return found

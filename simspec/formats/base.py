@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,6 +15,7 @@ from simspec.errors import SpecError
 from simspec.features import Table, check_total
 from simspec.formats.contact_plan import ContactPlan, Rules
 from simspec.outputs.reading import read_text
+from simspec.plugins import Offered, offered
 from simspec.resources import resource_folder
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import ReadBack, Vector3, World
@@ -171,6 +171,25 @@ def environment() -> Any:
 
 
 @functools.cache
+def _offered() -> Offered:
+    return offered("simspec.formats", _sound)
+
+
+def _sound(name: str, kind: Any) -> Format:
+    """The format, if it is one that can be used. Raises TypeError, ValueError."""
+    if not (isinstance(kind, type) and issubclass(kind, Format)):
+        raise TypeError("it is no Format")
+    missing = [word for word in ("NAME", "SUPPORT") if not hasattr(kind, word)]
+    if missing or name != kind.NAME:
+        raise ValueError(f"it does not say its {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
+    return kind()
+
+
 def formats() -> Mapping[str, Format]:
     """Every installed format by name (entry points ``simspec.formats``)."""
-    return {point.name: point.load()() for point in sorted(entry_points(group="simspec.formats"), key=lambda p: p.name)}
+    return _offered().good
+
+
+def broken_formats() -> Mapping[str, str]:
+    """The formats that are offered and cannot be used, with the reason."""
+    return _offered().broken

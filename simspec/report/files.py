@@ -15,6 +15,7 @@ from simspec.outputs.reading import read_bytes
 from simspec.outputs.targets import LARGEST_OWN, check_file, check_folder, demand, folder_problem
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
+from simspec.report.screen import say
 from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
@@ -37,9 +38,9 @@ def one_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool
     if as_json:
         sys.stdout.write(text({"file": path, "current": current, "written": not check and not current}))
     elif check and not current:
-        print(f"{path} is stale; {how} writes it", file=sys.stderr)
+        say(f"{path} is stale; {how} writes it", error=True)
     elif not check:
-        print(f"{path}: {'already current' if current else 'written'}")
+        say(f"{path}: {'already current' if current else 'written'}")
     return EXIT_FAILED if check and not current else EXIT_OK
 
 
@@ -73,7 +74,7 @@ def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
         sys.stdout.write(text({"changed": changed, "written": not check}))
     else:
         for path in changed:
-            print(f"{path}: {'would change; simspec fmt writes it' if check else 'written'}")
+            say(f"{path}: {'would change; simspec fmt writes it' if check else 'written'}")
     return EXIT_FAILED if check and changed else EXIT_OK
 
 
@@ -124,9 +125,9 @@ def compile_specs(
         sys.stdout.write(text({"compiled": data, "warnings": warnings}))
         return EXIT_OK
     for one, place in zip(built, written, strict=True):
-        print(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
+        say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
         if place.dropped:
-            print(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
+            say(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:
             from simspec.report.explain import control_table, tables
             from simspec.report.terminal import console
@@ -144,9 +145,10 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> in
     if as_json:
         sys.stdout.write(text({"stale": stale}))
     elif stale:
-        print("\n".join(stale), file=sys.stderr)
+        for line in stale:
+            say(line, error=True)
     else:
-        print(f"{len(built)} compiled specs are current")
+        say(f"{len(built)} compiled specs are current")
     return EXIT_FAILED if stale else EXIT_OK
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from simspec.engines.base import Engine, engines
+from simspec.engines.base import Engine, broken_engines, engines
 from simspec.features import MEANING, Feature, Level, Support, combine
-from simspec.formats.base import formats
+from simspec.formats.base import broken_formats, formats
 
 MATRIX_FILE = "docs/support-matrix.md"
 WORDS = {
@@ -55,6 +55,11 @@ def engine_data() -> dict[str, Any]:
         }
         for name, engine in engines().items()
     }
+
+
+def broken() -> dict[str, str]:
+    """Engines and formats that are offered by installed packages and cannot be used, with the reason."""
+    return {**broken_formats(), **broken_engines()}
 
 
 def _cell(text: str) -> str:

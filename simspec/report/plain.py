@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import Diff, summary
 from simspec.comparison.study import Study
-from simspec.errors import MOST_PROBLEMS, MOST_WORDS, EngineError, SimspecError, SpecError, clipped
+from simspec.errors import MOST_PROBLEMS, MOST_WORDS, UNSEEN_CHARACTERS, EngineError, SimspecError, SpecError, clipped
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
@@ -38,7 +39,14 @@ def plain(value: Any) -> Any:
 
 def text(value: Any) -> str:
     """JSON text with two spaces and a newline at the end."""
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    found = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    # what JSON leaves raw and a terminal obeys, and halves of characters (names of files that are no text), in JSON's own words
+    return UNSEEN_CHARACTERS.sub(_escaped, found) + "\n"
+
+
+def _escaped(found: re.Match[str]) -> str:
+    character = found.group()
+    return character if character == "\n" else f"\\u{ord(character):04x}"
 
 
 def error_data(error: SimspecError) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -18,9 +17,10 @@ from simspec.comparison.runs import CANNOT_BE_TOLD, QUANTITIES, BodyDiff, Diff, 
 from simspec.comparison.study import Study
 from simspec.comparison.worlds import Change
 from simspec.compiler import Compiled
-from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
+from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError, visible
 from simspec.features import Feature, Level
 from simspec.report.matrix import WORDS
+from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
@@ -30,22 +30,10 @@ if TYPE_CHECKING:
     from simspec.proof.selftest import Outcome as DefectOutcome
     from simspec.proof.selftest import SelfTest
 
-PIPE_WIDTH = 120
-"""Columns where there is no terminal to ask."""
-NARROWEST, WIDEST = 80, 120
 SHOWN_FAILURES = 12
 """Failed checks that the terminal lists; the certificate has all."""
 SHOWN_BODIES = 8
 """Bodies that a comparison lists; the others are within what is shown."""
-
-
-def console(error: bool = False) -> Console:
-    """The console for standard output (or standard error): rich asks the terminal, NO_COLOR and the pipe."""
-    stream = sys.stderr if error else sys.stdout
-    if not stream.isatty():
-        return Console(file=stream, width=PIPE_WIDTH, highlight=False, no_color=True, force_terminal=False)
-    wanted = Console(file=stream).width
-    return Console(file=stream, width=min(max(wanted, NARROWEST), WIDEST), highlight=False)
 
 
 @contextmanager
@@ -56,7 +44,7 @@ def progress(enabled: bool = True) -> Iterator[Callable[[str], None]]:
         yield lambda text: None
         return
     with screen.status("") as status:
-        yield status.update
+        yield lambda text: status.update(Text(visible(text)))
 
 
 def number(value: float | None, unit: str = "") -> str:

@@ -1,0 +1,73 @@
+"""Foreign text is text: not markup, not an emoji's name, not an order to the terminal, and not another line."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from rich.text import Text
+
+from simspec.errors import EngineError, Location, Problem, SpecError, visible
+from simspec.report import terminal
+from simspec.report.plain import error_data, text
+from simspec.report.screen import Screen, say
+
+FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",
+           "\x07\x08\r", "a\u2028b", "\u202eabc", "\ud800", "\x00", "[link=file:///x]y"]  # fmt: skip
+
+
+def shown(*objects, terminal: bool = True) -> str:
+    stream = io.StringIO()
+    screen = Screen(file=stream, width=100, force_terminal=terminal, no_color=True)
+    for one in objects:
+        screen.print(one)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("foreign", FOREIGN)
+def test_printed_text_is_one_line_of_what_it_is(foreign, capsys):
+    assert shown(foreign).rstrip("\n") == visible(foreign)
+    assert "\n" not in visible(foreign)
+    assert visible(foreign).isprintable()
+    say(foreign)
+    assert capsys.readouterr().out == visible(foreign) + "\n"
+
+
+@pytest.mark.parametrize("foreign", FOREIGN)
+def test_a_table_shows_it_whole_and_does_not_obey_it(foreign):
+    found = terminal.table(foreign, foreign, "b")
+    found.add_row(foreign, Text(foreign))
+    given = shown(found, terminal=False)
+    lines = given.replace("─", "").replace("━", "")
+    assert all(character == "\n" or character.isprintable() for character in lines)
+    for part in visible(foreign, lines=True).split("\n"):
+        assert part.strip() in given
+
+
+@pytest.mark.parametrize("foreign", FOREIGN)
+def test_errors_keep_to_their_lines(foreign, capsys):
+    problem = Problem(foreign, foreign, Location(foreign, 1, 2), foreign, foreign, foreign)
+    terminal.show_error(SpecError([problem]))
+    said = capsys.readouterr().err
+    assert said.count("\n") == 5
+    assert said.count(visible(foreign)) == 6
+    terminal.show_error(EngineError("mujoco", foreign))
+    for line in capsys.readouterr().err.splitlines()[1:]:
+        assert line.startswith("  | ")
+    written = text(error_data(SpecError([problem])))
+    assert all(character == "\n" or character.isprintable() for character in written)
+    assert json.loads(written)["error"]["problems"][0]["found"] == foreign
+
+
+def test_very_many_problems_are_counted(capsys):
+    error = SpecError([Problem("wrong " * 10_000, "x" * 100_000, found="f" * 10**6)] * 100_000)
+    terminal.show_error(error)
+    said = capsys.readouterr().err
+    assert len(str(error)) < 200_000
+    assert len(said) < 200_000
+    assert "and 99,950 more problems" in said
+    assert "100000 problems" in said
+    found = error_data(error)["error"]
+    assert len(found["problems"]) == 50
+    assert found["problem_count"] == 100_000

@@ -1,0 +1,85 @@
+"""A broken entry point of a stranger's package is told by ``simspec engines``, and is nobody else's problem."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import sys
+import types
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.engines import base
+from simspec.engines.base import Engine, broken_engines, engines, find_engine
+from simspec.errors import EngineError
+from simspec.features import EXACT, Feature
+from simspec.formats import base as formats_base
+from simspec.formats.contact_plan import Rules
+
+
+def an_engine(**more):
+    words = {"NAME": "odd", "FORMAT": "mjcf", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
+    words |= {"LAYERS": False, "SUPPORT": dict.fromkeys(Feature, EXACT), "SETTINGS": {}} | more
+    return type("Odd", (Engine,), {name: value for name, value in words.items() if value is not None})
+
+
+@pytest.fixture
+def offer(monkeypatch):
+    """Offers more engines; everything is looked for anew before and after."""
+    genuine = importlib.metadata.entry_points
+    more: list[importlib.metadata.EntryPoint] = []
+    module = types.ModuleType("strange_engines")
+    monkeypatch.setitem(sys.modules, "strange_engines", module)
+
+    def points(*, group):
+        found = list(genuine(group=group))
+        return found + (more if group == "simspec.engines" else [])
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", points)
+
+    def offered(name, value, attribute="it"):
+        setattr(module, attribute, value)
+        place = f"strange_engines:{attribute}" if value is not None else "nowhere_at_all:it"
+        more.append(importlib.metadata.EntryPoint(name, place, "simspec.engines"))
+        base._offered.cache_clear()
+
+    yield offered
+    base._offered.cache_clear()
+    formats_base._offered.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("value", "why"),
+    [
+        (None, "No module named 'nowhere_at_all'"),
+        (17, "it is no Engine"),
+        (Engine, "it does not say its NAME"),
+        (an_engine(NAME="other"), "it calls itself 'other'"),
+        (an_engine(FORMAT="word"), "it reads 'word', which no format is"),
+        (an_engine(SETTINGS=None), "it does not say its SETTINGS"),
+        (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),
+    ],
+)
+def test_a_broken_engine_is_told_and_ignored(offer, value, why):
+    offer("odd", value)
+    assert list(engines()) == ["dart", "mujoco", "pybullet"]
+    assert why in broken_engines()["odd"]
+    with pytest.raises(EngineError, match="cannot be used"):
+        find_engine("odd")
+    done = CliRunner().invoke(cli.app, ["engines"])
+    assert done.exit_code == 0
+    assert why in done.output
+    assert CliRunner().invoke(cli.app, ["check", "bouncing-ball"]).exit_code == 0
+
+
+def test_nobody_takes_the_name_of_simspec_s_own(offer):
+    offer("mujoco", an_engine(NAME="mujoco"))
+    assert find_engine("mujoco").__module__ == "simspec.engines.mujoco"
+    assert any("the name is taken" in why for why in broken_engines().values())
+
+
+def test_a_sound_engine_is_used(offer):
+    offer("odd", an_engine())
+    assert list(engines()) == ["dart", "mujoco", "odd", "pybullet"]
+    assert not broken_engines()
