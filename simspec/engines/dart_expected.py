@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 
 from simspec.engines.dart_inventory import finite, part_name
-from simspec.engines.expected_filter import Carrier, expected_apart
+from simspec.engines.expected_filter import Carrier, expected_apart, listed
 from simspec.formats.contact_plan import ContactPlan, parts
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World
@@ -35,6 +35,7 @@ def expected(
     ]
     found = _world(world, settings, neutral, detector)
     found["count.skeletons"] = len(trees(world))
+    found["sidecar.bodies"] = listed([body.name for body in world.bodies])
     found["group.shapes"] = sum(len(part.shapes) for body in world.bodies for part in parts(body, plan))
     touching = any(groups[one.body] != "world" for one in carriers)
     choice = settings["exact_rotation"]
@@ -45,6 +46,11 @@ def expected(
         for body in bodies:
             found |= _joint(body, world.physics.timestep) | _node(body)
             found[f"body.{body.name}.model"], found[f"body.{body.name}.joint"] = body.model, body.joint.name
+            found[f"body.{body.name}.skeleton"] = root
+            for part in parts(body, plan):
+                at = f"surface.{part_name(body.name, part.material, part.layer)}"
+                found[f"{at}.friction"] = (part.surface.friction or 0.0,) * len(part.shapes)
+                found[f"{at}.restitution"] = (part.surface.restitution or 0.0,) * len(part.shapes)
             found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
             if groups[body.name] == "world":
                 found |= _still(body)

@@ -13,7 +13,7 @@ from typing import Any
 
 from simspec.engines.dart_nodes import collision_nodes
 from simspec.engines.dart_simulation import Simulation
-from simspec.engines.expected_filter import named_set
+from simspec.engines.expected_filter import listed, named_set
 from simspec.world.types import HeldValue
 
 SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")
@@ -53,7 +53,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         shapes.setdefault(shape["body"], []).append(shape["name"])
     for index, (name, body) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = body.getParentJoint()
-        found[f"body.{name}.joint"] = joint.getName()
+        found[f"body.{name}.joint"], found[f"body.{name}.skeleton"] = joint.getName(), body.getSkeleton().getName()
         found[f"body.{name}.shapes"] = tuple(shapes.get(name, ()))
         if not body.isReactive():  # of what cannot move the read-back tells no mass
             held = body.getInertia()
@@ -64,11 +64,12 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         found.update(_nodes(name, sim.nodes.of(index)))
     found.update({f"sidecar.{name}": sidecar[name] for name in ("schema", "format", "engine", "world")})
     found.update({f"settings.{name}": value for name, value in sidecar["settings"].items()})
+    found["sidecar.bodies"] = listed(sim.names)
     models = zip(sim.names, sidecar["models"], strict=True)
     found.update({f"body.{name}.model": model for name, model in models})
     found.update({f"velocity_limit.{one['body']}": one["value"] for one in sidecar["velocity_limits"]})
     found["exact_rotation"] = sim.exact_rotation
-    found.update(_apart(sim))
+    found.update(_parts(sim))
     return found
 
 
@@ -184,12 +185,13 @@ def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, HeldValue]:
     return found
 
 
-def _apart(sim: Simulation) -> dict[str, HeldValue]:
-    """Of every body's material in every layer the others that it does not touch: those on nodes that were told to be apart, on
-    its own node, and, for what cannot move, on all others of that kind."""
+def _parts(sim: Simulation) -> dict[str, HeldValue]:
+    """Of every body's material in every layer the numbers of its shapes, and the others that it does not touch: those on nodes
+    that were told to be apart, on its own node, and, for what cannot move, on all others of that kind."""
     on: dict[str, set[str]] = {}
     still: set[str] = set()
     shapes = sim.sidecar["shapes"]
+    numbers: dict[str, dict[str, tuple[HeldValue, ...]]] = {"friction": {}, "restitution": {}}
     for index, body in enumerate(sim.bodies):
         for node in sim.nodes.of(index):
             for shape in collision_nodes(node):
@@ -198,6 +200,12 @@ def _apart(sim: Simulation) -> dict[str, HeldValue]:
                     shapes[number]["body"], shapes[number]["material"], shapes[number]["surfaces"][copy]["layer"]
                 )
                 on.setdefault(node.getName(), set()).add(part)
+                surface = shape.getDynamicsAspect()
+                for key, value in (
+                    ("friction", surface.getFrictionCoeff()),
+                    ("restitution", surface.getRestitutionCoeff()),
+                ):
+                    numbers[key][part] = (*numbers[key].get(part, ()), value)
                 if not body.isReactive():
                     still.add(part)
     apart: dict[str, set[str]] = {name: {name} for name in on}
@@ -210,7 +218,11 @@ def _apart(sim: Simulation) -> dict[str, HeldValue]:
         others = set().union(*(on[name] for name in apart[node]))
         for part in parts:
             found.setdefault(part, set()).update(others | still if part in still else others)
-    return {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
+    held: dict[str, HeldValue] = {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
+    held.update(
+        {f"surface.{part}.{key}": values for key, by_part in numbers.items() for part, values in by_part.items()}
+    )
+    return held
 
 
 def part_name(body: str, material: str, layer: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.formats.contact_plan import ContactPlan
@@ -26,10 +26,14 @@ class Carrier:
 
 def named_set(names: Iterable[str]) -> str:
     """The names, sorted, with spaces between; of many their number and a digest."""
-    ordered = sorted(names)
-    if len(ordered) <= MOST_NAMED:
-        return " ".join(ordered)
-    return f"{len(ordered)} in all, {hashlib.sha256(chr(0).join(ordered).encode()).hexdigest()[:16]}"
+    return listed(sorted(names))
+
+
+def listed(names: Sequence[str]) -> str:
+    """The names in their order, with spaces between; of many their number and a digest."""
+    if len(names) <= MOST_NAMED:
+        return " ".join(names)
+    return f"{len(names)} in all, {hashlib.sha256(chr(0).join(names).encode()).hexdigest()[:16]}"
 
 
 def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, HeldValue]:

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.engines.expected_filter import Carrier, expected_apart
+from simspec.engines.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
 from simspec.formats.contact_plan import ContactPlan, Part, meeting_laws, parts
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
-from simspec.world.types import Body, HeldValue, World
+from simspec.world.types import Body, HeldValue, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
 """URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
@@ -58,6 +58,7 @@ def expected(
     found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
     found |= {f"body.{body.name}.shapes": tuple(shape.name for shape in body.shapes) for body in world.bodies}
     found["count.bodies"] = len(trees(world))
+    found["sidecar.bodies"] = listed([body.name for body in world.bodies])
     solid = []
     for root, bodies in trees(world).items():
         links = list(_tree_links(bodies, plan))
@@ -163,8 +164,7 @@ def _link(
     found = _told(link.name, settings)
     found[f"link.{link.name}.body_type"] = MULTI_BODY
     kind = link.body.joint.kind if link.own else None
-    if link.part is None:
-        found |= _untouched(link.name, neutral)
+    found |= _untouched(link.name, neutral) | (_surface(link.name, link.part.surface) if link.part else {})
     found[f"link.{link.name}.layer"] = link.part.layer if link.part is not None else 0
     if link.base and link.body.joint.kind == "fixed":
         found |= _empty(link.name) | {f"link.{link.name}.place": link.body.inertial.centre_of_mass}
@@ -188,6 +188,19 @@ def _untouched(name: str, neutral: Mapping[str, HeldValue]) -> dict[str, HeldVal
     """The surface of a link that has no shapes."""
     held: dict[str, HeldValue] = dict.fromkeys(("friction", "restitution", "rolling", "spinning"), 0.0)
     held |= {key: neutral[f"link.{key}"] for key in ("damping", "stiffness")}
+    return {f"link.{name}.{key}": value for key, value in held.items()}
+
+
+def _surface(name: str, surface: Surface) -> dict[str, HeldValue]:
+    """The numbers of a link's shapes. Two links' springs stand in series, and their dampers add up."""
+    held: dict[str, HeldValue] = {
+        "friction": surface.friction or 0.0,
+        "restitution": surface.restitution or 0.0,
+        "rolling": surface.rolling_friction or 0.0,
+        "spinning": surface.torsional_friction or 0.0,
+    }
+    if surface.hardness is not None and surface.hardness.kind == "stiffness":
+        held |= {"stiffness": 2.0 * surface.hardness.stiffness, "damping": surface.hardness.damping / 2.0}
     return {f"link.{name}.{key}": value for key, value in held.items()}
 
 

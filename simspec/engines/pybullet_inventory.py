@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.bullet_file import Block, plain, read_blocks
-from simspec.engines.expected_filter import named_set
+from simspec.engines.expected_filter import listed, named_set
 from simspec.engines.pybullet_simulation import Simulation, Tree
 from simspec.engines.pybullet_turns import from_xyzw
 from simspec.errors import EngineError
@@ -77,7 +77,7 @@ SURFACE: Mapping[str, int] = {
     "damping": 8,
     "stiffness": 9,
 }
-"""Numbers of getDynamicsInfo; of a link with shapes they are fields of the read-back."""
+"""Numbers of getDynamicsInfo."""
 OF_THE_READ_BACK: Mapping[str | None, set[str]] = {"fixed": set(), "ball": {"damping"}, None: set()}
 """Which of these are fields of the read-back, by the kind of joint; of other kinds all are."""
 ROUND = {8, 10}
@@ -102,6 +102,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     held = p.getPhysicsEngineParameters(physicsClientId=client)
     found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
     found.update(sidecar_labels(sim.sidecar))
+    found["sidecar.bodies"] = listed(sim.names)
     for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
         found[f"tree.{instance['bodies'][0]}.model"] = instance["model"]
         for body, joint, shapes in zip(instance["bodies"], instance["joints"], instance["shapes"], strict=True):
@@ -255,8 +256,7 @@ def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) ->
             found[f"link.{name}.inertia"] = tuple(dynamics[2])
             found[f"link.{name}.place"] = tuple(dynamics[3])
             found[f"link.{name}.turn"] = tuple(dynamics[4])
-        if not p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
-            found.update({f"link.{name}.{key}": dynamics[at] for key, at in SURFACE.items()})
+        found.update({f"link.{name}.{key}": dynamics[at] for key, at in SURFACE.items()})
         if link < 0:
             continue
         info = p.getJointInfo(tree.uid, link, physicsClientId=client)

@@ -169,10 +169,21 @@ TABLE = MutationTable(
         *(
             Inert(site, ABSENT, ("attribute removed", "element removed", "number dropped"), "*.urdf")
             for site in (
-                *("origin", "origin@*", "inertia@ix*", "inertia@iy*", "dynamics@*", "limit@*", "axis", "contact"),
+                *(
+                    "origin",
+                    "origin@*",
+                    "inertia@ix*",
+                    "inertia@iy*",
+                    "dynamics@*",
+                    "limit@*",
+                    "axis",
+                    "contact",
+                    "dynamics",
+                ),
                 *("restitution", "rolling_friction", "spinning_friction"),
             )
         ),
+        Inert("joint@type", "PyBullet holds a floating joint below another link as a fixed one", ("word",), "*.urdf"),
         Inert("axis*", "the axis of a joint that has none: of a fixed or ball joint", (), "*.urdf"),
         *(
             Inert(site, NAMED, (), "*.urdf")
@@ -185,6 +196,7 @@ TABLE = MutationTable(
         Inert("visual", SEEN, ("element removed", "element doubled"), "*.urdf"),
         Inert("link/visual", SEEN, ("element added",), "*.urdf"),
         Inert("link/audio_source", "only heard", ("element added",), "*.urdf"),
+        Inert("sphere@radius", SEEN, ("moved",), "*.urdf"),
         Inert("mass@value", DROPPED, ("moved",), "*.urdf"),
         Inert("inertia@i*", DROPPED, ("moved",), "*.urdf"),
         Inert("inertial", DROPPED, ("element removed",), "*.urdf"),
@@ -201,6 +213,12 @@ TABLE = MutationTable(
                 *("collision_filter.classes.*", "collision_filter.classes.*.links.*", "collision_filter.excluded.*"),
                 *("collision_filter.excluded.*.*", "instances.*", "sleepers.*", "springs.*", "armature.*"),
             )
+        ),
+        Inert(
+            "collision_filter.classes.*.mask",
+            "of two classes both must ask; a single link does not meet itself",
+            ("scaled",),
+            "sidecar.json",
         ),
         Inert(
             "instances.*.base.quaternion.*",
