@@ -6,6 +6,7 @@ the plan of which numbers materials get (``formats/contact_plan.py``) is common 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -56,6 +57,7 @@ class _Expected:
         self.laws = meeting_laws(world)
         self.dt = world.physics.timestep
         self.groups = rigid_groups(world)
+        self._owner = {shape.name: body for body in world.bodies for shape in body.shapes}
         self.solid = {body.name: [shape for shape in body.shapes if shape.collision] for body in world.bodies}
 
     def whole(self) -> dict[str, Any]:
@@ -68,7 +70,7 @@ class _Expected:
         for body in self.world.bodies:
             for shape in body.shapes:
                 found |= self._geom(shape)
-        pairs, _ = self._explicit()
+        pairs, _ = self._explicit
         for pair, one, two in pairs:
             found |= self._pair(self.laws[pair], one, two)
         found |= self._masks()
@@ -153,7 +155,7 @@ class _Expected:
             "nv": sum(VELOCITY_SIZE[joint.kind] for joint in moving),
             "nq": sum(len(joint.position) for joint in moving),
             "ngeom": sum(len(body.shapes) for body in self.world.bodies),
-            "npair": len(self._explicit()[0]),
+            "npair": len(self._explicit[0]),
             "nexclude": len(self._excluded()),
             "nu": servos,
             "nactuator": servos,
@@ -240,6 +242,7 @@ class _Expected:
             f"geom.{shape.name}.group": GROUP[shape.collision, shape.visual],
         }
 
+    @functools.cached_property
     def _explicit(self) -> tuple[list[tuple[Pair, str, str]], bool]:
         """The explicit pairs of shapes, with the materials that they are of; and whether all with friction are among them."""
         elliptic = self.world.contact.friction_cone == "elliptic"
@@ -286,11 +289,12 @@ class _Expected:
 
     def _inverse_mass(self, shape: str) -> float:
         """Of a single free body; nothing that stiffness is allowed for has another."""
-        owner = next(body for body in self.world.bodies if any(one.name == shape for one in body.shapes))
+        owner = self._owner[shape]
         return 0.0 if self.groups[owner.name] == "world" else 1.0 / owner.inertial.mass
 
     # --- who touches ----------------------------------------------------------------------------------------------
 
+    @functools.cached_property
     def _classes(self) -> dict[frozenset, list[tuple[str, str]]]:
         """Kinds of solid shapes, (collision group, material), by the kinds that they do not touch."""
         kinds = sorted({(b.collision_group, s.material) for b in self.world.bodies for s in self.solid[b.name]})
@@ -308,11 +312,11 @@ class _Expected:
 
     def _by_bodies(self) -> bool:
         """Whether masks have too few bits, and bodies are excluded pair by pair."""
-        return sum(bool(apart) for apart in self._classes()) > CLASSES_OF_MASKS
+        return sum(bool(apart) for apart in self._classes) > CLASSES_OF_MASKS
 
     def _masks(self) -> dict[str, Any]:
         names: dict[Any, list[str]] = {}
-        row = {kind: apart for apart, kinds in self._classes().items() for kind in kinds}
+        row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
         by_bodies = self._by_bodies()
         for body in self.world.bodies:
             for shape in body.shapes:
@@ -352,7 +356,7 @@ class _Expected:
         for members in rigid.values():
             found |= {(a, b) for a in members for b in members if a < b}
         if self._by_bodies():
-            row = {kind: apart for apart, kinds in self._classes().items() for kind in kinds}
+            row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
             kinds = {body.name: {(body.collision_group, s.material) for s in self.solid[body.name]} for body in bodies}
             found |= {
                 (a, b) for a in names for b in names if a < b and all(k in row[j] for j in kinds[a] for k in kinds[b])
@@ -401,7 +405,7 @@ class _Expected:
                 for body in bodies
             ],
             "friction_cone": self.world.contact.friction_cone,
-            "explicit_pairs": self._explicit()[1],
+            "explicit_pairs": self._explicit[1],
             "models": [body.model for body in bodies],
             "fixed_joints": {body.name: body.joint.name for body in bodies if body.joint.kind == "fixed"},
         }

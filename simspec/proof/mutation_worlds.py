@@ -134,6 +134,15 @@ def settings(engine: str) -> World:
     )
 
 
+def choices(engine: str) -> World:
+    """A ball on a floor, with every setting of the engine that is a choice chosen otherwise."""
+    world = hard("common", Hardness())(engine)
+    (options,) = world.engines
+    table = find_engine(engine).SETTINGS
+    given = tuple((name, _other(one)) for name, one in sorted(table.items()) if isinstance(one.default, str))
+    return dataclasses.replace(world, name="self-test-choices", engines=(dataclasses.replace(options, settings=given),))
+
+
 def _other(setting: Setting) -> bool | int | float | str:
     """A value that is allowed and is not the default."""
     value = setting.default
@@ -160,5 +169,6 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "inscribed pyramid": cone("pyramid-inscribed"),
     "circumscribed pyramid": cone("pyramid-circumscribed"),
     "settings": settings,
+    "choices": choices,
 }
 """By name, each for one engine."""

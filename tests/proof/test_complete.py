@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import subprocess
+import sys
 
 import pytest
 
 from simspec.formats.mutations import Inert, MutationTable
 from simspec.proof import complete
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
+from simspec.report import complete as report
 
 SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}
 
@@ -68,6 +72,42 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
     ended = [one for one in verdicts if "SIGSEGV" in one.why]
     assert [(one.site, one.kind) for one in ended] == [("inertial@mass", "sign")]
     assert sizes[0] == len(verdicts)
+
+
+@pytest.mark.parametrize("missed", [True, False])
+def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
+    place = ("model.xml", "scaled", "joint@damping", "joint[a]@damping", "1 to 1.01")
+    verdicts = (
+        Verdict("one", "world", *place, "missed" if missed else "caught", "L2", "damping"),
+        Verdict("one", "world", *place, "inert", why="a reason"),
+    )
+    found = CompleteTest(verdicts, {"one, other": "it cannot"}, {"one": "1.2"}, 60.0)
+    monkeypatch.setattr(complete, "complete_self_test", lambda engines, progress: found)
+    assert report.complete_self_test(["one"], as_json=True) == int(missed)
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["passed"] is not missed
+    assert answer["rows"][-1] == {
+        "engine": "one",
+        "kind": "all",
+        "planted": 2,
+        "caught": int(not missed),
+        "refused": 0,
+        "inert": 1,
+        "missed": int(missed),
+    }
+    assert answer["inert"] == [{"engine": "one", "reason": "a reason", "count": 1}]
+    assert answer["mutations"][0]["place"] == "joint[a]@damping"
+    assert report.complete_self_test(["one"], as_json=False) == int(missed)
+    said = capsys.readouterr().out
+    assert ("MISSED one, world: model.xml joint[a]@damping: scaled 1 to 1.01" in said) == missed
+    assert "one, other: it cannot" in said
+    assert f"missed {int(missed)} of 2 changes" in said
+
+
+def test_complete_goes_with_the_self_test_alone():
+    for words in (["verify", "--complete"], ["verify", "bouncing-ball", "--complete"]):
+        done = subprocess.run([sys.executable, "-m", "simspec", *words], capture_output=True, text=True, check=False)
+        assert done.returncode == 2, done.stderr
 
 
 def test_the_table_counts_by_engine_and_kind():
