@@ -101,6 +101,28 @@ def engine_names(words: list[str] | None) -> list[str]:
     return list(found)
 
 
+def installed_engines() -> list[str]:
+    """The engines that are installed here. Raises SpecError when none is."""
+    from simspec.engines.base import engines
+
+    found = [name for name, engine in engines().items() if engine.version() is not None]
+    if not found:
+        raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or say --engine NAME")])
+    return found
+
+
+def possible_engines(pythons: Mapping[str, str], as_json: bool) -> list[str]:
+    """The known engines but those that this Python cannot have, which are named on standard error; an engine with an
+    interpreter of its own is one of them."""
+    from simspec.engines.installing import left_out
+
+    absent = {name: why for name, why in left_out().items() if name not in pythons}
+    if not as_json:
+        for name, why in absent.items():
+            print(f"{name} is left out: it {why}; --python {name}=PATH runs it in another Python", file=sys.stderr)
+    return [name for name in engine_names(None) if name not in absent]
+
+
 def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
     """Raise EngineError for the first engine that is neither installed nor found in an interpreter of its own."""
     from simspec.comparison.study import missing_engines

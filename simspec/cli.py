@@ -21,8 +21,10 @@ from simspec.arguments import (
     Strict,
     demand_installed,
     engine_names,
+    installed_engines,
     interpreters,
     load_spec,
+    possible_engines,
     print_json,
     source_of,
 )
@@ -128,6 +130,29 @@ def check_command(
             from simspec.report.screen import say
 
             say(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
+
+
+@app.command("accept")
+@command
+def accept_command(
+    spec: SpecName,
+    engine: Engines = None,
+    allow_outside: Outside = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write the `accept` and `outside` entries that engines need into a spec, each with a short reason as a comment.
+
+    Without --engine: for the engines that are installed here. Read what it writes: every entry is a difference from
+    what the spec says. What an engine cannot have at all is an error, and nothing is written.
+
+    \b
+    simspec accept arm.yaml
+    simspec accept arm.yaml --engine pybullet
+    """
+    from simspec.report.accepting import accept
+
+    loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
+    return accept(loaded, world, engine_names(engine) if engine else installed_engines(), as_json)
 
 
 @app.command("fmt")
@@ -285,7 +310,9 @@ def verify_command(
 @command
 def run_command(
     spec: SpecName,
-    all_engines: Annotated[bool, typer.Option("--all-engines", help="Run in every known engine.")] = False,
+    all_engines: Annotated[
+        bool, typer.Option("--all-engines", help="Run in every known engine that this Python can have.")
+    ] = False,
     engine: Engines = None,
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="Go on without an engine that is missing or fails; still exit 3.")
@@ -330,9 +357,11 @@ def run_command(
     if all_engines == bool(engine):
         raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+    pythons = interpreters(python)
+    names = engine_names(engine) if engine else possible_engines(pythons, as_json)
     return session.run(
         world,
-        engine_names(engine),
+        names,
         out / world.name,
         spec=find_spec(spec),
         locate=loaded.locate,
@@ -341,7 +370,7 @@ def run_command(
         keep_going=keep_going,
         tolerance=tolerance if fail_on_diff is None else fail_on_diff,
         fail_on_diff=fail_on_diff is not None,
-        pythons=interpreters(python),
+        pythons=pythons,
         deadline=deadline,
         source=source_of(spec, sets),
         as_json=as_json,

@@ -12,7 +12,7 @@ from simspec.control.native import fed_forward
 from simspec.engines.base import Engine, check_settings, engines, find_engine, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
-from simspec.formats.base import Format, Target, formats
+from simspec.formats.base import Target, formats
 from simspec.formats.contact_plan import (
     MOST_SPLIT_MATERIALS,
     ContactPlan,
@@ -37,6 +37,9 @@ class Compiled:
     format: str
     files: Mapping[str, str]
     decisions: tuple[Decision, ...]
+
+    def __repr__(self) -> str:
+        return f"<Compiled for {self.engine}: {len(self.files)} files, {self.format}>"
 
     @property
     def sha256(self) -> str:
@@ -110,10 +113,7 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
 def _negotiate(
     world: World, engine: type[Engine], locate: Callable[[str], Location | None], plan: ContactPlan | None
 ) -> tuple[Decision, ...]:
-    file_format: Format = formats()[engine.FORMAT]
-    table = combine(file_format.SUPPORT, engine.SUPPORT)
-    extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
-    decisions = negotiate(world, engine.NAME, table, locate, extra)
+    decisions = needed_decisions(world, engine, locate, plan)
     if plan is None and engine.LAYERS:
         _refuse_unreachable(world, engine)
     return tuple(decisions)
@@ -122,6 +122,18 @@ def _negotiate(
 def _emit(world: World, engine: type[Engine], plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
     files = formats()[engine.FORMAT].emit(world, target_of(world, engine, plan))
     return Compiled(engine.NAME, engine.FORMAT, files, decisions)
+
+
+def needed_decisions(
+    world: World,
+    engine: type[Engine],
+    locate: Callable[[str], Location | None] = _nowhere,
+    plan: ContactPlan | None = None,
+) -> list[Decision]:
+    """How each feature that ``world`` needs is realised in ``engine``; nothing is emitted. Raises UnsupportedError."""
+    table = combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)
+    extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
+    return negotiate(world, engine.NAME, table, locate, extra)
 
 
 def _refuse_unreachable(world: World, engine: type[Engine]) -> None:

@@ -46,3 +46,22 @@ def test_importing_simspec_imports_nothing_heavy():
         [sys.executable, "-c", code.replace("HEAVY", repr(heavy))], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_what_a_notebook_shows_is_short():
+    import simspec
+    from simspec.proof.certificate import Certificate, EngineProof
+    from tests.runner.synthetic import free_body, run, world
+
+    big = simspec.load(simspec.find_spec("stack-cylinders")).resolve()
+    spheres = world(*(free_body(f"ball_{k}") for k in range(300)))
+    one, other = run(spheres), run(spheres, engine="second")
+    shown = [
+        *(big, big.contact, big.trajectory, *big.controllers, one, simspec.diff(one, other)),
+        *simspec.compile(big, ["mujoco"]).values(),
+        Certificate("x", "0" * 64, "pin", {"a": EngineProof("1.0", "0" * 64, ())}),
+        simspec.Study(big, None, {"a": one}, {}, {}, {}, ()),
+        simspec.load(simspec.find_spec("stack-cylinders")),
+    ]
+    for value in shown:
+        assert 10 < len(repr(value)) < 200, repr(value)[:300]

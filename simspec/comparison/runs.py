@@ -90,6 +90,10 @@ class Diff:
     contact_first_difference: float | None
     notes: tuple[str, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        told = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
+        return f"<Diff {self.first} – {self.second}: {told}>"
+
     @property
     def verdict(self) -> str:
         """``out`` when a body is; else ``cannot be told`` when it cannot of a body; else ``within``, up to the horizon."""

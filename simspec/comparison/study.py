@@ -40,6 +40,9 @@ class Study:
     outcomes: Mapping[str, tuple[Outcome, ...]]
     diffs: tuple[Diff, ...]
 
+    def __repr__(self) -> str:
+        return f"<Study of {self.world.name!r} in {', '.join(self.runs)[:100]}>"
+
     @property
     def exit_code(self) -> int:
         """What the command line ends with: 3 when an engine failed, 1 when a proof or an expectation did, else 0."""

@@ -42,6 +42,9 @@ class EngineProof:
     """Every figure of the contact probes (level L5), each beside its analytic value."""
     not_compared: dict[str, str] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<EngineProof {self.version}: {len(self.checks)} checks, {'valid' if self.valid else 'not valid'}>"
+
     @property
     def valid(self) -> bool:
         """Whether there are checks and all have passed; a check that compared nothing has not."""
@@ -61,6 +64,10 @@ class Certificate:
     oracle: str
     engines: dict[str, EngineProof]
     simspec: str = field(default_factory=lambda: version("simspec"))
+
+    def __repr__(self) -> str:
+        valid = ", ".join(name for name, proof in self.engines.items() if proof.valid) or "no engine"
+        return f"<Certificate of {self.name!r}: {len(self.engines)} engines, valid in {valid[:100]}>"
 
     @property
     def valid(self) -> bool:

@@ -12,7 +12,7 @@ from simspec.comparison.runs import Diff, diff
 from simspec.comparison.study import study
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
-from simspec.report import terminal
+from simspec.report import differences, terminal
 from simspec.report.plain import diff_data, plain, study_data, text
 from simspec.report.results import Results
 from simspec.runner.store import load_run
@@ -87,7 +87,7 @@ def diff_code(diffs: Sequence[Diff]) -> int:
 
 def _say_untold(diffs: Sequence[Diff]) -> None:
     for one in diffs:
-        if (why := terminal.cannot_be_told(one)) is not None:
+        if (why := differences.cannot_be_told(one)) is not None:
             terminal.console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)
 
 
@@ -100,7 +100,7 @@ def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
         sys.stdout.write(text(diff_data(found)))
     else:
         screen = terminal.console()
-        for table in terminal.diff_tables(found):
+        for table in differences.diff_tables(found):
             screen.print(table)
         for note in found.notes:
             screen.print(f"note: {note}", soft_wrap=True)
@@ -114,7 +114,7 @@ def diff_specs(a: World, b: World, as_json: bool) -> int:
     if as_json:
         sys.stdout.write(text({"changes": plain(found)}))
     elif found:
-        terminal.console().print(terminal.changes(found))
+        terminal.console().print(differences.changes(found))
     else:
         print("the same world")
     return EXIT_FAILED if found else EXIT_OK

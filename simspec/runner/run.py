@@ -52,6 +52,10 @@ class Run:
     provenance: Mapping[str, Any] = field(repr=False)
     failed: str | None = None
 
+    def __repr__(self) -> str:
+        rows = f"{len(self.time)} records" if self.recorded else "nothing recorded"
+        return f"<Run of {self.world.name!r} in {self.label}: {rows}{', failed' if self.failed is not None else ''}>"
+
     @property
     def time(self) -> np.ndarray:
         """The recorded times (rows,), s."""

@@ -53,6 +53,9 @@ class Controller:
     gravity_compensation: bool = False
     effort_limits: tuple[float | None, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Controller {self.name!r}: {self.law}, {len(self.joints)} joints>"
+
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
@@ -80,3 +83,6 @@ class Trajectory:
     accelerations: tuple[tuple[float, ...], ...] = ()
     efforts: tuple[tuple[float, ...], ...] = ()
     interpolation: str = "cubic"
+
+    def __repr__(self) -> str:
+        return f"<Trajectory: {len(self.joints)} joints, {len(self.times)} points, {self.interpolation}>"

@@ -220,6 +220,9 @@ class Contact:
     ignored_groups: tuple[tuple[str, str], ...] = ()
     excluded_bodies: tuple[tuple[str, str], ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Contact: {self.friction_cone}, {len(self.materials)} materials, {len(self.pairs)} pairs>"
+
 
 @dataclass(frozen=True, slots=True)
 class Physics:
@@ -271,6 +274,9 @@ class World:
     engines: tuple[EngineOptions, ...] = ()
     controllers: tuple[Controller, ...] = ()
     trajectory: Trajectory | None = None
+
+    def __repr__(self) -> str:
+        return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"
 
     def options(self, engine: str) -> EngineOptions:
         """The options given for ``engine``; empty ones when the spec gives none."""
@@ -326,3 +332,6 @@ class ReadBack:
     servos: tuple[HeldServo, ...] = ()
     inventory: dict[str, HeldValue] = field(default_factory=dict)
     neutral: dict[str, HeldValue] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

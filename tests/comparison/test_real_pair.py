@@ -32,6 +32,7 @@ def sliding(friction: float):
                 },
             },
             "record": {"every": 0.01, "channels": ["pose", "velocity"]},
+            "engines": {ENGINE: {"accept": ["contact.friction.impact"]}},
         }
     ).resolve()
 

@@ -19,7 +19,7 @@ from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.selftest import Outcome as DefectOutcome
 from simspec.proof.selftest import SelfTest
-from simspec.report import terminal
+from simspec.report import differences, terminal
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
 from simspec.runner.expectations import evaluate
@@ -81,16 +81,16 @@ def test_a_diff_lists_the_worst_bodies_first_and_counts_the_rest():
     a = run(many)
     b = run(many, lambda body, t: column(1e-3 * int(body[-2:]) * t, 0, 0), engine="second")
     found = diff(a, b)
-    text = shown(lambda screen: [screen.print(one) for one in terminal.diff_tables(found)])
+    text = shown(lambda screen: [screen.print(one) for one in differences.diff_tables(found)])
     assert text.index("ball_19") < text.index("ball_18")
-    assert f"and {20 - terminal.SHOWN_BODIES} more" in text
+    assert f"and {20 - differences.SHOWN_BODIES} more" in text
 
 
 def test_changes_of_a_world():
     one = worlds.spheres(2)
     heavy = dataclasses.replace(one.bodies[1].inertial, mass=11.0)
     other = dataclasses.replace(one, bodies=(one.bodies[0], dataclasses.replace(one.bodies[1], inertial=heavy)))
-    text = shown(lambda screen: screen.print(terminal.changes(diff_worlds(one, other))), 120)
+    text = shown(lambda screen: screen.print(differences.changes(diff_worlds(one, other))), 120)
     assert "bodies.ball_0.inertial.mass" in text
     assert "10.0" in text
     assert "11.0" in text

@@ -1,0 +1,150 @@
+"""``simspec accept``: write the entries into a spec that let engines have it, each with a short reason."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from simspec.compiler import needed_decisions
+from simspec.engines.base import find_engine
+from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
+from simspec.features import Feature, Level
+from simspec.outputs.writing import write_file
+from simspec.report.brief import brief
+from simspec.report.plain import text
+from simspec.resources import resource_folder
+from simspec.spec.document import read_text
+from simspec.spec.load import Spec
+from simspec.world.types import EngineOptions, World
+
+KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}
+"""Where a feature is named that an engine has approximately, or not of its own."""
+
+
+def accept(spec: Spec, world: World, engines: Iterable[str], as_json: bool) -> int:
+    """Write what ``engines`` need into the spec's file; what stands there stays. Raises SpecError for scenarios of the library
+    and for files that cannot be written, UnsupportedError with every feature that an engine cannot have at all."""
+    path = _own(spec)
+    wanted: dict[str, dict[str, dict[str, str]]] = {}
+    problems: list[Problem] = []
+    for name in engines:
+        try:
+            wanted[name] = missing(world, name)
+        except UnsupportedError as error:
+            problems += [dataclasses.replace(one, location=spec.locate(one.path)) for one in error.problems]
+    if problems:
+        raise UnsupportedError(problems)
+    wanted = {name: keys for name, keys in wanted.items() if keys}
+    if wanted:
+        before = read_text(path)
+        after = edited(before, wanted)
+        write_file(path, after, ours=lambda found: found == before.encode())
+    if as_json:
+        sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted}))
+        return EXIT_OK
+    for name, keys in wanted.items():
+        for key, features in keys.items():
+            for feature, why in features.items():
+                print(f"engines.{name}.{key}: {feature}  # {why}")
+    print(f"{path}: {'written' if wanted else 'nothing is missing'}")
+    if wanted:
+        print("whole reasons: simspec engines --json, and docs/support-matrix.md")
+    return EXIT_OK
+
+
+def _own(spec: Spec) -> Path:
+    """The file of a spec that is the user's own."""
+    path = spec.path
+    if path is None:
+        raise SpecError([Problem("a spec that was made in Python has no file to write")])
+    if path.resolve().is_relative_to(resource_folder("specs").resolve()):
+        hint = "copy it into a file of your own"
+        raise SpecError([Problem(f"{path} belongs to simspec's library, which stays as it is", hint=hint)])
+    return path
+
+
+def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
+    """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
+    with a short reason. Raises UnsupportedError for what it cannot have at all."""
+    known, options = find_engine(engine), world.options(engine)
+    every = tuple(feature.value for feature in Feature)
+    found: dict[str, dict[str, str]] = {}
+    for decision in needed_decisions(_with(world, dataclasses.replace(options, accept=every, outside=every)), known):
+        key, name = KEYS.get(decision.level), decision.feature.value
+        if key is None or name in getattr(options, key):
+            continue
+        without = dataclasses.replace(options, accept=every, outside=every)
+        without = dataclasses.replace(without, **{key: tuple(word for word in every if word != name)})
+        try:
+            needed_decisions(_with(world, without), known)
+        except UnsupportedError:  # a setting asks for it already, where this does not happen
+            found.setdefault(key, {})[name] = brief(decision.how)
+    return found
+
+
+def _with(world: World, options: EngineOptions) -> World:
+    others = tuple(one for one in world.engines if one.engine != options.engine)
+    return dataclasses.replace(world, engines=(*others, options))
+
+
+def edited(before: str, wanted: Mapping[str, Mapping[str, Mapping[str, str]]]) -> str:
+    """The text of a spec with features added under ``engines``; all else stays byte for byte. Raises SpecError where the file
+    is not laid out in blocks (JSON)."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+    lines = before.splitlines(keepends=True)
+    first, last = _block(lines)
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 1_000_000
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    held: Any = (yaml.load("".join(lines[first:last])) or {}).get("engines")
+    engines = held if isinstance(held, CommentedMap) else CommentedMap()
+    engines.fa.set_block_style()
+    for name, keys in wanted.items():
+        own = engines.get(name)
+        options = own if isinstance(own, CommentedMap) else CommentedMap()
+        options.fa.set_block_style()
+        for key, features in keys.items():
+            listed = options.get(key)
+            if not isinstance(listed, CommentedSeq):
+                listed = CommentedSeq()
+            listed.fa.set_block_style()
+            for feature, why in features.items():
+                listed.append(feature)
+                listed.yaml_add_eol_comment(why, len(listed) - 1)
+            options[key] = listed
+        engines[name] = options
+    out = io.StringIO()
+    yaml.dump(CommentedMap({"engines": engines}), out)
+    found = "".join([*lines[:first], out.getvalue(), *lines[last:]])
+    if any(feature not in found for keys in wanted.values() for features in keys.values() for feature in features):
+        raise AssertionError("a feature was not written")
+    return found
+
+
+def _block(lines: list[str]) -> tuple[int, int]:
+    """The lines of the file's `engines`, or the empty place at its end for one."""
+    if lines and not lines[-1].endswith("\n"):
+        lines[-1] += "\n"
+    keys = [k for k, line in enumerate(lines) if _TOP.match(line)]
+    if not any(lines[k].startswith("simspec:") for k in keys):
+        hint = "write the entries by hand, or lay the file out with simspec fmt first"
+        raise SpecError([Problem("this file is not laid out in blocks: its keys do not begin lines", hint=hint)])
+    start = next((k for k in keys if _ENGINES.match(lines[k])), None)
+    if start is None:
+        return len(lines), len(lines)
+    end = next((k for k in keys if k > start), len(lines))
+    while end > start + 1 and (not lines[end - 1].strip() or lines[end - 1].startswith("#")):
+        end -= 1  # blank lines and comments before the next key are its own
+    return start, end
+
+
+_TOP = re.compile(r"[\w\"']+\s*:")
+_ENGINES = re.compile(r"[\"']?engines[\"']?\s*:")

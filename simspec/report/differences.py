@@ -1,0 +1,152 @@
+"""Tables of differences: each engine's own noise, where runs differ, what changed between two worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from simspec.comparison.floor import FLOOR_FACTOR, Floor
+from simspec.comparison.runs import CANNOT_BE_TOLD, BodyDiff, Diff
+from simspec.comparison.worlds import Change
+from simspec.report.kit import length, number, table, verdict
+
+SHOWN_BODIES = 8
+"""Bodies that a comparison lists; the others are within what is shown."""
+
+
+def repeatability(floors: Mapping[str, Floor]) -> Table | None:
+    """Each engine's own noise."""
+    if not floors:
+        return None
+    found = table(
+        "Does each engine repeat itself", "engine", "run again unchanged", "largest own deviation", right=(2,)
+    )
+    words = {True: "the same bits", False: "other bits", None: "not tried"}
+    for name, floor in floors.items():
+        moved = f"  (state moved by {floor.perturbation:g})" if floor.perturbation else ""
+        found.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
+    return found
+
+
+def differences(diffs: Sequence[Diff]) -> Table | None:
+    """Where the engines differ: one row per pair of runs."""
+    if not diffs:
+        return None
+    tolerance = diffs[0].tolerance
+    found = table(
+        f"Where do they differ  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' own noise)",
+        "runs",
+        "largest",
+        "body",
+        "RMS",
+        "out of tolerance",
+        "noise there",
+        "compared until",
+        right=(1, 3, 5, 6),
+    )
+    for one in diffs:
+        worst, out = one.worst, one.first_out
+        found.add_row(
+            f"{one.first.split()[0]} – {one.second.split()[0]}",
+            length(worst.position_largest) if worst else "–",
+            worst.body if worst else "–",
+            length(one.position_rms),
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow") if out else _stays(one),
+            length(worst.floor) if worst else "–",
+            f"{one.compared_until:.4g} s" + (" (chaos)" if one.horizon is not None else ""),
+        )
+    return found
+
+
+def _stays(one: Diff) -> Text:
+    """What is said of a comparison in which nothing is out of tolerance."""
+    if one.untold is not None:
+        return Text(f"cannot be told: noise {_noise(one, one.untold)}", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+
+
+def _out(one: Diff, body: BodyDiff) -> Text:
+    """When a body was first out of tolerance."""
+    if body.first_out is not None:
+        return Text(f"{body.first_out:.4g} s ({body.cause})", style="yellow")
+    if body.cannot_tell_from is not None:
+        return Text("cannot be told", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+
+
+def cannot_be_told(one: Diff) -> str | None:
+    """What to do about a comparison that cannot be told; None where it can."""
+    body = one.untold
+    if body is None or one.verdict != CANNOT_BE_TOLD:
+        return None
+    tolerances = f"{length(one.tolerance)} and {one.angle_tolerance:g} rad"
+    return (
+        f"{one.first} – {one.second}: whether they agree within {tolerances} cannot be told, because the engines' own noise is "
+        f"{_noise(one, body)} ({body.body}, from {body.cannot_tell_from:.4g} s on); a tolerance of more than "
+        f"{FLOOR_FACTOR:g} times that can be"
+    )
+
+
+def _noise(one: Diff, body: BodyDiff) -> str:
+    """The noise of a body, in position or in angle: whichever is more beside the tolerance."""
+    place, turn = body.floor or 0.0, body.angle_floor or 0.0
+    return number(turn, "rad") if turn * one.tolerance > place * one.angle_tolerance else length(place)
+
+
+def diff_tables(one: Diff) -> list[Table]:
+    """One comparison in full: the bodies, then the quantities."""
+    bodies = table(
+        f"{one.first} – {one.second}, until {one.compared_until:.4g} s  (tolerance {length(one.tolerance)})",
+        "body",
+        "largest",
+        "RMS",
+        "angle, largest",
+        "RMS",
+        "own noise",
+        "first out of tolerance",
+        right=(1, 2, 3, 4, 5),
+    )
+    for body in one.bodies[:SHOWN_BODIES]:
+        bodies.add_row(
+            body.body,
+            length(body.position_largest),
+            length(body.position_rms),
+            number(body.angle_largest, "rad"),
+            number(body.angle_rms, "rad"),
+            length(body.floor),
+            _out(one, body),
+        )
+    if len(one.bodies) > SHOWN_BODIES:
+        bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, less far apart"
+    scalars = table("Quantities", "", one.first, one.second, "difference", right=(1, 2, 3))
+    for item in one.quantities:
+        if item.first is None and item.second is None:
+            continue
+        gap = item.second - item.first if item.first is not None and item.second is not None else None
+        scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
+    if one.contact_first_difference is not None:
+        scalars.add_row("first time that other bodies touch", "", "", number(one.contact_first_difference, "s"))
+    return [bodies, scalars]
+
+
+def changes(found: Sequence[Change]) -> Table:
+    """What changed between two worlds."""
+    result = table("What changed in the world", "", "path", "before", "after")
+    signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
+    for change in found:
+        whole = isinstance(change.before if change.after is None else change.after, dict)
+        cells = ("", "") if whole else (_value(change.before), _value(change.after))
+        result.add_row(signs[change.kind], change.path, *cells)
+    return result
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return repr(value)
+    if isinstance(value, list):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    return str(value)

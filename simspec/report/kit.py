@@ -1,0 +1,59 @@
+"""What every table and message is made with: progress, numbers for reading, empty tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from simspec.errors import visible
+from simspec.report.screen import console
+
+
+@contextmanager
+def progress(enabled: bool = True) -> Iterator[Callable[[str], None]]:
+    """A function to say what is being done: a spinner on a terminal, nothing in a pipe."""
+    screen = console(error=True)
+    if not (enabled and screen.is_terminal):
+        yield lambda text: None
+        return
+    with screen.status("") as status:
+        yield lambda text: status.update(Text(visible(text)))
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """A number for reading: four digits, ``–`` for none."""
+    if value is None:
+        return "–"
+    if math.isnan(value):
+        return "NaN"
+    text = f"{value:.4g}"
+    return f"{text} {unit}" if unit else text
+
+
+def length(value: float | None) -> str:
+    """A length (m) with the prefix that suits it, e.g. ``3.2 mm``."""
+    if value is None:
+        return "–"
+    if not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "∞"
+    for factor, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if abs(value) >= factor:
+            return f"{value / factor:.3g} {unit}"
+    return f"{value:.1e} m" if value else "0"
+
+
+def table(title: str, *columns: str, right: Sequence[int] = ()) -> Table:
+    """An empty table in the house's form; ``right`` lists the columns of numbers."""
+    found = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, column in enumerate(columns):
+        found.add_column(column, justify="right" if index in right else "left", overflow="fold")
+    return found
+
+
+def verdict(passed: bool, good: str = "ok", bad: str = "FAILED") -> Text:
+    return Text(good, style="green") if passed else Text(bad, style="bold red")

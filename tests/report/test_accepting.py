@@ -1,0 +1,131 @@
+"""``simspec accept``: what engines need is written into the file, and nothing else is touched."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from simspec import cli
+from simspec.compiler import compile_world
+from simspec.errors import SpecError
+from simspec.report.accepting import edited
+from simspec.report.brief import LONGEST, brief
+from simspec.spec.load import load
+
+SCENE = """# my scene
+simspec: 1
+name: slider   # a name
+physics: {timestep: 1 ms, duration: 1 s}
+contact:
+  materials: {a: {friction: 0.3}}   # wood
+bodies:
+  floor: {fixed: true, shapes: [{plane: {}}]}
+
+  # the box
+  box:
+    pose: {xyz: [0.09063077870366499, 0, 0.05]}
+    velocity: {linear: [1.2,0.3,0]}
+    shapes:
+      - {box: {size: [0.1, 0.1, 0.1]}, density: 500}
+"""
+TAIL = """
+# what is recorded
+record: {every: 10 ms}
+"""
+ENGINE = "pybullet"
+NEEDED = "contact.cone.elliptic"
+
+
+def call(path, *more) -> int:
+    return cli.main(["accept", str(path), "--engine", ENGINE, *more])
+
+
+@pytest.mark.parametrize(
+    "own",
+    [
+        "",
+        "engines:\n  dart: {settings: {}}   # mine\n",
+        f"engines: {{{ENGINE}: {{accept: [contact.friction.impact]}}}}\n",
+        f"engines:\n  # why\n  {ENGINE}:\n    accept:\n      - contact.friction.impact  # measured by me\n",
+    ],
+    ids=["none", "another engine's", "flow", "block"],
+)
+def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, own):
+    path = tmp_path / "slider.yaml"
+    path.write_text(SCENE + own + TAIL)
+    assert call(path) == 0
+    said = capsys.readouterr().out
+    after = path.read_text()
+    assert after.startswith(SCENE)
+    if own:
+        assert after.endswith(TAIL)
+    else:  # there was none: it comes at the end
+        assert after.startswith(SCENE + TAIL)
+    spec = load(path)
+    world = spec.resolve()
+    compile_world(world, [ENGINE], spec.locate)
+    held = world.options(ENGINE).accept
+    assert NEEDED in held
+    assert ("contact.friction.impact" in held) == ("impact" in own)
+    line = next(line for line in after.splitlines() if NEEDED in line)
+    assert "  # " in line
+    assert len(line) < 140
+    assert f"engines.{ENGINE}.accept: {NEEDED}" in said
+    for comment in ("# mine", "# why", "# measured by me"):
+        assert (comment in after) == (comment in own)
+    # a second time there is nothing to do, and not a byte changes
+    assert call(path) == 0
+    assert "nothing is missing" in capsys.readouterr().out
+    assert path.read_text() == after
+
+
+def test_machines_are_told_what_was_added(tmp_path, capsys):
+    path = tmp_path / "slider.yaml"
+    path.write_text(SCENE)
+    assert call(path, "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["written"] is True
+    assert list(answer["added"]) == [ENGINE]
+    assert NEEDED in answer["added"][ENGINE]["accept"]
+
+
+def test_the_library_stays_as_it_is(capsys):
+    assert call("box-on-ramp") == 2
+    assert "belongs to simspec's library" in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_laid_out_in_blocks_is_left_alone(tmp_path, capsys):
+    path = tmp_path / "slider.json"
+    data = {"simspec": 1, "name": "x", "contact": {"materials": {"a": {"friction": 0.3}}}}
+    box = {"shapes": [{"box": {"size": [1, 1, 1]}, "density": 1000}], "pose": {"xyz": [0, 0, 1]}}
+    path.write_text(json.dumps({**data, "bodies": {"floor": {"fixed": True, "shapes": [{"plane": {}}]}, "b": box}}))
+    before = path.read_text()
+    assert call(path) == 2
+    assert "not laid out in blocks" in capsys.readouterr().err
+    assert path.read_text() == before
+
+
+def test_comments_before_the_next_key_stay_with_it():
+    text = "simspec: 1\nengines:\n  a: {settings: {b: 1}}\n\n# next\nname: x\n"
+    after = edited(text, {"a": {"accept": {"f.g": "short"}}})
+    assert after == (
+        "simspec: 1\nengines:\n  a:\n    settings: {b: 1}\n    accept:\n      - f.g  # short\n\n# next\nname: x\n"
+    )
+    with pytest.raises(SpecError):
+        edited("{simspec: 1}", {"a": {"accept": {"f.g": "short"}}})
+
+
+@pytest.mark.parametrize(
+    ("long", "short"),
+    [
+        ("of the right size, but along something else; measured", "of the right size, but along something else"),
+        ("most of it is missing: of the speed 80 % stays", "most of it is missing"),
+        ("set through the engine's API", "set through the engine's API"),
+        ("word " * 60, None),
+    ],
+)
+def test_reasons_are_made_short(long, short):
+    found = brief(long)
+    assert len(found) <= LONGEST + 2
+    assert short is None or found == short
