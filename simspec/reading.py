@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
+
+MOST_VALUES = 4_000_000
+"""Values in one JSON file: each may take 100 bytes of memory. A world of 10,000 bodies has one million."""
 
 
 class NotReadableError(ValueError):
@@ -52,6 +57,23 @@ def read_text(path: Path, most: int, *, links: bool = False) -> str:
         return read_bytes(path, most, links=links).decode("utf-8")
     except UnicodeDecodeError as error:
         raise NotReadableError(f"not UTF-8 text: {error.reason} at byte {error.start}") from None
+
+
+def parse_json(content: bytes | str) -> Any:
+    """JSON as plain data, in bounded memory. Raises NotReadableError for anything else, also for NaN."""
+    marks = (b",", b"[", b"{") if isinstance(content, bytes) else (",", "[", "{")
+    values = sum(content.count(mark) for mark in marks)  # type: ignore[arg-type]
+    if values > MOST_VALUES:
+        raise NotReadableError(f"{values:,} values, more than the {MOST_VALUES:,} that are read")
+    try:
+        return json.loads(content, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise NotReadableError(f"not JSON: {why[:200]}") from None
+
+
+def _no_number(constant: str) -> float:
+    raise ValueError(f"{constant} is no number")
 
 
 def kind(mode: int) -> str:

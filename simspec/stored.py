@@ -5,12 +5,12 @@ Each file has a model of its outline here; a file that does not fit is a :class:
 
 from __future__ import annotations
 
-import json
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simspec.errors import Problem, SpecError
+from simspec.reading import NotReadableError, parse_json
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -140,14 +140,9 @@ class Report(BaseModel):
 def parse(content: bytes | str, what: str) -> Any:
     """JSON as plain data. Raises SpecError, which names ``what``, for anything else."""
     try:
-        return json.loads(content, parse_constant=_refuse)
-    except (ValueError, RecursionError) as error:
-        why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise SpecError([Problem(f"{what} cannot be read: {why[:200]}")]) from None
-
-
-def _refuse(constant: str) -> float:
-    raise ValueError(f"{constant} is no number in JSON")
+        return parse_json(content)
+    except NotReadableError as error:
+        raise SpecError([Problem(f"{what} cannot be read: {error}")]) from None
 
 
 def read_as(model: type[Model], content: bytes | str, what: str) -> Model:

@@ -16,6 +16,7 @@ from simspec.features import Table, check_total
 from simspec.formats.contact_plan import ContactPlan, Rules
 from simspec.outputs.reading import read_text
 from simspec.plugins import Offered, offered
+from simspec.reading import NotReadableError, parse_json
 from simspec.resources import resource_folder
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import ReadBack, Vector3, World
@@ -120,12 +121,11 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
     """
     path = folder / SIDECAR
     try:
-        content = json.loads(read_text(path))
+        content = parse_json(read_text(path))
     except SpecError as error:
         raise ValueError(str(error)) from None
-    except (ValueError, RecursionError) as error:
-        why = str(error)[:200] if isinstance(error, ValueError) else "nested too deeply"
-        raise ValueError(f"{path}: not JSON: {why}") from None
+    except NotReadableError as error:
+        raise ValueError(f"{path}: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != SIDECAR_SCHEMA:
         raise ValueError(f"{path}: schema {schema!r}, this simspec reads {SIDECAR_SCHEMA}")

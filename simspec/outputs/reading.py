@@ -19,7 +19,7 @@ LARGEST_TEXT = 256 * 2**20
 """Bytes of a text that simspec wrote; the largest, the MJCF of 10,000 bodies, has 20 MB."""
 
 
-def refuse(path: Path | str, why: str, hint: str | None = None) -> SpecError:
+def refuse(path: object, why: str, hint: str | None = None) -> SpecError:
     """The error of a file that cannot be read."""
     return SpecError([Problem(f"{path}: {why}", hint=hint)])
 
