@@ -360,15 +360,16 @@ QUANTITIES = (
 
 
 def _values(run: Run, last: int) -> dict[str, float]:
-    kinetic, potential = metrics.energy(run.world, run.arrays)
-    linear, angular = metrics.momentum(run.world, run.arrays)
+    ends = {name: run.arrays[name][[0, last]] for name in ("q", "v", "pose", "velocity")}
+    kinetic, potential = metrics.energy(run.world, ends)
+    linear, angular = metrics.momentum(run.world, ends)
     found = {
         "energy at the start": kinetic[0] + potential[0],
-        "energy at the end": kinetic[last] + potential[last],
-        "linear momentum at the end": np.linalg.norm(linear[last]),
-        "angular momentum at the end": np.linalg.norm(angular[last]),
-        "speed at the end": metrics.speeds(run.world, run.arrays)[last].max(),
-        "spread at the end": metrics.spread(run.world, run.arrays)[last],
+        "energy at the end": kinetic[1] + potential[1],
+        "linear momentum at the end": np.linalg.norm(linear[1]),
+        "angular momentum at the end": np.linalg.norm(angular[1]),
+        "speed at the end": metrics.speeds(run.world, ends)[1].max(),
+        "spread at the end": metrics.spread(run.world, ends)[1],
     }
     if "contact.row" in run.arrays:
         found["deepest penetration"] = metrics.deepest_penetration(run.world, run.arrays).depth

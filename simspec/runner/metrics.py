@@ -8,11 +8,12 @@ both in world axes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from simspec.mapped import blocks, release
 from simspec.world.kinematics import layout, rigid_groups
 from simspec.world.types import World
 
@@ -88,12 +89,34 @@ def motion(world: World, arrays: Arrays) -> Motion:
     return Motion(masses, pose[..., :3] + lever, velocity[..., :3] + np.cross(angular, lever), angular, spin)
 
 
+TEMPORARY = 24
+"""Bytes of temporary arrays to each byte of poses, in :func:`motion` and what is made of it."""
+
+
+def _by_blocks(
+    world: World, arrays: Arrays, make: Callable[[World, Arrays], tuple[np.ndarray, ...]]
+) -> list[np.ndarray]:
+    """What ``make`` gives for each row, made block by block: of a long recording, more does not fit into memory."""
+    some = {name: arrays[name] for name in ("q", "v", "pose", "velocity") if name in arrays}
+    found = []
+    for part in blocks(len(arrays["pose"]), TEMPORARY * arrays["pose"][:1].nbytes):
+        found.append(make(world, {name: np.asarray(values[part]) for name, values in some.items()}))
+        for values in some.values():
+            release(values)
+    return [np.concatenate(values) if len(values) > 1 else values[0] for values in zip(*found, strict=True)]
+
+
 def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic and potential energy (rows,), J.
 
     Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −m g·c (zero at the world's
     origin), ½ k (q − rest)² of every spring, ½ k |log R|² of every ball spring (zero at rest).
     """
+    kinetic, potential = _by_blocks(world, arrays, _energy)
+    return kinetic, potential
+
+
+def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     moved = motion(world, arrays)
     mass = moved.masses.mass
     kinetic = 0.5 * np.einsum("n,tni,tni->t", mass, moved.velocity, moved.velocity)
@@ -119,6 +142,11 @@ def energy_scale(kinetic: np.ndarray, potential: np.ndarray) -> float:
 
 def momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Linear momentum (rows, 3), N s, and angular momentum about the world's origin (rows, 3), N m s."""
+    linear, angular = _by_blocks(world, arrays, _momentum)
+    return linear, angular
+
+
+def _momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     moved = motion(world, arrays)
     push = moved.masses.mass[:, None] * moved.velocity
     return push.sum(axis=1), (np.cross(moved.centre, push) + moved.spin).sum(axis=1)
@@ -127,10 +155,15 @@ def momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
 def momentum_scale(world: World, arrays: Arrays) -> tuple[float, float]:
     """What momentum tolerances are relative to: the largest sums over the bodies of |m v|, and of |c × m v| + |R I Rᵀ ω|
     (so that opposite motions do not make the scale vanish)."""
+    linear, angular = _by_blocks(world, arrays, _momentum_scales)
+    return float(linear.max()), float(angular.max())
+
+
+def _momentum_scales(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     moved = motion(world, arrays)
     push = moved.masses.mass[:, None] * moved.velocity
     turn = np.linalg.norm(np.cross(moved.centre, push), axis=-1) + np.linalg.norm(moved.spin, axis=-1)
-    return float(np.linalg.norm(push, axis=-1).sum(axis=1).max()), float(turn.sum(axis=1).max())
+    return np.linalg.norm(push, axis=-1).sum(axis=1), turn.sum(axis=1)
 
 
 @dataclass(frozen=True)
@@ -165,11 +198,15 @@ def contact_force(arrays: Arrays) -> np.ndarray:
 
 def speeds(world: World, arrays: Arrays) -> np.ndarray:
     """Speed of every body's centre of mass (rows, bodies), m/s."""
-    return np.linalg.norm(motion(world, arrays).velocity, axis=-1)
+    return _by_blocks(world, arrays, lambda own, some: (np.linalg.norm(motion(own, some).velocity, axis=-1),))[0]
 
 
 def spread(world: World, arrays: Arrays) -> np.ndarray:
     """Root mean square distance (rows,), m, of the moving bodies' centres of mass from their common mean."""
+    return _by_blocks(world, arrays, lambda own, some: (_spread(own, some),))[0]
+
+
+def _spread(world: World, arrays: Arrays) -> np.ndarray:
     centres = motion(world, arrays).centre[:, moving_bodies(world)]
     if not centres.shape[1]:
         return np.zeros(len(centres))
