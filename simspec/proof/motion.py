@@ -91,7 +91,18 @@ def plan(world: World, oracle: Oracle) -> Motion:
             break
     if best is None:
         raise ValueError("no beginning was tried")
-    q, v, effort, steps, ends = best.q, best.v, best.effort, best.steps, best.ends
+    found = _planned(world, oracle, best, most)
+    for attempt in range(HELD, TRIES + len(GENTLER)):
+        if found.steps >= FEWEST or unstable(world):
+            break  # enough, or nothing gentler helps
+        one = _planned(world, oracle, _tried(world, oracle, *_beginning(world, oracle, attempt, most), most), most)
+        found = max(found, one, key=lambda motion: motion.steps)
+    return found
+
+
+def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int) -> Motion:
+    """What the oracle makes of a beginning, with its floor, as far as that can be used."""
+    q, v, effort, steps, ends = begun.q, begun.v, begun.effort, begun.steps, begun.ends
     every = EVERY if steps >= 10 * EVERY else LOOK
     exact = _poses(oracle, _motion(oracle, q, v, effort, steps, every)[0])
     floors = np.zeros(len(exact))
