@@ -52,6 +52,7 @@ def expected(
                 found[f"{at}.friction"] = (part.surface.friction or 0.0,) * len(part.shapes)
                 found[f"{at}.restitution"] = (part.surface.restitution or 0.0,) * len(part.shapes)
             found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
+            found[f"body.{body.name}.seen"] = tuple(shape.visual for shape in body.shapes)
             if groups[body.name] == "world":
                 found |= _still(body)
             if body.joint.velocity_limit is not None:

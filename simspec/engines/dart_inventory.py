@@ -49,12 +49,17 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     for index in range(sim.world.getNumSkeletons()):
         found.update(_skeleton(sim.world.getSkeleton(index)))
     shapes: dict[str, list[str]] = {}
+    seen: dict[str, list[bool]] = {}
     for shape in sidecar["shapes"]:
         shapes.setdefault(shape["body"], []).append(shape["name"])
+        seen.setdefault(shape["body"], []).append(shape["visual"])
     for index, (name, body) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = body.getParentJoint()
         found[f"body.{name}.joint"], found[f"body.{name}.skeleton"] = joint.getName(), body.getSkeleton().getName()
-        found[f"body.{name}.shapes"] = tuple(shapes.get(name, ()))
+        found[f"body.{name}.shapes"], found[f"body.{name}.seen"] = (
+            tuple(shapes.get(name, ())),
+            tuple(seen.get(name, ())),
+        )
         if not body.isReactive():  # of what cannot move the read-back tells no mass
             held = body.getInertia()
             found[f"body.{name}.mass"] = held.getMass()

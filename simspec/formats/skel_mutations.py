@@ -200,6 +200,7 @@ TABLE = MutationTable(
         Inert("skeleton/body", "DART leaves out a body without a joint", ("element added",), "*.skel"),
         *(Inert(site, NAMED, (), "*.skel") for site in ("world@name", "skel@version", "joint@name")),
         Inert("body/visualization_shape", SEEN, ("element added",), "*.skel"),
+        Inert("normal/text()", "DART normalises it", ("scaled",), "*.skel"),
         Inert("color*", SEEN, (), "*.skel"),
         Inert("visualization_shape*", SEEN, ("element removed", "swapped"), "*.skel"),
         Inert("transformation/text()", "a turn of what is round", (), "*.skel"),
