@@ -57,6 +57,10 @@ def expected(
     found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
     found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
     found |= {f"body.{body.name}.shapes": tuple(shape.name for shape in body.shapes) for body in world.bodies}
+    found |= {
+        f"body.{body.name}.visual_only": tuple(i for i, shape in enumerate(body.shapes) if not shape.collision)
+        for body in world.bodies
+    }
     found["count.bodies"] = len(trees(world))
     found["sidecar.bodies"] = listed([body.name for body in world.bodies])
     solid = []

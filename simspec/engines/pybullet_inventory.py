@@ -107,6 +107,8 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         found[f"tree.{instance['bodies'][0]}.model"] = instance["model"]
         for body, joint, shapes in zip(instance["bodies"], instance["joints"], instance["shapes"], strict=True):
             found[f"body.{body}.joint"], found[f"body.{body}.shapes"] = joint, tuple(shapes)
+        for body, places in zip(instance["bodies"], instance["visual_only"], strict=True):
+            found[f"body.{body}.visual_only"] = tuple(places)
         for link in [link.link for link in tree.links] + [link for link, _ in tree.copies]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)

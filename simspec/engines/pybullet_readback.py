@@ -19,6 +19,9 @@ from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack,
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
 
+UP = (0.0, 0.0, 1.0)
+"""Normal of a plane in its own frame; the world has no other, and turns the frame."""
+
 SAME_SHAPE = 1e-9
 """Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
 printed from one, so that only round-off (1e-15) can stand between them."""
@@ -179,6 +182,8 @@ def _solid(sim: Simulation, tree: Tree, link: int) -> list[Shape]:
     found = []
     for entry in p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
         kind = _kind(entry[2])
+        if kind == "plane" and tuple(entry[3]) != UP:
+            raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
         pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
         found.append(Shape("", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(surface,)))
     return found

@@ -14,6 +14,7 @@ from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, PARAMETERS,
 from simspec.errors import EngineError
 from simspec.formats.base import read_sidecar
 from simspec.proof.comparator import inventory_checks
+from simspec.proof.mutation_worlds import WORLDS as MUTATED
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Hardness
 
@@ -189,6 +190,20 @@ def test_what_cannot_be_seen_reads_back_unseen(load):
     assert seen
     assert not any(seen)
     assert all(shape.visual for body in load(world).read_back().bodies for shape in body.shapes)
+
+
+@pytest.mark.parametrize("normal", ["0 0 -1", "0 1 0", "0 0", "0.01 0 1"])
+def test_a_plane_turned_in_its_own_frame_is_refused(normal, tmp_path):
+    world = MUTATED["shapes"]("pybullet")
+    files = dict(compile_world(world, ["pybullet"])["pybullet"].files)
+    head, found, tail = files["ground.urdf"].rpartition('normal="0 0 1"')
+    assert found
+    write_folder({**files, "ground.urdf": f'{head}normal="{normal}"{tail}'}, tmp_path / "turned")
+    engine = PyBullet()
+    engine.load(tmp_path / "turned", read_sidecar(tmp_path / "turned"))
+    with pytest.raises(EngineError, match="holds a plane of link -1 with the normal"):
+        engine.read_back()
+    engine.close()
 
 
 def test_a_world_without_bodies_that_touch_has_an_inventory_too(load):
