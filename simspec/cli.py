@@ -375,6 +375,7 @@ def run_command(
         source=source_of(spec, sets),
         as_json=as_json,
         warnings=warned,
+        show=loaded.data.record.show,
     )
 
 

@@ -13,6 +13,7 @@ from simspec.comparison.study import study
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.report import differences, terminal
+from simspec.report.final import ends
 from simspec.report.plain import diff_data, plain, study_data, text
 from simspec.report.results import Results
 from simspec.runner.store import load_run
@@ -36,6 +37,7 @@ def run(
     source: Mapping[str, Any],
     as_json: bool,
     warnings: Sequence[Problem] = (),
+    show: Sequence[str] = (),
 ) -> int:
     """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
     if fail_on_diff and len(engines) < 2:
@@ -66,10 +68,11 @@ def run(
         code = diff_code(found.diffs)
     if as_json:
         more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        more["ends"] = {name: ends(one, show) for name, one in found.runs.items()}
         sys.stdout.write(text({**study_data(found), **more}))
         return code
     screen = terminal.console()
-    terminal.show_study(found, screen)
+    terminal.show_study(found, screen, show)
     for note in results.notes:
         screen.print(f"note: {note}", soft_wrap=True, markup=False)
     screen.print(f"written: {folder}", soft_wrap=True)

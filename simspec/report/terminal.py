@@ -17,6 +17,7 @@ from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
 from simspec.features import Feature, Level
 from simspec.report.brief import brief
 from simspec.report.differences import differences, repeatability
+from simspec.report.final import final_table
 from simspec.report.kit import (  # noqa: F401 (progress is offered here, too)
     length,
     number,
@@ -295,12 +296,13 @@ STYLES = {
 }
 
 
-def show_study(study: Study, screen: Console) -> None:
+def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     """All tables of one study, in the order of the questions."""
     if study.certificate is not None:
         show_certificate(study.certificate, screen)
     for one in (
         results(study.runs),
+        final_table(study.runs, show),
         expectations(study.outcomes),
         repeatability(study.floors),
         differences(study.diffs),

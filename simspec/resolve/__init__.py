@@ -8,7 +8,7 @@ from simspec.errors import SpecError
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
-from simspec.resolve.scenario import engines, expectations, fixed_for_ever, physics, record, shortened
+from simspec.resolve.scenario import engines, expectations, fixed_for_ever, physics, record, shortened, unknown_shown
 from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
 from simspec.spec.load import Spec
@@ -31,7 +31,8 @@ def resolve(spec: Spec) -> World:
         laws, problems = contact(spec.source, expansion, time.timestep)
         driven = controllers(spec.source, expansion.bodies)
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
-    problems = [*expansion.problems, *problems, *driven.problems, *more]
+    shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
+    problems = [*expansion.problems, *problems, *driven.problems, *more, *shown]
     if problems:
         raise SpecError(in_order(problems))
     world = World(

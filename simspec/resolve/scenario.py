@@ -10,6 +10,7 @@ import numpy as np
 
 from simspec.errors import Problem
 from simspec.spec.expectations import BODIES, KINDS, TIMES, Kind
+from simspec.spec.joints import DRIVEN
 from simspec.spec.models import EngineOptions as SpecOptions
 from simspec.spec.models import Physics as SpecPhysics
 from simspec.spec.models import Record as SpecRecord
@@ -44,6 +45,18 @@ def record(given: SpecRecord, time: Physics) -> Record:
     if not every:
         raise ValueError("a validated recording interval is a whole number of steps")
     return Record(every, tuple(sorted(set(given.channels))))
+
+
+def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
+    """The problems of `record.show`: names of no body and no joint that has one position."""
+    known = {body.name for body in bodies} | {body.joint.name for body in bodies if body.joint.kind in DRIVEN}
+    return [
+        source.document.problem(
+            ("record", "show", index), f"there is no body, hinge or slide {name!r}", found=name, hint=near(name, known)
+        )
+        for index, name in enumerate(source.file.record.show)
+        if name not in known
+    ]
 
 
 def engines(given: Mapping[str, SpecOptions]) -> tuple[EngineOptions, ...]:

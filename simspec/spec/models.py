@@ -233,6 +233,11 @@ class Record(Strict):
     channels: list[Annotated[str, Word(CHANNELS)]] = Field(
         list(CHANNELS), description="Poses and velocities of all bodies, contacts, kinetic and potential energy"
     )
+    show: list[Annotated[str, Name(path=True)]] = Field(
+        [],
+        description="Full names of bodies, hinges and slides whose end the table of a run shows; none: the roots that can "
+        "move, and all joints",
+    )
 
 
 class EngineOptions(Strict):

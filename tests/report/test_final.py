@@ -1,0 +1,91 @@
+"""Where things ended stands in the tables: bodies and joints by name, engines side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from simspec.errors import SpecError
+from simspec.report.final import MOST_ROWS, ends, final_table
+from simspec.spec.load import Spec
+from simspec.world import frames
+from simspec.world.types import Joint
+from tests.runner.synthetic import column, free_body, run, world
+
+ARM = dataclasses.replace(
+    free_body("arm"), joint=Joint("elbow", "hinge", "base", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+)
+WALL = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed"))
+SCENE = world(WALL, free_body("base"), ARM)
+
+
+def moved(name, t):
+    turn = frames.from_axis_angle((0.0, 0.0, 1.0), math.pi / 2)
+    return column(0.25 * t, 0, 0) if name == "wall" else column(1.5 * t, -0.25 * t, 0.00004 * t, *turn)
+
+
+def two():
+    one, other = run(SCENE, moved, engine="first"), run(SCENE, engine="second")
+    one.arrays["q"][-1, 7] = 0.75
+    return {"first": one, "second": other}
+
+
+def text(found) -> str:
+    screen = Console(file=io.StringIO(), width=120)
+    screen.print(found)
+    return screen.file.getvalue()
+
+
+def test_roots_that_move_and_all_joints_are_shown():
+    shown = text(final_table(two(), ()))
+    assert "at 1 s" in shown
+    line = next(line for line in shown.splitlines() if "base" in line)
+    assert "1.5000 -0.2500 0.0000  (0.0 0.0 90.0)" in line
+    assert "0.0000 0.0000 0.0000  (0.0 0.0 0.0)" in line
+    assert "0.7500 rad" in next(line for line in shown.splitlines() if "elbow" in line)
+    assert "wall" not in shown
+    assert "arm" not in shown
+
+
+def test_record_show_chooses():
+    shown = text(final_table(two(), ["arm", "wall"]))
+    assert "arm" in shown
+    assert "wall" in shown
+    assert "base" not in shown
+    assert "elbow" not in shown
+    found = ends(two()["first"], ["elbow", "arm"])
+    assert found["joints"] == {"elbow": 0.75}
+    assert found["bodies"]["arm"]["xyz"] == [1.5, -0.25, 0.00004]
+    assert list(found["bodies"]) == ["arm"]
+
+
+def test_rows_are_bounded_and_the_rest_is_counted():
+    many = world(*(free_body(f"ball_{k:03d}") for k in range(MOST_ROWS + 7)))
+    shown = text(final_table({"first": run(many)}, ()))
+    assert "and 7 more bodies" in shown
+    assert f"ball_{MOST_ROWS - 1:03d}" in shown
+    assert f"ball_{MOST_ROWS:03d}" not in shown
+
+
+def test_what_recorded_nothing_and_what_is_not_finite():
+    nothing = dataclasses.replace(two()["first"], arrays={}, failed="crashed")
+    assert final_table({"first": nothing}, ()) is None
+    assert ends(nothing, ()) == {}
+    odd = two()
+    odd["second"].arrays["pose"][-1, 1, 0] = math.nan
+    assert "not finite" in text(final_table(odd, ()))
+
+
+def test_names_of_record_show_must_be_there():
+    solid = {"mass": 1, "inertia": {"principal": [1, 1, 1]}, "joint": {"type": "hinge", "axis": [0, 0, 1]}}
+    data = {"name": "x", "bodies": {"arm": solid}, "record": {"show": ["arm", "arm_joint"]}}
+    plain = Spec.from_data({**data, "record": {}}).resolve()
+    assert Spec.from_data(data).resolve() == plain  # what is shown is no part of the world, nor of its hash
+    with pytest.raises(SpecError, match="there is no body, hinge or slide 'amr'") as error:
+        Spec.from_data({**data, "record": {"show": ["arm", "amr"]}}).resolve()
+    assert error.value.problems[0].path == "record.show.1"
+    assert "arm" in error.value.problems[0].hint
