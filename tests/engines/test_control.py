@@ -129,7 +129,9 @@ def test_a_law_that_lets_a_joint_fall_is_compared_until_it_comes_near_its_limit(
         "lift", "slide", None, axis=(0.0, 0.0, 1.0), position_limits=(-0.2, 0.2), position=(0.0,), velocity=(0.0,)
     )
     body = Body("carriage", "carriage", Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)), slide)
-    world = worlds.world((body,), controllers=(Controller("weak", ("lift",), "pd", kp=(0.1,), kd=(0.1,)),))
+    world = worlds.world(
+        (body,), controllers=(Controller("weak", ("lift",), "pd", kp=(0.1,), kd=(0.1,), effort_limits=(None,)),)
+    )
     for engine in ENGINES:
         world = worlds.with_options(world, engine, accept=("joint.limits.position",))
     certificate = verify(world, ENGINES, levels=["L7"])
