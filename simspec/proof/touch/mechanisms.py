@@ -40,7 +40,8 @@ class JointPairs:
         self.left: list[Pair] = []
 
     def bring_together(self, states: States) -> None:
-        """Search for a state of each pair, named ones first; for several where a detector may miss one."""
+        """Search for a state of each pair, for several where a detector may miss one: named pairs first, then what seeded
+        states bring nearest."""
         scene = self._scene
         pairs = sorted(
             self._all(), key=lambda pair: (not scene.named(*pair), scene.tree[pair[0]] != scene.tree[pair[1]])
@@ -63,8 +64,13 @@ class JointPairs:
         samples = random_states(scene.world, SAMPLES)[0]
         poses = [scene.solid_poses(transforms(scene.oracle.body_poses(q))) for q in samples]
         solids = scene.solids
-        starts = nearest(poses, [solids[i] for i, _ in held], [solids[j] for _, j in held], STARTS)
-        for pair, order in zip(held, starts, strict=True):
+        starts, least = nearest(poses, [solids[i] for i, _ in held], [solids[j] for _, j in held], STARTS)
+        ranks = [
+            (not scene.named(*pair), gap > 0.0, gap, number)
+            for number, (pair, gap) in enumerate(zip(held, least.tolist(), strict=True))
+        ]
+        for *_, number in sorted(ranks):
+            pair, order = held[number], starts[number]
             if self._looks <= 0:
                 self.untried += 1
                 self.left.append(pair)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -166,8 +166,9 @@ class Reach:
 
 def nearest(
     sampled: Sequence[np.ndarray], firsts: Sequence[Solid], seconds: Sequence[Solid], count: int
-) -> Iterator[np.ndarray]:
-    """For each pair of shapes the ``count`` samples in which their bounding spheres are nearest, nearest first.
+) -> tuple[np.ndarray, np.ndarray]:
+    """For each pair of shapes the numbers (pairs, count) of the samples in which their bounding spheres are nearest, nearest
+    first, and that least gap (pairs,) in m.
 
     ``sampled``: of every sample the poses (solids, 4, 4) of all shapes.
     """
@@ -183,4 +184,4 @@ def nearest(
         height = np.einsum("nk,nk->n", np.where(flat[:, None] > 0, poses[i, :3, 2], -poses[j, :3, 2]), apart)
         row[:] = np.where(flat != 0, height, np.linalg.norm(apart, axis=1)) - radii
     order = np.argsort(gaps, axis=0, kind="stable")[:count]
-    return iter(order.T)
+    return order.T, gaps.min(axis=0, initial=np.inf)
