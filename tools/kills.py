@@ -135,7 +135,9 @@ class Sandbox:
 
     def stray(self) -> list[str]:
         """What is left that no finished command leaves."""
-        return [str(path) for path in [*self.place.rglob(".simspec*"), *self.temporary.iterdir()]]
+        found = [*self.place.rglob(".simspec*"), *self.temporary.iterdir()]
+        # the report of a bug says what it was: the sandbox is gone when somebody wants to know
+        return [f"{path}: {path.read_text()[-2000:]}" if path.suffix == ".txt" else str(path) for path in found]
 
     def running(self) -> list[int]:
         """Processes that a command started and that are still there (where the system lists them)."""

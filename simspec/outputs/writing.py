@@ -45,6 +45,17 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
+@contextlib.contextmanager
+def _named(target: Path) -> Iterator[None]:
+    """Errors of the system name the target: a full disk shows at a descriptor, which has no name."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise OSError(error.errno or 0, error.strerror or str(error), str(target)) from error
+
+
 def write_private(files: Mapping[str, Content], folder: Path) -> None:
     """Write files into a folder of the caller's own, in a temporary place: it must not exist, or be empty.
 
@@ -74,7 +85,7 @@ def write_folder(files: Mapping[str, Content], folder: Path, kind: str) -> Path:
 def build_folder(build: Callable[[Path], Iterable[str]], folder: Path, kind: str) -> Path:
     """As :func:`write_folder`; ``build`` writes the files into the folder that it is given, and returns their names."""
     place, _ = check_folder(folder, kind)
-    with staging.staged(place.path) as stage:
+    with _named(folder), staging.staged(place.path) as stage:
         os.mkdir(stage.fresh)
         names = list(build(stage.fresh))
         check_names(names, folder)
@@ -92,7 +103,7 @@ def update_folder(
     None when nothing is to be written. Returns what it returned.
     """
     place, _ = check_folder(folder, kind)
-    with staging.alone(place.path.parent):
+    with _named(folder), staging.alone(place.path.parent):
         now, marker = check_folder(folder, kind)
         files = change(now.path if marker is not None else None)
         if files is not None:
@@ -201,7 +212,7 @@ def remove_file(folder: Path, kind: str, name: str) -> bool:
 @contextlib.contextmanager
 def _inside(folder: Path) -> Iterator[None]:
     """Hold the locks for changing single files of a folder: also that under which the folder as a whole is replaced."""
-    with staging.alone(folder.parent), staging.alone(folder):
+    with _named(folder), staging.alone(folder.parent), staging.alone(folder):
         yield
 
 
@@ -221,7 +232,7 @@ def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], last
     Raises SpecError when something else is there (see :func:`simspec.outputs.targets.check_file`).
     """
     place = check_file(path, ours)
-    with staging.alone(place.path.parent):
+    with _named(path), staging.alone(place.path.parent):
         place = check_file(path, ours)
         with staging.begun(place.path, lasting) as stage:
             if place.status is None:
