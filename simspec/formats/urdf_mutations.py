@@ -204,6 +204,7 @@ TABLE = MutationTable(
         Inert("contact/inertia_scaling", DROPPED, ("element added",), "*.urdf"),
         Inert("origin@rpy", "a turn of what is round, or of the inertial frame of a fixed base", (), "*.urdf"),
         Inert("contact/friction_anchor", "of a link without shapes", ("element added",), "*.urdf"),
+        Inert("limit@twist", "of ball joints alone", ("attribute added",), "*.urdf"),
         Inert("collision@concave", "of meshes alone", ("attribute added",), "*.urdf"),
         Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
         Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
