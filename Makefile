@@ -1,6 +1,7 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in three engines, then a robot arm
 # make test    what CI runs: lint, stale files, tests
+# make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make selftest   every change that compiled files can suffer, in three engines, and its table in docs/proof.md: under an hour
 # make kills    compile, verify and run, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
@@ -9,7 +10,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
 
-.PHONY: setup demo test check generated lock benchmarks scenario-full random-worlds selftest kills clean
+.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills clean
 
 setup: .venv/ready
 
@@ -34,6 +35,16 @@ check: setup
 
 test: check
 	$(BIN)/pytest -n $(JOBS) --dist loadfile
+
+# the language, the world, formats, comparisons, reports: all that needs no engine at work
+QUICK := tests/spec tests/world tests/control tests/comparison tests/report tests/dynamics \
+	tests/formats tests/test_house.py tests/test_resolve.py tests/test_resolve_control.py tests/test_features.py \
+	tests/runner/test_store.py tests/runner/test_metrics.py tests/runner/test_expectations.py
+
+quick: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow" $(QUICK)
 
 # what is committed under generated/, docs/ and schema/, made anew
 generated: setup

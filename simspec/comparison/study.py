@@ -96,7 +96,7 @@ def study(
     deadline: float = DEADLINE,
     source: Mapping[str, Any] | None = None,
     locate: Callable[[str], Location | None] = lambda path: None,
-    progress: Callable[[str], None] = lambda text: None,
+    progress: Callable[..., None] = lambda text, share=None: None,
 ) -> Study:
     """Compile ``world``, prove that the engines hold it, run it in each, and compare the runs pair by pair.
 
@@ -106,6 +106,7 @@ def study(
     keep_going whether the others go on when an engine is missing or fails
     tolerance  position (m) and angle (rad) tolerance of the comparison
     source     where the world came from, for the runs' provenance
+    progress   told what is being done, and of a run the share that is done
 
     Runs are timed one after the other; only repeats, whose timing does not count, go two at a time. Raises EngineError
     when an engine is missing (unless ``keep_going``), UnsupportedError when the world cannot be compiled for one.
@@ -150,7 +151,7 @@ def _prove(
     pythons: Mapping[str, str] | None,
     locate: Callable[[str], Location | None],
     deadline: float,
-    progress: Callable[[str], None],
+    progress: Callable[..., None],
 ) -> Certificate:
     from simspec.proof.verify import verify
 
@@ -169,7 +170,7 @@ def _run_each(
     pythons: Mapping[str, str] | None,
     deadline: float,
     source: Mapping[str, Any] | None,
-    progress: Callable[[str], None],
+    progress: Callable[..., None],
     arrivals: Arrivals,
 ) -> dict[str, Run]:
     runs: dict[str, Run] = {}
@@ -187,7 +188,7 @@ def _run_each(
                 python=(pythons or {}).get(name),
                 deadline=deadline,
                 source=source,
-                progress=lambda share, name=name: progress(f"running {name}: {share:.0%}"),
+                progress=lambda share, name=name: progress(f"running {name}", share),
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error)
@@ -202,7 +203,7 @@ def _repeat(
     artifacts: Mapping[str, Path],
     pythons: Mapping[str, str] | None,
     deadline: float,
-    progress: Callable[[str], None],
+    progress: Callable[..., None],
 ) -> dict[str, tuple[Run, ...]]:
     """Each engine's run again: unchanged, and with its initial state moved in the last bits."""
     names = [name for name, one in runs.items() if one.recorded and one.failed is None]

@@ -3,26 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from rich import box
 from rich.table import Table
 from rich.text import Text
-
-from simspec.errors import visible
-from simspec.report.screen import console
-
-
-@contextmanager
-def progress(enabled: bool = True) -> Iterator[Callable[[str], None]]:
-    """A function to say what is being done: a spinner on a terminal, nothing in a pipe."""
-    screen = console(error=True)
-    if not (enabled and screen.is_terminal):
-        yield lambda text: None
-        return
-    with screen.status("") as status:
-        yield lambda text: status.update(Text(visible(text)))
 
 
 def number(value: float | None, unit: str = "") -> str:

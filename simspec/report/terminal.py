@@ -18,14 +18,9 @@ from simspec.features import Feature, Level
 from simspec.report.brief import brief
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
-from simspec.report.kit import (  # noqa: F401 (progress is offered here, too)
-    length,
-    number,
-    progress,
-    table,
-    verdict,
-)
+from simspec.report.kit import length, number, table, verdict
 from simspec.report.matrix import WORDS
+from simspec.report.progress import progress  # noqa: F401 (offered here, too)
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run

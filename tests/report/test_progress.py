@@ -1,0 +1,72 @@
+"""Progress: percentage and time left, from an injected clock; lines without a terminal; silence where none is wanted."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from simspec.report import progress as module
+from simspec.report.progress import Told, duration, progress
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_the_share_and_the_time_left():
+    clock = Clock()
+    told = Told(clock)
+    told("running a", 0.0)
+    clock.now += 5.0
+    assert told.line() == "running a, for 5 s"
+    told("running a", 0.01)
+    assert told.line() == "running a: 1%"  # too early to say how long
+    told("running a", 0.25)
+    clock.now += 5.0
+    assert told.line() == "running a: 25%, about 30 s left"
+    told("running a", 0.5)
+    assert told.line() == "running a: 50%, about 10 s left"
+    # another piece of work begins anew
+    told("verifying")
+    assert told.line() == "verifying"
+    clock.now += 200.0
+    assert told.line() == "verifying, for 3 min"
+
+
+def test_foreign_text_is_shown_as_it_is():
+    told = Told(Clock())
+    told("running \x1b[31mred")
+    assert "\x1b" not in told.line()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "shown"), [(0.2, "0 s"), (99.0, "99 s"), (100.0, "2 min"), (5400.0, "90 min"), (7800.0, "2 h 10 min")]
+)
+def test_durations(seconds, shown):
+    assert duration(seconds) == shown
+
+
+def test_without_a_terminal_lines_come_by_themselves(monkeypatch, capsys):
+    """The lines come while nothing is told: an engine at work says nothing for minutes."""
+    monkeypatch.setattr(module, "EVERY", 0.001)
+    seen = threading.Event()
+    monkeypatch.setattr("builtins.print", lambda line, **_: (lines.append(line), seen.set()))
+    lines: list[str] = []
+    with progress() as tell:
+        tell("running dart", 0.5)
+        seen.clear()
+        assert seen.wait(30.0)
+    assert any("running dart: 50%" in line for line in lines)
+    assert not [one for one in threading.enumerate() if one.name.startswith("simspec-progress")]
+
+
+def test_none_where_none_is_wanted(monkeypatch, capsys):
+    monkeypatch.setattr(module, "EVERY", 0.001)
+    with progress(False) as tell:
+        tell("running dart", 0.5)
+    assert capsys.readouterr() == ("", "")
