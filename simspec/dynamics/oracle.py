@@ -6,7 +6,7 @@ world axes, and its angular velocity is in the body's axes. One step is semi-imp
 q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
 
 The oracle knows damping, springs and armature. It leaves out contact, position limits and dry friction: motion probes stay
-away from limits, and worlds with dry friction say so (``Oracle.leaves_out``).
+away from limits, and have dry friction switched off (see ``proof/dry_friction.py`` for its own).
 """
 
 from __future__ import annotations
