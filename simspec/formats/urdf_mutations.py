@@ -164,7 +164,10 @@ TABLE = MutationTable(
         *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf") for tag in FIRST),
         *(
             Inert(site, FIRST_ONLY, ("element added",), "*.urdf")
-            for site in ("geometry/box", "inertial/mass", "joint/limit", "joint/dynamics")
+            for site in (
+                *("geometry/box", "inertial/mass", "joint/limit", "joint/dynamics", "contact/stiffness"),
+                "contact/damping",
+            )
         ),
         *(
             Inert(site, ABSENT, ("attribute removed", "element removed", "number dropped"), "*.urdf")
