@@ -112,6 +112,51 @@ def test_bouncing_row():
         assert one["after"] > math.sqrt(2 * drop / GRAVITY)
 
 
+def test_oblique_impact():
+    """Steps of one millisecond: flight, an impulse in the step after bodies overlap, and what friction may take of the slip."""
+    name = "oblique-impact"
+    dt, steps = scene(name).physics.timestep, scene(name).physics.steps
+    moved, turned = expected(name, "displacement"), expected(name, "angular_speed")
+    for body in ("grip_ball", "slip_ball", "box", "live_ball"):
+        pair, share, lowest = law(name, body, "floor"), 1.0 if body == "box" else 2 / 7, 0.4
+        (along,) = velocity(name, body)[:1]
+        speed, fall, height, way, spin = along, 0.0, lowest, 0.0, {}
+        bounced = False
+        for step in range(steps):
+            fall -= GRAVITY * dt
+            impulse = 0.0
+            if height < 0.0 and not (bounced and pair.restitution):
+                after = 0.0 if bounced else -pair.restitution * (fall + GRAVITY * dt)
+                impulse, fall, bounced = after - fall, after, True
+            left = speed - (1.0 - share) * along  # what grips keeps the rest
+            speed -= min(left, pair.friction * impulse)
+            height, way = height + dt * fall, way + dt * speed
+            spin[step + 1] = 2.5 / 0.1 * (along - speed)
+        high = -lowest if not pair.restitution else height - lowest
+        np.testing.assert_allclose(moved[body]["xyz"], (way, 0.0, high), atol=5e-4)
+        if body != "box":
+            assert turned[body]["at"] == pytest.approx(0.3)
+            assert turned[body]["speed"] == pytest.approx(spin[300], abs=1e-3)
+            assert turned[body]["tolerance"] <= 0.031 * spin[300]
+    pair, reduced = law(name, "striker", "struck"), 0.75
+    places = {body.name: np.array(body.joint.position[:3]) for body in scene(name).bodies if body.joint.position}
+    one, other, relative = places["striker"], places["struck"], velocity(name, "striker")[:3]
+    free = math.ceil(((other - one)[0] - math.sqrt(0.2**2 - 0.1**2)) / (relative[0] * dt))  # steps until they overlap
+    line = other - one - free * dt * relative
+    normal = line / np.linalg.norm(line)
+    across = relative - (relative @ normal) * normal
+    most = pair.friction * (1 + pair.restitution) * (relative @ normal)
+    change = (1 + pair.restitution) * (relative @ normal) * normal
+    change = change + across * min(2 / 7, most / np.linalg.norm(across))
+    fallen = np.array([0.0, 0.0, -GRAVITY * dt**2 * steps * (steps + 1) / 2])
+    for body, mass, sign in (("striker", 1.0, -1.0), ("struck", 3.0, 1.0)):
+        way = velocity(name, body)[:3] * steps * dt + sign * reduced / mass * change * (steps - free) * dt + fallen
+        np.testing.assert_allclose(moved[body]["xyz"], way, atol=3e-4)
+        spin = 2.5 / 0.1 * reduced / mass * np.linalg.norm(change - (change @ normal) * normal)
+        assert turned[body]["speed"] == pytest.approx(spin, abs=1e-3)
+        assert turned[body]["tolerance"] <= 0.0305 * spin
+
+
 def test_newtons_cradle():
     length, pivot = 0.4, 1.0
     found = expected("newtons-cradle", "apex_height")

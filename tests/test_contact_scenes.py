@@ -19,6 +19,7 @@ QUICK = (
     "bouncing-row",
     "card-house",
     "newtons-cradle",
+    "oblique-impact",
     "ramp-grid",
     "rolling-ramp",
     "six-materials",
@@ -54,6 +55,15 @@ WRONG = {
     "rolling-ramp, both balls alike": ("rolling-ramp", "mujoco", ("contact.materials.slick.friction=0.5",)),
     "bouncing-row, one restitution": ("bouncing-row", "dart", ("contact.materials.fair.restitution=0.3",)),
     "newtons-cradle, less lively": ("newtons-cradle", "pybullet", ("contact.materials.steel.restitution=0.8",)),
+    "oblique-impact, friction missing in impacts": (
+        "oblique-impact",
+        "mujoco",
+        (
+            "engines.mujoco.settings.friction=native",
+            "engines.mujoco.accept=[contact.friction.impact, material.restitution]",
+        ),
+    ),
+    "oblique-impact, less friction": ("oblique-impact", "pybullet", ("contact.materials.slick.friction=0.045",)),
     "card-house, above the limit": ("card-house", "mujoco", ("contact.materials.slick.friction=0.3",)),
     "card-house, below the limit": ("card-house", "dart", ("contact.materials.rough.friction=0.2",)),
     "spinning-disc, less friction": ("spinning-disc", "mujoco", ("contact.materials.floor.friction=0.2",)),

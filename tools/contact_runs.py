@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,14 @@ from simspec.world.types import (
     World,
 )
 
+Settings = tuple[tuple[str, bool | int | float | str], ...]
+
 ENGINES = tuple(engines())
+RUNS: Mapping[str, tuple[str, Settings]] = {
+    **{name: (name, ()) for name in ENGINES},
+    "mujoco, coulomb": ("mujoco", (("friction", "coulomb"),)),
+}
+"""What has rows of its own: engine and settings."""
 ACCEPT = tuple(sorted(feature.value for feature in Feature))
 """Everything approximate is accepted: how approximate it is, is what the page says."""
 DEADLINE = 1800.0
@@ -59,8 +66,8 @@ class Result:
     failed: str = ""
 
 
-def probe_world(law: Law, bodies: tuple[Body, ...], steps: int) -> World:
-    """Bodies of two materials, every two of which have the law's pair."""
+def probe_world(law: Law, bodies: tuple[Body, ...], steps: int, run: str) -> World:
+    """Bodies of two materials, every two of which have the law's pair, with the settings of that run."""
     pair = law.pair
     materials = tuple(
         Material(name, pair.friction, pair.restitution, pair.torsional_friction, pair.rolling_friction)
@@ -71,12 +78,14 @@ def probe_world(law: Law, bodies: tuple[Body, ...], steps: int) -> World:
         for one, other in itertools.combinations_with_replacement(materials, 2)
     )
     physics = Physics((0.0, 0.0, -GRAVITY), law.timestep, steps)
-    options = tuple(EngineOptions(name, (), ACCEPT) for name in ENGINES)
+    engine, settings = RUNS[run]
+    options = (EngineOptions(engine, settings, ACCEPT),)
     return World("probe", bodies, Contact(law.friction_cone, materials, pairs), physics, engines=options)
 
 
-def measure(engine: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
-    """Run each probe under its law, all in one process of the engine."""
+def measure(run: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
+    """Run each probe under its law, all in one process of the run's engine."""
+    engine = RUNS[run][0]
     with tempfile.TemporaryDirectory(prefix="simspec-contact-") as name:
         results: list[Result | None] = [None] * len(jobs)
         asked: list[tuple[int, list[World], list[Operation]]] = []
@@ -87,7 +96,7 @@ def measure(engine: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
             try:
                 worlds, operations = [], []
                 for number, trial in enumerate(probe.trials(law)):
-                    world, operation = _prepared(engine, law, trial, Path(name) / f"{index}-{number}")
+                    world, operation = _prepared(run, law, trial, Path(name) / f"{index}-{number}")
                     worlds.append(world)
                     operations.append(operation)
                 asked.append((index, worlds, operations))
@@ -102,8 +111,9 @@ def measure(engine: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
         return [result or Result(failed="not run") for result in results]
 
 
-def _prepared(engine: str, law: Law, trial: Trial, place: Path) -> tuple[World, Operation]:
-    world = probe_world(law, trial.bodies, sum(phase.steps for phase in trial.phases))
+def _prepared(run: str, law: Law, trial: Trial, place: Path) -> tuple[World, Operation]:
+    engine = RUNS[run][0]
+    world = probe_world(law, trial.bodies, sum(phase.steps for phase in trial.phases), run)
     write_folder(compile_world(world, [engine])[engine].files, place)
     return world, _drive(world, trial.phases, place)
 
@@ -154,7 +164,7 @@ def _motion(world: World, arrays: dict[str, np.ndarray]) -> Motion:
 # --- towers -------------------------------------------------------------------------------------------------------
 
 
-def tower(kind: str, timestep: float, friction_cone: str) -> World:
+def tower(kind: str, timestep: float, friction_cone: str, run: str) -> World:
     """Bodies on one another, touching, on a big box."""
     shape, size, count, mass = TOWERS[kind]
     height = size[-1]
@@ -173,7 +183,7 @@ def tower(kind: str, timestep: float, friction_cone: str) -> World:
         solid = Shape(f"{name}/solid", shape, size, Pose(), "body")
         bodies.append(Body(name, name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), joint, (solid,)))
     law = Law(PairContact("base", "body", TOWER_FRICTION, 0.0), friction_cone, timestep)
-    return probe_world(law, tuple(bodies), round(TOWER_TIME / timestep))
+    return probe_world(law, tuple(bodies), round(TOWER_TIME / timestep), run)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,9 +197,10 @@ class Stand:
     refused: str = ""
 
 
-def stand(engine: str, kind: str, timestep: float, friction_cone: str) -> Stand:
+def stand(run: str, kind: str, timestep: float, friction_cone: str) -> Stand:
     """A tower for ``TOWER_TIME``."""
-    world = tower(kind, timestep, friction_cone)
+    engine = RUNS[run][0]
+    world = tower(kind, timestep, friction_cone, run)
     shape, size, _, _ = TOWERS[kind]
     width, height = size[0] * (1.0 if shape == "box" else 2.0), size[-1]
     with tempfile.TemporaryDirectory(prefix="simspec-contact-") as name:
