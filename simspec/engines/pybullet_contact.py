@@ -144,5 +144,7 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     Deviation("restitution", 0.1, _LATE, relative=False, timestep=0.0072, restitution=0.3),
     Deviation("rolling", 0.08, _ROLLING, timestep=0.0072),
     Deviation("stick", 2e-3, _SQUARE, False, friction=0.9, timestep=0.0144, friction_cone="pyramid-circumscribed"),
+    Deviation("oblique", 0.05, _LATE, timestep=0.0144, restitution=0.7),
+    Deviation("oblique-separation", 0.1, _LATE, relative=False, timestep=0.0144, restitution=0.5),
     Deviation("restitution", 0.18, _LATE, relative=False, timestep=0.0144, restitution=0.3),
 )
