@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+RECORDED_BYTES = 16 * 2**30
+"""Most bytes that a run may record: 10 million rows of seven free bodies. More would fill a disk before it is noticed."""
 BLOCK_BYTES = 8_000_000
 """Of one block of rows."""
 

@@ -33,14 +33,13 @@ from simspec.engines.answer_forms import (
     dimensions_of,
 )
 from simspec.errors import clipped
+from simspec.mapped import RECORDED_BYTES
 from simspec.reading import NotReadableError, open_regular, read_bytes
 
 JSON_BYTES = 64_000_000
 """Largest result.json. The largest of the library's is below 1 MB; 2,000 bodies with explicit pairs need 20 MB."""
 MAPPED_BYTES = 16_000_000
 """Arrays larger than this stay on disk, mapped."""
-RECORDED_BYTES = 16 * 2**30
-"""Most bytes that a run may record: 10 million rows of seven free bodies. More would fill a disk before it is noticed."""
 
 Model = TypeVar("Model", bound=BaseModel)
 

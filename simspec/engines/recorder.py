@@ -47,7 +47,7 @@ class Stepper:
         self.seconds["cpu"] += time.process_time() - cpu
 
 
-CHUNK_BYTES = 4_000_000
+CHUNK_BYTES = 1_000_000
 """Size of the buffer that rows are collected in before they are written."""
 CONTACT_CHUNK = 20_000
 """Contacts that are collected before they are written."""

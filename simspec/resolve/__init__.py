@@ -8,7 +8,16 @@ from simspec.errors import SpecError
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
-from simspec.resolve.scenario import engines, expectations, fixed_for_ever, physics, record, shortened, unknown_shown
+from simspec.resolve.scenario import (
+    engines,
+    expectations,
+    fixed_for_ever,
+    physics,
+    record,
+    shortened,
+    too_much,
+    unknown_shown,
+)
 from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
 from simspec.spec.load import Spec
@@ -50,6 +59,6 @@ def resolve(spec: Spec) -> World:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)
     problems = unstable_joints(spec.source, world) or unstable(spec.source, world)
-    if problems := [*problems, *fixed_for_ever(spec.source, world)]:
+    if problems := [*problems, *too_much(spec.source, world), *fixed_for_ever(spec.source, world)]:
         raise SpecError(in_order(problems))
     return world

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.mapped import RECORDED_BYTES
 from simspec.spec.expectations import BODIES, KINDS, TIMES, Kind
 from simspec.spec.joints import DRIVEN
 from simspec.spec.models import EngineOptions as SpecOptions
@@ -17,7 +18,7 @@ from simspec.spec.models import Record as SpecRecord
 from simspec.spec.models import whole_steps
 from simspec.spec.sources import Source
 from simspec.spec.strict import near
-from simspec.world.kinematics import poses, rigid_groups
+from simspec.world.kinematics import layout, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
 
 
@@ -56,6 +57,26 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
         )
         for index, name in enumerate(source.file.record.show)
         if name not in known
+    ]
+
+
+def too_much(source: Source, world: World) -> list[Problem]:
+    """The problem of a recording that would be larger than is kept; contacts, whose number nobody knows, are not counted."""
+    where = layout(world.bodies)
+    energy, driven = 2 * ("energy" in world.record.channels), sum(len(one.joints) for one in world.controllers)
+    row = 8 * (1 + where.nq + where.nv + 13 * len(world.bodies) + energy + 2 * driven)
+    rows = 1 + -(-world.physics.steps // world.record.every_steps)
+    if rows * row <= RECORDED_BYTES:
+        return []
+    least = -(-rows * row // RECORDED_BYTES) * world.record.every_steps * world.physics.timestep
+    return [
+        source.document.problem(
+            ("record", "every") if "record" in source.document.data else ("physics", "duration"),
+            "the run would record too much",
+            found=f"{rows:,} rows of {row:,} bytes, {rows * row / 2**30:,.0f} GiB",
+            allowed=f"{RECORDED_BYTES / 2**30:g} GiB",
+            hint=f"record: {{every: {least:g} s}}, or a shorter physics.duration",
+        )
     ]
 
 

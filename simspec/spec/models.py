@@ -222,6 +222,9 @@ class Physics(Strict):
             yield Fault(("duration",), "too many steps", found, f"up to {MOST_STEPS:g}")
         elif whole_steps(times["duration"], times["timestep"]) is None:
             yield not_whole("duration", times["duration"], times["timestep"], ("duration",))
+        elif times["duration"] > 0.0 and not whole_steps(times["duration"], times["timestep"]):
+            found = f"{times['duration']:g} s, {times['duration'] / times['timestep']:.3g} steps"
+            yield Fault(("duration",), "shorter than any step", found, f"0, or at least {times['timestep']:g} s")
 
 
 class Record(Strict):

@@ -100,8 +100,8 @@ def _dimensions() -> Mapping[str, Dimension]:
 
 DIMENSIONS: Mapping[str, Dimension] = _dimensions()
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(.*?)\s*", re.DOTALL)
-_TERM = re.compile(r"(?P<operator>\s*[*/]\s*|\s+|)(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)(?P<power>-?[1-9])(?![\d.]))?")
+_QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)\s*(.*?)\s*", re.DOTALL)
+_TERM = re.compile(r"(?P<operator>\s*[*/]\s*|\s+|)(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)(?P<power>-?[1-9])(?![0-9.]))?")
 _SIGNS = (("%", "percent"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("²", "^2"), ("³", "^3"), ("−", "-"))
 _LONGEST = 80
 """Characters of a quantity: nobody writes more, and arithmetic on a megabyte of digits takes long."""
