@@ -27,7 +27,7 @@ bodies:
   arm: {{parent: post, {SOLID}, joint: {{name: elbow, type: hinge, axis: [0, 0, 1]}}}}
   hand: {{parent: arm, {SOLID}, joint: {{name: wrist, type: hinge, axis: [0, 1, 0]}}}}
   rail: {{parent: post, {SOLID}, joint: {{name: lift, type: slide, axis: [0, 0, 1]}}}}
-  eye: {{parent: post, {SOLID}, joint: {{name: gaze, type: ball}}}}
+  eye: {{{SOLID}, joint: {{name: gaze, type: ball}}}}
 control:
 """
 LINE = HEAD.count("\n") + 1
