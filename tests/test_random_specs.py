@@ -18,6 +18,7 @@ from tests.random_specs import spec
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = sorted(engines())
 RARE = {
+    Feature.IMPACT_FRICTION,
     Feature.TREE_SIZE,
     Feature.TREE_DEPTH,
     Feature.CONTROL_NATIVE,

@@ -30,7 +30,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
 from simspec.engines.base import engines, find_engine
 from simspec.engines.process import ONE_THREAD
-from simspec.engines.recorder import Recording, Stepper
+from simspec.engines.recorder import MOST_BYTES, Recording, Stepper
 from simspec.formats.base import read_sidecar
 from simspec.world.types import EngineOptions, World
 
@@ -59,7 +59,7 @@ def once(world: World, engine: str) -> np.ndarray:
         live = find_engine(engine)()
         live.load(place, read_sidecar(place))
         stepper = Stepper(live, from_request(*to_request(world)))
-        recording = Recording(live, world.record.channels, stepper.control)
+        recording = Recording(live, world.record.channels, stepper.control, f"{folder}/recorded-", MOST_BYTES)
         recording.take(0)
         rows, done = [], 0
         while done < world.physics.steps:

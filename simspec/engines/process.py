@@ -27,7 +27,7 @@ import numpy as np
 from simspec.engines import keeper, worker
 from simspec.engines.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
 from simspec.engines.base import find_engine
-from simspec.errors import EngineError, clipped
+from simspec.errors import EngineError, clipped, visible
 from simspec.reading import read_bytes
 from simspec.scratch import scratch_folder
 
@@ -193,7 +193,7 @@ class Running:
         self._log.end()
 
     def _tail(self) -> str:
-        output = self._log.text().strip()
+        output = visible(self._log.text().strip(), lines=True)  # what cannot be seen takes more room when it is told
         return f"; its last output: {output[-LOG_TAIL:]}" if output else ""
 
 

@@ -20,6 +20,7 @@ ENGINES = [
 """Every engine that must pass the shared suites of this folder."""
 
 ACCEPTED = (
+    "contact.friction.impact",
     "contact.cone.elliptic",
     "joint.limits.position",
     "joint.dry_friction",

@@ -256,13 +256,15 @@ def test_of_a_bodys_shapes_only_those_collide_that_may(lower, friction, load):
 
 
 def test_a_deviation_counts_only_where_it_was_measured():
-    def sizes(probe: str, timestep: float, cone: str = "elliptic", **law: object) -> list[float]:
+    def sizes(probe: str, timestep: float, cone: str = "elliptic", mode: str = "native", **law: object) -> list[float]:
         pair = PairContact("m", "m", **({"friction": 0.5, "restitution": 0.0} | law))
-        return [d.size for d in CONTACT_DEVIATIONS if d.probe == probe and d.counts_for(pair, cone, timestep)]
+        settings = {"friction": mode}
+        return [d.size for d in CONTACT_DEVIATIONS if d.probe == probe and d.counts_for(pair, cone, timestep, settings)]
 
     for probe in ("push", "stop", "stick", "restitution", "torsional", "rolling", "compliance", "rest", "size"):
         assert sizes(probe, 1e-3) == []
     assert sizes("push", 1e-3, friction=1.0) == [0.03]
+    assert sizes("push", 1e-3, mode="coulomb", friction=1.0) == []
     assert max(sizes("push", 4e-3)) == 0.12
     assert sizes("push", 1e-3, restitution=0.5)
     assert sizes("push", 1e-3, hardness=Hardness("native"))

@@ -118,18 +118,19 @@ def test_a_changed_file_is_read_as_changed(old, new, tmp_path):
 
 def test_damaged_files_are_refused(tmp_path):
     files = emit(worlds.gripper())
-    for old, new, message in (
+    cases = (
         ('<body name="bar"', '<body name="rod"', "missing"),
         ('qvel="0 ', 'qvel="', "velocities"),
         ('<joint name="bar_joint"', '<site name="x"/><joint name="bar_joint"', "not read"),
         ('angle="radian"', 'angle="degree"', "radian"),
         ('friction="0.4 0.4 0 0 0"', 'friction="0.4 0.5 0 0 0"', "not isotropic"),
-    ):
+    )
+    for number, (old, new, message) in enumerate(cases):
         changed = files[MODEL].replace(old, new, 1)
         assert changed != files[MODEL]
-        write_folder({**files, MODEL: changed}, tmp_path / "a")
+        write_folder({**files, MODEL: changed}, tmp_path / f"{number}")
         with pytest.raises(ValueError, match=message):
-            Mjcf().read(tmp_path / "a")
+            Mjcf().read(tmp_path / f"{number}")
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.05, 0.5, 1.0])
