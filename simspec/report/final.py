@@ -64,7 +64,7 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
     times = {f"{run.time[-1]:.4g} s" for run in shown}
     when = times.pop() if len(times) == 1 else "the last record"
     found = table(
-        f"Where things ended, at {when}  (x y z in m, roll pitch yaw in °; joints in rad or m)",
+        f"Where things ended, at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
         "",
         *(run.label for run in shown),
     )
@@ -88,7 +88,7 @@ def _pose(pose: Sequence[float]) -> str:
         return "not finite"
     place = " ".join(_number(value) for value in pose[:3])
     turn = " ".join(f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in to_rpy(tuple(pose[3:])))
-    return f"{place}  ({turn})"
+    return f"{place}\n{turn}°"  # two lines: three engines side by side fit 80 columns
 
 
 def _number(value: float) -> str:
