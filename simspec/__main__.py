@@ -21,15 +21,14 @@ def main() -> int:
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()
         return _told(text)
-    from simspec.ending import Ended, end_in_order, report
+    from simspec.ending import until_told
 
-    try:
-        end_in_order()
-        from simspec.cli import main as run
+    def run() -> int:
+        from simspec.cli import main as command
 
-        return run(arguments)
-    except Ended as ended:
-        return report(ended)
+        return command(arguments)
+
+    return until_told(run)
 
 
 def _told(text: str) -> int:

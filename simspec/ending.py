@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 EXIT_BUG = 70
 """Something happened that simspec does not know of. (EX_SOFTWARE of sysexits.h; 0 to 3 are answers.)"""
@@ -28,23 +29,56 @@ class Ended(SystemExit):
         super().__init__(128 + number)
 
 
-def end_in_order() -> None:
-    """From now on, the signals that ask a process to end make it end in order, once; those that are ignored stay so."""
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background job
-            signal.signal(number, _end)
+_told: list[int] = []
+"""The signal that told this process to end, once there was one."""
+AGAIN = 0.01
+"""s after which a process is told again whose first telling got lost on its way."""
+
+
+def until_told(run: Callable[[], int]) -> int:
+    """The exit code of ``run``, which the signals that ask a process to end make end in order, once; those that are ignored
+    stay so. Once there was such a signal it is what ``run`` ended by, whatever came out of it: what :class:`Ended` passes
+    through may make another exception of it (the import of a compiled module) or nothing (a destructor)."""
+    try:
+        for number in SIGNALS:
+            if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background job
+                signal.signal(number, _end)
+        sys.unraisablehook = _lost
+        code = run()
+        _ignore()  # nothing is left to be ended
+    except BaseException:
+        if not _told:
+            raise
+    if not _told:
+        return code
+    say(f"ended by {signal.Signals(_told[0]).name}")
+    return 128 + _told[0]
+
+
+def end_if_told() -> None:
+    """Raise Ended where a signal told this process to end: what is being said of it is then not the reason."""
+    if _told:
+        raise Ended(_told[0])
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    for one in SIGNALS:  # what is in order already is not to be cut short
-        signal.signal(one, signal.SIG_IGN)
+    _ignore()  # what is in order already is not to be cut short
+    _told[:] = [number]
     raise Ended(number)
 
 
-def report(ended: Ended) -> int:
-    """Say in one line which signal it was; the exit code."""
-    say(f"ended by {signal.Signals(ended.number).name}")
-    return 128 + ended.number
+def _ignore() -> None:
+    for one in SIGNALS:
+        signal.signal(one, signal.SIG_IGN)
+
+
+def _lost(unraisable: Any) -> None:
+    """Where an exception cannot go on (a destructor, a callback): it is told again a moment later, if it is an end."""
+    if not isinstance(unraisable.exc_value, Ended):
+        sys.__unraisablehook__(unraisable)
+        return
+    signal.signal(signal.SIGALRM, lambda *_: end_if_told())
+    signal.setitimer(signal.ITIMER_REAL, AGAIN)
 
 
 def say(line: str) -> None:
@@ -89,17 +123,23 @@ def in_order(run: Callable[[], int]) -> int:
     """The exit code of ``run``, when all that it said is written out. What nobody knows of is a bug, and said to be one."""
     try:
         code = run()
-    except BrokenPipeError:
-        code = 1
-    except OSError as error:  # of what it says: all else knows its file, and was caught
-        code = finish(error)
-    except Ended:
-        raise
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 2
-    except Exception as error:
-        code = bug(error)
+    except BaseException as error:
+        end_if_told()
+        code = _code(error)
+    end_if_told()
     return max(code, finish())
+
+
+def _code(error: BaseException) -> int:
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else 2
+    if isinstance(error, BrokenPipeError):
+        return 1
+    if isinstance(error, OSError):  # of what it says: all else knows its file, and was caught
+        return finish(error)
+    if isinstance(error, Exception):
+        return bug(error)
+    raise error
 
 
 def bug(error: BaseException) -> int:

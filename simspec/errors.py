@@ -58,7 +58,7 @@ class Location:
     column: int
 
     def __str__(self) -> str:
-        return f"{visible(self.file)}:{self.line}:{self.column}"
+        return f"{_words(self.file)}:{self.line}:{self.column}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,4 +130,4 @@ class EngineError(SimspecError):
         self.engine = engine
         # lines of an engine's own words are told apart from simspec's
         first, *rest = visible(message, lines=True).split("\n")
-        super().__init__("\n  | ".join([f"{visible(engine)}: {first}", *rest]))
+        super().__init__("\n  | ".join([f"{visible(clipped(engine))}: {first}", *rest]))

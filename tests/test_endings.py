@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import random
 import signal
@@ -176,6 +177,113 @@ def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatc
         assert all(path.exists() for path in (alive, *others))
         assert (others[0] / "kept").read_text() == "kept"
     assert not alive.exists()
+
+
+def test_a_folder_of_a_process_that_ended_before_it_marked_it_is_removed(place, monkeypatch):
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    names = ("empty", "begun", "half", "full", "mode", "locked")
+    folders = {name: place / "tmp" / f"simspec-{name}" for name in names}
+    for name, folder in folders.items():
+        folder.mkdir(0o700 if name == "mode" else scratch.UNMARKED)
+    (folders["begun"] / scratch.NEW).touch()
+    (folders["half"] / scratch.NEW).write_bytes(scratch.CONTENT[:10])
+    (folders["full"] / "mine").touch()
+    with open(folders["locked"] / scratch.NEW, "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        scratch.clean_up.__wrapped__()
+    assert {name for name in names if folders[name].exists()} == {"full", "mode", "locked"}
+
+
+@pytest.mark.parametrize("call", ["open", "flock", "write", "rename"])
+def test_a_folder_that_cannot_be_marked_does_not_stay(place, monkeypatch, call):
+    """An interrupt between the making of a folder and its marker; and a folder that another process removed meanwhile."""
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    owner = scratch.fcntl if call == "flock" else scratch.os
+    whole, raised = getattr(owner, call), []
+
+    def once(*arguments, **keywords):
+        if not raised:
+            raised.append(call)
+            raise KeyboardInterrupt
+        return whole(*arguments, **keywords)
+
+    scratch.clean_up()
+    monkeypatch.setattr(owner, call, once)
+    with pytest.raises(KeyboardInterrupt), scratch.scratch_folder("work"):
+        pass
+    assert left(place) == []
+    make, gone = scratch._make, []
+    monkeypatch.setattr(scratch, "_make", lambda folder: make(folder) if gone else gone.append(folder))
+    with scratch.scratch_folder("work") as folder:
+        assert folder.is_dir()
+    assert left(place) == []
+
+
+TOLD = """
+import os, signal, sys
+from simspec.ending import Ended, in_order, until_told
+from simspec.errors import Problem, SpecError
+from simspec.report.guard import command
+
+def told():
+    os.kill(os.getpid(), signal.{name})
+
+class Loses:
+    def __del__(self):
+        told()
+
+@command
+def guarded():
+    try:
+        told()
+    except Ended:
+        raise SpecError([Problem("something else")])
+
+def run():
+    if {how!r} == "guarded":
+        guarded()
+    if {how!r} == "destructor":
+        lost = Loses()
+        del lost
+        while True:
+            signal.pause()
+    try:
+        told()
+    except Ended as error:
+        {then}
+    return 0
+
+sys.exit(until_told(lambda: in_order(run)))
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "then"),
+    [
+        *(
+            (then, f"raise {then}")
+            for then in ("ImportError('numpy')", "SystemError", "OSError(4, 'EINTR')", "KeyboardInterrupt")
+        ),
+        ("goes on", "pass"),
+        ("ends", "raise SystemExit(3)"),
+        ("guarded", "pass"),
+        ("destructor", "pass"),
+    ],
+)
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
+def test_a_signal_is_what_a_command_ended_by_whatever_came_of_it(place, how, then, name):
+    """What is imported or called may make another exception of an end, or none at all."""
+    script = TOLD.format(name=name, how=how, then=then)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "TMPDIR": str(place / "tmp")},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr, done.stdout) == (SIGNALS[name], f"simspec: ended by {name}\n", "")
+    assert left(place) == []
 
 
 def test_a_full_device_is_one_line(place):

@@ -9,6 +9,7 @@ from typing import Any
 
 import typer
 
+from simspec.ending import end_if_told
 from simspec.errors import EngineError, Problem, SimspecError, SpecError
 
 
@@ -38,6 +39,7 @@ def command(function: Callable[..., int | None]) -> Callable[..., None]:
 
 
 def report_error(error: SimspecError, as_json: bool) -> int:
+    end_if_told()
     if as_json:
         from simspec.report.plain import error_data, text
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from simspec.errors import Problem
 from simspec.resolve.poses import direction, layout, orientation, pose
 from simspec.spec import trees
-from simspec.spec.arrays import MOST_ELEMENTS, Array
+from simspec.spec.arrays import Array
 from simspec.spec.document import Key
 from simspec.spec.joints import Joint as SpecJoint
 from simspec.spec.joints import read_position, read_velocity
@@ -49,7 +49,7 @@ def expand(source: Source) -> Expansion:
     found = Expansion()
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, found)), found)
-    instances = [*_loose(source, only, found), *models, *_own_model(source, only, found)]
+    instances = [*_loose(source, only), *models, *_own_model(source, only, found)]
     if not found.problems:
         _check_names(instances, found)
     found.bodies = tuple(body for instance in instances for body in instance.bodies)
@@ -280,34 +280,24 @@ def elements(array: Array | None) -> list[tuple[str, Pose]]:
     return [(f"_{index:0{digits}d}", one) for index, one in enumerate(poses)]
 
 
-def _loose(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
+def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
     bodies = trees.loose(source)
     if bodies is None:
         return
-    count = 0
     for tree in _trees(bodies, only):
         root = tree.bodies[0].name
         array, path = bodies.typed[root].array, (*bodies.path, root)
-        copies = elements(array)
-        count += len(copies) * len(tree.bodies)
-        if _too_many(count, source, path, found):
-            return
-        for suffix, element in copies:
+        for suffix, element in elements(array):
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
             yield _Instance(copied, source, path)
 
 
 def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
-    count = 0
     for name, use, bodies in trees.placed(source):
         tree = _positioned(next(_trees(bodies, only)), use)
-        copies = elements(use.array)
-        count += len(copies) * len(tree.bodies)
-        if _too_many(count, source, bodies.placed, found):
-            return
         frame = pose(use.pose)
-        for suffix, element in copies:
+        for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
             where = frames.compose(frame, element)
             if use.velocity is not None:
@@ -349,14 +339,6 @@ def _positioned(tree: _Tree, use: Use) -> _Tree:
             joint = replace(joint, velocity=value if joint.kind == "ball" else (value,))
         changed.append(replace(body, joint=joint))
     return replace(tree, bodies=tuple(changed))
-
-
-def _too_many(count: int, source: Source, path: tuple[Key, ...], found: Expansion) -> bool:
-    if count <= MOST_ELEMENTS:
-        return False
-    message, allowed = "too many bodies in one scenario", f"up to {MOST_ELEMENTS}"
-    found.problems.append(source.document.problem(path, message, key=True, found=f"{count}", allowed=allowed))
-    return True
 
 
 def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:

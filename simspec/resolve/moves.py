@@ -17,7 +17,7 @@ from simspec.spec.document import Key
 from simspec.spec.joint_names import chosen
 from simspec.spec.sources import Source
 from simspec.spec.strict import near
-from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
+from simspec.spec.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED
 from simspec.spec.units import article
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout
@@ -109,9 +109,20 @@ class Program:
         return max(FEWEST, math.ceil(getattr(step, "in") / self._given.interval * (1.0 - 1e-9)))
 
     def _not_too_many(self, counts: Sequence[int], joints: int) -> None:
-        total = 1
-        for index, count in enumerate(counts):
+        total, solved = 1, 0
+        for index, (step, count) in enumerate(zip(self._given.program, counts, strict=True)):
             total += count
+            if step.move is not None:
+                solved += count if step.straight else FAR
+            if solved > MOST_SOLVED:
+                self._problem(
+                    ("program", index),
+                    "the program has too many places to solve the arm for, counted from its beginning to here",
+                    found=f"{solved} points of moves",
+                    allowed=f"up to {MOST_SOLVED}; a move with straight: false counts for {FAR}",
+                    hint="a larger interval, or straight: false",
+                )
+                return
             if total > MOST_POINTS or total * joints > MOST_NUMBERS:
                 self._problem(
                     ("program", index),

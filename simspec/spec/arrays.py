@@ -99,6 +99,12 @@ class Array(Strict):
     poses: list[Pose] = Field(None, description="The elements' poses, one by one")
     jitter: Jitter = Field(None, description="Perturbation of the elements' positions")
 
+    def count(self) -> int:
+        """How many elements there are."""
+        if self.grid is not None:
+            return self.grid[0] * self.grid[1] * self.grid[2]
+        return self.line or self.ring or len(self.poses)
+
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         for name, (layout, needed) in cls.COMPANIONS.items():

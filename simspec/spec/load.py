@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.spec.amounts import too_much
 from simspec.spec.checks import check
 from simspec.spec.document import Document, read
 from simspec.spec.models import VERSION, File
@@ -100,7 +101,8 @@ def _checked(
         source = Source(document, folder, file)
         collector = Collector(None if allow_outside else project_folder(place))
         collector.collect(source, (place.resolve(),))
-        problems += [*collector.problems, *check(source)]
+        # what is looked at for each model that holds it is looked at only where that has an end
+        problems += [*collector.problems, *(too_much(source) or check(source))]
     if problems:
         raise SpecError(in_order(problems))
     return Spec(source, path)

@@ -17,7 +17,7 @@ from simspec.spec.contact import Contact
 from simspec.spec.control import MOST_CONTROLLERS, Controller
 from simspec.spec.expectations import Expectation
 from simspec.spec.joints import Joint
-from simspec.spec.quantities import Name, Number, Reader, Setting, Text, Vector, Word
+from simspec.spec.quantities import FileName, Name, Number, Reader, Setting, Text, Vector, Word
 from simspec.spec.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.spec.strict import Fault, Faults, Strict, fault, misspelt, show
 from simspec.spec.trajectory import Grasp, Trajectory
@@ -143,7 +143,7 @@ class Use(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, Text()] = Field(None, description="Path of a model file, relative to this file")
+    use: Annotated[str, FileName()] = Field(None, description="Path of a model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(None, description="The bodies of a model written here; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
     array: Array = Field(None, description="Copies of the whole model")
@@ -174,7 +174,7 @@ class Model(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, Text()] = Field(None, description="Path of another model file, relative to this file")
+    use: Annotated[str, FileName()] = Field(None, description="Path of another model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(None, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="How the model's hand grasps, by name")
 

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import GetJsonSchemaHandler
 from pydantic_core import core_schema
 
+from simspec.errors import UNSEEN_CHARACTERS
 from simspec.spec import units
 from simspec.spec.document import INVALID
 from simspec.spec.hints import hint_for_word
@@ -18,6 +19,8 @@ from simspec.spec.strict import Fault, Faults, fault, near, raised, replace_loc,
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 NAME_RULE = "letters, digits, _ and -, beginning with a letter or _"
 LONGEST_NAME = 200
+LONGEST_TEXT = 1000
+"""Characters of a path, a description, the name of a feature: messages and files of results quote them."""
 
 
 class Reader:
@@ -307,6 +310,8 @@ class Text(Reader):
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
             raise fault("wants a text", show(value), "a text; in quotes where it looks like a number")
+        if len(value) > LONGEST_TEXT:
+            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
         return value
 
     def describe(self) -> str:
@@ -314,6 +319,17 @@ class Text(Reader):
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string"}
+
+
+@dataclass(frozen=True)
+class FileName(Text):
+    """The path of a file, as it is written."""
+
+    def read(self, value: Any) -> str:
+        path = super().read(value)
+        if unseen := UNSEEN_CHARACTERS.search(path):
+            raise fault("no path has such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
+        return path
 
 
 @dataclass(frozen=True)

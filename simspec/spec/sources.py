@@ -10,10 +10,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from simspec.errors import Problem, SpecError
+from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.spec.document import Document, read
 from simspec.spec.models import File
 from simspec.spec.problems import of_validation
+from simspec.spec.quantities import LONGEST_TEXT
 from simspec.spec.strict import show
 
 DEEPEST_USE = 8
@@ -108,12 +109,15 @@ class Collector:
 
     def _place(self, source: Source, path: tuple[str, ...], text: str) -> Path | None:
         """The file that a path of a spec means, where it may be read."""
-        if "\0" in text or not text.strip():
+        if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
+            return None  # reported where it is read
+        if not text.strip():
             self._problem(source, path, "no path of a file", found=show(text))
             return None
         try:
             target = (source.folder / text).resolve()
-        except (OSError, RuntimeError):  # links that lead to themselves
+            is_file = target.is_file()
+        except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             self._problem(source, path, "this path leads nowhere", found=show(text))
             return None
         if self.project is not None and not target.is_relative_to(self.project):
@@ -121,7 +125,7 @@ class Collector:
             hint = "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
-        if not target.is_file():
+        if not is_file:
             self._problem(source, path, "no such file", found=text, hint=_near_file(target))
             return None
         return target

@@ -11,7 +11,7 @@ from pydantic import Field, create_model
 from simspec.spec.document import INVALID
 from simspec.spec.joint_names import JointNames
 from simspec.spec.joints import DIMENSION, check_suits_driven
-from simspec.spec.quantities import Flag, Name, Number, Reader, Text, Vector, Word
+from simspec.spec.quantities import FileName, Flag, Name, Number, Reader, Vector, Word
 from simspec.spec.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
 from simspec.spec.strict import Fault, Faults, Strict, fault, replace_loc, show
 
@@ -20,6 +20,11 @@ MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""
 MOST_NUMBERS = 1_000_000
 """Points times joints; each is kept in the world with all its digits."""
+MOST_SOLVED = 10_000
+"""Points of the straight moves of a program, each a place that the arm is solved for: half a millisecond with six joints, some
+milliseconds with joints to spare (measured)."""
+FAR = 5
+"""Points that a move which is not straight counts for: it is solved once, in some twenty steps instead of three to six."""
 _QUANTITIES = {"positions": "position", "velocities": "velocity", "accelerations": "velocity", "efforts": "effort"}
 _DERIVATIVES = ("velocities", "accelerations")
 
@@ -209,7 +214,7 @@ class Trajectory(Strict):
         "are then not asked",
     )
     points: list[TrajectoryPoint] = Field(None, description="Points in time, in order")
-    file: Annotated[str, Text()] = Field(
+    file: Annotated[str, FileName()] = Field(
         None, description="Path of a table, .csv or .npz, relative to this file; not outside of the project folder"
     )
     tool: ToolFrame = Field(None, description="With `program`: the frame that moves")
@@ -244,6 +249,10 @@ class Trajectory(Strict):
 def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
     """Times that do not increase, joints that come and go, quantities that are there in some points only."""
     rows = [point if isinstance(point, Mapping) else getattr(point, "__dict__", {}) for point in points]
+    width = len(rows[0]["positions"]) if rows and isinstance(rows[0].get("positions"), Mapping) else 1
+    if len(rows) * width > MOST_NUMBERS:
+        yield Fault(("points",), "too many numbers", f"{len(rows)} points of {width} joints", f"up to {MOST_NUMBERS}")
+        return
     before: float | None = None
     for index, row in enumerate(rows):
         try:

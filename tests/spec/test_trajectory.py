@@ -8,6 +8,7 @@ import os
 import jsonschema
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from simspec.errors import SpecError
 from simspec.spec.formatting import format_text
@@ -125,6 +126,8 @@ BAD = {
     "through a singular pose": (MOVES + "    - {move: {xyz: [0.2, 0.01, 0], free_orientation: true}, in: 3}\n    - {move: {xyz: [-0.2, -0.01, 0], free_orientation: true}, in: 3}\n", "-0.2", "trajectory.program.1.move", "", None, None),
     "move too fast": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.3, 0.5, 0], free_orientation: true}}, in: 0.2}}\n", "0.3, 0.5", "trajectory.program.1", "faster than it may", "times its limit", "2 rad/s"),
     "too many points": ("  interval: 1 ms\n  program:\n    - {wait: 1}\n    - {grip: 1, in: 200 s}\n", "in: 200", "trajectory.program.1", "too many points", "200", "interval"),
+    "too many places": (TOOL + "  interval: 1 ms\n  program:\n    - {move: {xyz: [9, 0, 0]}, in: 5 s}\n    - {move: {xyz: [9, 0, 0], free_orientation: true}, in: 6 s}\n", "in: 6", "trajectory.program.1", "too many places to solve", "11000 points", "straight: false"),
+    "too many far places": (MOVES + "    - {move: {xyz: [9, 0, 0]}, straight: false, in: 1}\n" * 2000 + "    - {move: {xyz: [9, 0, 1]}, straight: false, in: 1}\n", "0, 1]", "trajectory.program.2000", "too many places to solve", "10005 points", None),
     "no such file": ("  file: reach.csv\n", "reach.csv", "trajectory.file", "no such file", "reach.csv", None),
     "file outside": ("  file: ../reach.csv\n", "reach.csv", "trajectory.file", "leaves the project folder", None, "--allow-outside"),
 }  # fmt: skip
@@ -146,6 +149,13 @@ def test_a_wrong_trajectory_is_an_error_at_its_line(name, tmp_path):
     )
     assert found is None or found in (one.found or "")
     assert more is None or more in f"{one.allowed} {one.hint}"
+
+
+def test_points_times_joints_are_bounded():
+    """More than a file can hold: of Python's data."""
+    point = {f"j{index}": 0.0 for index in range(1001)}
+    with pytest.raises(ValidationError, match="too many numbers"):
+        Trajectory.model_validate({"points": [{"at": index, "positions": point} for index in range(1000)]})
 
 
 def test_a_trajectory_wants_a_controller(tmp_path):
