@@ -22,7 +22,7 @@ MOST_NUMBERS = 1_000_000
 """Points times joints; each is kept in the world with all its digits."""
 MOST_SOLVED = 10_000
 """Points of the straight moves of a program, each a place that the arm is solved for: half a millisecond with six joints, some
-milliseconds with joints to spare (measured)."""
+milliseconds with joints to spare."""
 FAR = 5
 """Points that a move which is not straight counts for: it is solved once, in some twenty steps instead of three to six."""
 _QUANTITIES = {"positions": "position", "velocities": "velocity", "accelerations": "velocity", "efforts": "effort"}
