@@ -54,6 +54,7 @@ def expected(
     groups = rigid_groups(world)
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
     found = _world(world, settings, neutral)
+    found["trees"] = listed(list(trees(world)))
     found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
     found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
     found |= {f"body.{body.name}.shapes": tuple(shape.name for shape in body.shapes) for body in world.bodies}

@@ -103,6 +103,8 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
     found.update(sidecar_labels(sim.sidecar))
     found["sidecar.bodies"] = listed(sim.names)
+    # contacts are solved in the order in which the trees were loaded
+    found["trees"] = listed([instance["bodies"][0] for instance in sim.sidecar["instances"]])
     for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
         found[f"tree.{instance['bodies'][0]}.model"] = instance["model"]
         for body, joint, shapes in zip(instance["bodies"], instance["joints"], instance["shapes"], strict=True):

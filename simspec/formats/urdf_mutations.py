@@ -216,7 +216,7 @@ TABLE = MutationTable(
             Inert(site, ORDER, ("swapped",), "sidecar.json")
             for site in (
                 *("collision_filter.classes.*", "collision_filter.classes.*.links.*", "collision_filter.excluded.*"),
-                *("collision_filter.excluded.*.*", "instances.*", "sleepers.*", "springs.*", "armature.*"),
+                *("collision_filter.excluded.*.*", "sleepers.*", "springs.*", "armature.*"),
             )
         ),
         Inert(
