@@ -55,6 +55,8 @@ class Setting:
     only_with: str = ""
     """The switch (a setting, or itself) without which it means nothing and is not written: files of worlds that do not ask for
     it stay as they are."""
+    needs: tuple[str, tuple[bool | str, ...]] | None = None
+    """Another setting, and its values with which this one acts; with others it does nothing, and to give it is an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,6 +342,20 @@ def written_settings(engine: type[Engine], world: World) -> dict[str, bool | int
     return {name: value for name, value in found.items() if name not in off}
 
 
+def idle_settings(engine: type[Engine], settings: Mapping[str, Any]) -> dict[str, str]:
+    """The settings that do nothing beside the others, each with why (``"with friction: coulomb"``), of all of an engine's."""
+    found = {}
+    for name, setting in engine.SETTINGS.items():
+        if setting.needs is not None and (value := settings[setting.needs[0]]) not in setting.needs[1]:
+            found[name] = f"with {_told(setting.needs[0], value)}"
+    return found
+
+
+def _told(name: str, value: bool | int | float | str) -> str:
+    """A setting as a spec writes it."""
+    return f"{name}: {str(value).lower() if isinstance(value, bool) else value}"
+
+
 def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
     """What a sidecar must say it is for, and its settings, by the names that inventories give them."""
     labels: dict[str, HeldValue] = {"schema": SIDECAR_SCHEMA, "format": engine.FORMAT, "engine": engine.NAME}
@@ -349,10 +365,11 @@ def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
 
 
 def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:
-    """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range."""
+    """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range, and, where all
+    else is right, settings that do nothing beside others."""
     import difflib
 
-    problems = []
+    problems: list[Problem] = []
     for name, value in settings:
         path = f"engines.{engine.NAME}.settings.{name}"
         setting = engine.SETTINGS.get(name)
@@ -369,6 +386,25 @@ def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) ->
             )
         elif wrong := _wrong_value(setting, value):
             problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong))
+    return problems or _idle(engine, dict(settings))
+
+
+def _idle(engine: type[Engine], given: Mapping[str, Any]) -> list[Problem]:
+    defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
+    why = idle_settings(engine, defaults | given)
+    problems = []
+    for name, value in given.items():
+        if name not in why or (needs := engine.SETTINGS[name].needs) is None:
+            continue
+        acts = " or ".join(_told(needs[0], one) for one in needs[1])
+        problems.append(
+            Problem(
+                f"{engine.NAME}'s setting {name!r} does nothing {why[name]}",
+                f"engines.{engine.NAME}.settings.{name}",
+                found=_told(name, value),
+                hint=f"leave it out; it acts with {acts}",
+            )
+        )
     return problems
 
 

@@ -192,18 +192,21 @@ class Dart(Engine):
             "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300; what is solved sooner costs "
             "no more.",
             minimum=1,
+            needs=("contact_solver", ("auto", "nsgs")),
         ),
         "tolerance": Setting(
             1e-5,
             "The NSGS solver stops below this residual; DART's default. With 1e-4 such a tower drifts up to 2 mm, not 1.2, "
             "at the same speed.",
             minimum=0.0,
+            needs=("contact_solver", ("auto", "nsgs")),
         ),
         "dry_friction_tolerance": Setting(
             1e-8,
             "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
             "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
             minimum=0.0,
+            needs=("contact_solver", ("auto", "nsgs")),
         ),
         "contact_overflow": Setting(
             "error",

@@ -88,12 +88,20 @@ class MuJoCo(Engine):
         "iterations": Setting(
             100, "Most iterations of the solver in a step; Newton stays far below. MuJoCo's own number.", minimum=1
         ),
-        "ls_iterations": Setting(50, "Most iterations of the solver's line search. MuJoCo's own number.", minimum=1),
+        "ls_iterations": Setting(
+            50,
+            "Most iterations of the solver's line search. MuJoCo's own number.",
+            minimum=1,
+            needs=("solver", ("newton", "cg")),
+        ),
         "tolerance": Setting(
             1e-8, "The solver ends when it improves by less than this. MuJoCo's own number.", minimum=0.0
         ),
         "ls_tolerance": Setting(
-            0.01, "The line search ends below this part of the gradient. MuJoCo's own number.", minimum=0.0
+            0.01,
+            "The line search ends below this part of the gradient. MuJoCo's own number.",
+            minimum=0.0,
+            needs=("solver", ("newton", "cg")),
         ),
         "friction": Setting(
             NATIVE,
@@ -132,6 +140,7 @@ class MuJoCo(Engine):
         "island": Setting(
             False,
             "Solve groups of bodies that do not touch each other apart. Off: MuJoCo versions differ in what they make of it.",
+            needs=("sleeping", (False,)),
         ),
         "sleeping": Setting(
             False,
@@ -144,6 +153,7 @@ class MuJoCo(Engine):
             "With sleeping: the speed (m/s, angular times length) below which a body falls asleep after ten steps.",
             minimum=0.0,
             only_with="sleeping",
+            needs=("sleeping", (True,)),
         ),
         "contact_error_reduction": Setting(
             0.01,
@@ -165,6 +175,7 @@ class MuJoCo(Engine):
             "sliders are thrown up (at μ = 1 and 5 m/s by 3.6 mm at 100, 29 mm at 300; 1 ms); lower: they stop too late (at "
             "30 by 13 % of a 50 mm slide; at 100 by 1 %).",
             minimum=1e-3,
+            needs=("friction", (NATIVE,)),
         ),
         "friction_share": Setting(
             0.3,
@@ -174,6 +185,7 @@ class MuJoCo(Engine):
             "slips the less the higher it is: a hand that turns asks for a new direction in every step (measured).",
             minimum=1e-3,
             maximum=1.0,
+            needs=("friction", (NATIVE,)),
         ),
         "friction_cushion": Setting(
             1e-4,
@@ -183,6 +195,7 @@ class MuJoCo(Engine):
             "what rests is 70 to 100 µm deep, not 0.3. 0: none.",
             minimum=0.0,
             maximum=0.1,
+            needs=("friction", (NATIVE,)),
         ),
         "explicit_pairs_limit": Setting(
             5000,

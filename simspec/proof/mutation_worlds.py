@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 
-from simspec.engines.base import Setting, find_engine
+from simspec.engines.base import Setting, find_engine, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
 from simspec.world.control import Controller, Trajectory
@@ -125,10 +125,12 @@ def cone(name: str) -> Callable[[str], World]:
 
 
 def settings(engine: str) -> World:
-    """The bench with every setting of the engine other than it is by default."""
+    """The bench with every setting of the engine other than it is by default, but those that then do nothing."""
     world = selftest_worlds.bench(engine)
     (options,) = world.engines
-    given = tuple((name, _other(one)) for name, one in sorted(find_engine(engine).SETTINGS.items()))
+    every = {name: _other(one) for name, one in sorted(find_engine(engine).SETTINGS.items())}
+    idle = idle_settings(find_engine(engine), every)
+    given = tuple((name, value) for name, value in every.items() if name not in idle)
     return dataclasses.replace(
         world, name="self-test-settings", engines=(dataclasses.replace(options, settings=given),)
     )

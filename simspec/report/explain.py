@@ -11,7 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from simspec.compiler import Compiled, write_folder
-from simspec.engines.base import find_engine, resolve_settings
+from simspec.engines.base import find_engine, idle_settings, resolve_settings
 from simspec.formats.base import SIDECAR, formats
 from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
 from simspec.formats.passes import solid_shapes
@@ -56,13 +56,14 @@ class PairExplained:
 @dataclasses.dataclass(frozen=True)
 class SettingExplained:
     """A solver setting: its value, what the compiler made of that for this world, whether the spec gave it, and what it does,
-    with the reason for the default."""
+    with the reason for the default; ``idle``: beside which other setting it does nothing here, empty where it acts."""
 
     name: str
     value: bool | int | float | str
     in_force: bool | int | float | str
     given: bool
     meaning: str
+    idle: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,9 +97,18 @@ def explained(world: World, compiled: Compiled) -> Explained:
     copies = sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in solid_shapes(body))
     given = dict(world.options(compiled.engine).settings)
     in_force = json.loads(compiled.files[SIDECAR])["settings"]
+    resolved = resolve_settings(engine, world)
+    idle = idle_settings(engine, resolved)
     settings = tuple(
-        SettingExplained(name, value, in_force.get(name, value), name in given, engine.SETTINGS[name].meaning)
-        for name, value in resolve_settings(engine, world).items()
+        SettingExplained(
+            name,
+            value,
+            in_force.get(name, value),
+            name in given,
+            engine.SETTINGS[name].meaning,
+            idle.get(name, ""),
+        )
+        for name, value in resolved.items()
     )
     pairs.sort(key=lambda pair: (pair.first, pair.second))
     return Explained(compiled.engine, tuple(pairs), copies, sum(listed.values()), settings)
@@ -175,7 +185,10 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
     for setting in one.settings:
         same = setting.value == setting.in_force
         shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
-        settings.add_row(setting.name, shown, "spec" if setting.given else "default", setting.meaning)
+        source, why = "spec" if setting.given else "default", setting.meaning
+        if setting.idle:
+            shown, source, why = "–", "–", f"does nothing {setting.idle}"
+        settings.add_row(setting.name, shown, source, why)
     return [*([contact] if one.pairs else []), decisions(compiled), settings]
 
 

@@ -46,6 +46,7 @@ def engine_data() -> dict[str, Any]:
             "install": f"pip install 'simspec[{engine.EXTRA}]'",
             "settings": {
                 key: {"default": setting.default, "meaning": setting.meaning, "choices": list(setting.choices)}
+                | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 for key, setting in engine.SETTINGS.items()
             },
             "support": {
@@ -97,6 +98,9 @@ def markdown() -> str:
         lines += [f"### {name}", "", "| setting | default | allowed | meaning |", "|---|---|---|---|"]
         for key, setting in engine.SETTINGS.items():
             allowed = ", ".join(setting.choices) or _range(setting.minimum, setting.maximum)
+            if setting.needs:
+                values = " or ".join(str(value).lower() for value in setting.needs[1])
+                allowed = f"{allowed}{'; ' if allowed else ''}with {setting.needs[0]}: {values}"
             lines.append(f"| `{key}` | `{setting.default}` | {allowed} | {_cell(setting.meaning)} |")
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"

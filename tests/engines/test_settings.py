@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
+from simspec.cli import main
 from simspec.compiler import compile_world
-from simspec.engines.base import Setting, check_settings, engines, find_engine
+from simspec.engines.base import Setting, check_settings, engines, find_engine, idle_settings
 from simspec.errors import Location, UnsupportedError
+from simspec.proof import mutation_worlds
 from simspec.world.types import EngineOptions
 from tests import worlds
 
@@ -47,7 +49,8 @@ def test_wrong_values_are_located_errors_before_anything_is_written(engine, name
         options = EngineOptions(engine, ((name, value),))
         world = dataclasses.replace(base, engines=(options,))
         if allowed(setting, value):
-            assert not check_settings(find_engine(engine), options.settings)
+            beside = [(setting.needs[0], setting.needs[1][0])] if setting.needs else []
+            assert not check_settings(find_engine(engine), [*options.settings, *beside])
             continue
         with pytest.raises(UnsupportedError) as caught:
             compile_world(world, [engine], lambda path: place)
@@ -65,3 +68,90 @@ def test_all_wrong_settings_are_told_at_once(engine):
     with pytest.raises(UnsupportedError) as caught:
         compile_world(world, [engine])
     assert len(caught.value.problems) == len(given) + 1
+
+
+# --- settings that do nothing beside another ------------------------------------------------------------------------
+
+IDLE = [
+    (engine, name, other, value)
+    for engine, name in EVERY
+    if (needs := find_engine(engine).SETTINGS[name].needs)
+    for other in [needs[0]]
+    for value in find_engine(engine).SETTINGS[other].choices or (True, False)
+    if value not in needs[1]
+]
+SAID = {
+    ("dart", "dry_friction_tolerance", "contact_solver", "dantzig"),
+    ("dart", "iterations", "contact_solver", "dantzig"),
+    ("dart", "tolerance", "contact_solver", "dantzig"),
+    ("mujoco", "friction_cushion", "friction", "coulomb"),
+    ("mujoco", "friction_rate", "friction", "coulomb"),
+    ("mujoco", "friction_share", "friction", "coulomb"),
+    ("mujoco", "island", "sleeping", True),
+    ("mujoco", "ls_iterations", "solver", "pgs"),
+    ("mujoco", "ls_tolerance", "solver", "pgs"),
+    ("mujoco", "sleep_tolerance", "sleeping", False),
+}
+
+
+def test_what_needs_another_setting_names_one_and_values_it_can_have():
+    assert set(IDLE) == SAID
+    for engine, name, other, _ in IDLE:
+        settings = find_engine(engine).SETTINGS
+        setting = settings[name]
+        assert all(not check_settings(find_engine(engine), [(other, one)]) for one in setting.needs[1])
+        assert settings[other].needs is None, "a chain of needs would need more than one look"
+
+
+@pytest.mark.parametrize(("engine", "name", "other", "value"), IDLE)
+def test_a_setting_that_does_nothing_beside_another_is_a_located_error(engine, name, other, value):
+    known = find_engine(engine)
+    default, needs = known.SETTINGS[name].default, known.SETTINGS[name].needs
+    place = Location("spec.yaml", 7, 3)
+    options = EngineOptions(engine, ((name, default), (other, value)), ("contact.cone.elliptic",))
+    world = dataclasses.replace(worlds.spheres(2), engines=(options,))
+    with pytest.raises(UnsupportedError) as caught:
+        compile_world(world, [engine], lambda path: place)
+    (problem,) = caught.value.problems
+    assert problem.path == f"engines.{engine}.settings.{name}"
+    assert problem.location == place
+    assert f"does nothing with {other}: {str(value).lower()}" in problem.message
+    assert all(str(one).lower() in problem.hint for one in needs[1])
+    assert not check_settings(known, [(name, default), (other, needs[1][0])])
+    assert not check_settings(known, [(other, value)])
+
+
+@pytest.mark.parametrize("name", ["friction_cushion", "friction_rate", "friction_share"])
+def test_what_is_said_to_do_nothing_does_nothing(name, monkeypatch):
+    """Taken for one that acts, it changes nothing but what the sidecar says of it; beside what it needs it changes the file."""
+    known = find_engine("mujoco")
+    setting = dataclasses.replace(known.SETTINGS[name], needs=None)
+    monkeypatch.setattr(known, "SETTINGS", {**known.SETTINGS, name: setting})
+
+    def model(friction: str, *given: tuple[str, float]) -> str:
+        settings = (("friction", friction), *given)
+        world = mutation_worlds.WORLDS["choices"]("mujoco")  # a ball on a floor, with friction
+        options = dataclasses.replace(world.options("mujoco"), settings=settings)
+        return compile_world(dataclasses.replace(world, engines=(options,)), ["mujoco"])["mujoco"].files["model.xml"]
+
+    other = (name, setting.default / 20.0)
+    assert model("coulomb", other) == model("coulomb")
+    assert model("native", other) != model("native")
+
+
+def test_the_command_refuses_it_and_names_it(tmp_path, capsys):
+    spec = "specs/contact/oblique-impact.yaml"
+    given = ["--set", "engines.mujoco.settings={friction: coulomb, friction_rate: 50}"]
+    assert main(["compile", spec, "--engine", "mujoco", "--out", str(tmp_path / "out"), *given]) == 2
+    said = capsys.readouterr().err
+    assert "engines.mujoco.settings.friction_rate" in said
+    assert "does nothing with friction: coulomb" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_does_nothing_by_default_is_no_error_and_is_known():
+    settings = {name: setting.default for name, setting in find_engine("mujoco").SETTINGS.items()}
+    assert set(idle_settings(find_engine("mujoco"), settings)) == {"sleep_tolerance"}
+    assert {"friction_rate", "friction_share", "friction_cushion"} <= set(
+        idle_settings(find_engine("mujoco"), {**settings, "friction": "coulomb"})
+    )

@@ -12,6 +12,7 @@ import pytest
 from simspec.formats.mutations import Inert, MutationTable
 from simspec.proof import complete
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
+from simspec.proof.mutation_worlds import WORLDS
 from simspec.report import complete as report
 
 SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}
@@ -139,3 +140,14 @@ def test_a_table_that_cannot_be_imported_is_an_error(monkeypatch):
 
 def _missing_other(name):
     raise ModuleNotFoundError("something that the table needs", name="numpy")
+
+
+def test_contact_under_a_friction_that_is_not_the_default_is_among_the_worlds():
+    """MuJoCo's other friction is computed outside the engine; its files must be changed too, with something in contact."""
+    world = WORLDS["choices"]("mujoco")
+    assert dict(world.options("mujoco").settings)["friction"] == "coulomb"
+    assert any(pair.friction for pair in world.contact.pairs)
+    assert {body.joint.kind for body in world.bodies if any(shape.collision for shape in body.shapes)} == {
+        "fixed",
+        "free",
+    }

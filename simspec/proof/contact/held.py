@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.engines.base import Engine
+from simspec.engines.base import Engine, idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import Feature
 from simspec.formats.base import formats, read_sidecar
@@ -62,7 +62,10 @@ def held(world: World, engine: type[Engine], folder: Path) -> Held:
     problems = list(_impossible(contact, numbers, timestep))
     if problems:
         raise UnsupportedError(problems)
-    options = EngineOptions(engine.NAME, tuple(sorted(settings.items())), EVERYTHING)
+    # files hold all settings; what does nothing beside others may not be given
+    idle = idle_settings(engine, {name: one.default for name, one in engine.SETTINGS.items()} | settings)
+    given = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
+    options = EngineOptions(engine.NAME, given, EVERYTHING)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
     return Held(contact, plan, options, timestep)
 
