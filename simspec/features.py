@@ -154,6 +154,9 @@ class Support:
     name), or None. ``accepted_in`` gives what is approximate in this world because the spec accepts the feature by name, or
     None; it is for what depends on more than the feature (which shapes may meet), and which the format refuses by itself
     where it is not accepted.
+
+    ``short`` says in one line of at most 100 characters what is lost where it is approximate, or what is done where it is
+    computed outside: a text of its own, for comments and tables; ``outside_short`` of what ``outside_if`` says.
     """
 
     level: Level
@@ -162,6 +165,13 @@ class Support:
     exact_if: Callable[[World], str | None] | None = None
     outside_if: Callable[[World], str | None] | None = None
     accepted_in: Callable[[World], str | None] | None = None
+    short: str = ""
+    outside_short: str = ""
+
+    def brief(self, level: Level) -> str:
+        """What is lost, or done outside, in one line; all that is said of it where nothing shorter is."""
+        outside = level is Level.OUTSIDE and self.level is not Level.OUTSIDE
+        return (self.outside_short if outside else self.short) or self.how
 
 
 EXACT = Support(Level.EXACT)
@@ -172,14 +182,15 @@ def via_api(how: str) -> Support:
     return Support(Level.VIA_API, how)
 
 
-def outside(how: str, only_if: Callable[[World], str | None] | None = None) -> Support:
-    """Exact, computed outside the engine at every step, where the spec asks for it by name."""
-    return Support(Level.OUTSIDE, how, only_if)
+def outside(how: str, only_if: Callable[[World], str | None] | None = None, short: str = "") -> Support:
+    """Exact, computed outside the engine at every step, where the spec asks for it by name; ``short`` in one line."""
+    return Support(Level.OUTSIDE, how, only_if, short=short)
 
 
-def approximate(how: str, exact_if: Callable[[World], str | None] | None = None) -> Support:
-    """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size."""
-    return Support(Level.APPROXIMATE, how, exact_if=exact_if)
+def approximate(how: str, exact_if: Callable[[World], str | None] | None = None, short: str = "") -> Support:
+    """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size; ``short`` in
+    one line."""
+    return Support(Level.APPROXIMATE, how, exact_if=exact_if, short=short)
 
 
 def unsupported(why: str) -> Support:
@@ -210,7 +221,7 @@ def _weaker(file: Support, engine: Support) -> Support:
     if file.level is Level.UNSUPPORTED:  # one reason is enough
         return file
     said = dict.fromkeys(how for how in (file.how, engine.how) if how)
-    return replace(engine, how="; ".join(said))
+    return replace(engine, how="; ".join(said), short=engine.short or file.short)
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,12 +328,13 @@ def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """How a needed feature is realised in one target."""
+    """How a needed feature is realised in one target; ``short`` in one line."""
 
     feature: Feature
     level: Level
     how: str
     paths: tuple[str, ...]
+    short: str = ""
 
 
 def negotiate(
@@ -389,7 +401,7 @@ def negotiate(
                 )
             )
         else:
-            decisions.append(Decision(need.feature, level, how, need.paths))
+            decisions.append(Decision(need.feature, level, how, need.paths, support.brief(level) or how))
     if problems:
         raise UnsupportedError(problems)
     return decisions

@@ -70,14 +70,15 @@ def _coulomb(world: World) -> str | None:
     return None if DANTZIG in world.options("dart").settings else "NsgsFrictionSolver, law Coulomb"
 
 
-def _shape(kind: str, how: str = "") -> Support:
+def _shape(kind: str, how: str = _DETECTORS) -> Support:
     """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
 
     def accepted(world: World) -> str | None:
         setting = str(resolve_settings(Dart, world)["collision_detector"])
         return accepted_contact(world, detector_of(world, "dart", setting), "dart", kind)
 
-    return Support(Level.EXACT, how, accepted_in=accepted)
+    short = f"some contacts of a {kind} are missed, too deep or rounded by the collision detector in use"
+    return Support(Level.EXACT, how, accepted_in=accepted, short=short)
 
 
 def _armature_covered(world: World) -> str | None:
@@ -118,7 +119,9 @@ class Dart(Engine):
         Feature.DAMPING: via_api(_COMPUTED),
         Feature.BALL_DAMPING: via_api(_COMPUTED),
         Feature.ARMATURE: outside(
-            "DART's implicit damping A / dt with the effort (A / dt) v against it", _armature_covered
+            "DART's implicit damping A / dt with the effort (A / dt) v against it",
+            _armature_covered,
+            "a joint's armature by an implicit damping and an effort against it at every step",
         ),
         Feature.SPRING: via_api(_COMPUTED),
         Feature.BALL_SPRING: via_api(_COMPUTED),
@@ -140,12 +143,14 @@ class Dart(Engine):
         Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
-            "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s"
+            "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
+            short="what would leave at less than 0.1 m/s does not bounce; else e is up to 0.009 too large",
         ),
         Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION_THRESHOLD: approximate(
             "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
-            "and all else does, whatever threshold is asked for"
+            "and all else does, whatever threshold is asked for",
+            short="the threshold is DART's own, 0.1 m/s after the impact, whatever is asked for",
         ),
         Feature.TORSIONAL_FRICTION: unsupported(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: unsupported(f"{_NO_MOMENT} across the normal"),
@@ -163,6 +168,7 @@ class Dart(Engine):
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes",
             _coulomb,
+            "the circumscribed pyramid instead: up to 1.41 times the friction between its axes",
         ),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),

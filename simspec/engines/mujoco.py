@@ -66,10 +66,12 @@ class MuJoCo(Engine):
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
-            "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)"
+            "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",
+            short="a joint passes its limit by up to one step's way before it stops",
         ),
         Feature.DRY_FRICTION: approximate(
-            "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)"
+            "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",
+            short="a joint held by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
         ),
         Feature.TREE_DEPTH: unsupported(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"

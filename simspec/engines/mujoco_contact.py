@@ -37,19 +37,23 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.FRICTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.RESTITUTION: approximate(
         "a reference velocity of −e times the approach speed: within 0.03 of e for spheres from 1 m/s at 1 ms, 0.05 at 2 ms, "
-        "0.11 at 4 ms, where gravity acts on during the steps out of the overlap"
+        "0.11 at 4 ms, where gravity acts on during the steps out of the overlap",
+        short="what bounces leaves with e off by up to 0.03 at 1 ms, 0.05 at 2 ms and 0.11 at 4 ms",
     ),
     Feature.RESTITUTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.RESTITUTION_THRESHOLD: approximate(
-        "MuJoCo has none: what should rest after a slow impact bounces at up to e times the threshold speed"
+        "MuJoCo has none: what should rest after a slow impact bounces at up to e times the threshold speed",
+        short="there is no threshold: what should rest after a slow impact bounces on",
     ),
     Feature.TORSIONAL_FRICTION: approximate(
         "spin alone decays at c N within 0.01 % at 1 ms; but slip and spin share one cone, (f/μ)² + (τ/c)² ≤ N²: a sphere that "
-        "slides at 1 m/s and spins at 50 rad/s feels 0.55 of μ and 0.74 of c (c = 1 cm, μ = 0.5)"
+        "slides at 1 m/s and spins at 50 rad/s feels 0.55 of μ and 0.74 of c (c = 1 cm, μ = 0.5)",
+        short="what slides and spins at once feels too little of both: 0.55 of μ, 0.74 of c at worst measured",
     ),
     Feature.ROLLING_FRICTION: approximate(
         "rolling decays within 0.1 % at 1 ms while c is below a tenth of μ r; rolling, spinning and sliding share one cone, "
-        "which costs 1.3 % at c = 0.4 μ r and 17 % at c = μ r"
+        "which costs 1.3 % at c = 0.4 μ r and 17 % at c = μ r",
+        short="what rolls is braked too little where c is large: by 1.3 % at c = 0.4 μ r, 17 % at c = μ r",
     ),
     Feature.HARDNESS_COMMON: Support(
         Level.EXACT,
@@ -57,7 +61,8 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     ),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
         "for one point of contact: rest depth g T² ζ² within 0.01 %, oscillation within 0.3 % at T ζ = 15 steps, rebound "
-        "within 0.04; the n points of a face act as n springs, so a box lies a quarter as deep"
+        "within 0.04; the n points of a face act as n springs, so a box lies a quarter as deep",
+        short="right for one point of contact; a face is as stiff as its n points: a box lies 1/4 as deep",
     ),
     Feature.HARDNESS_STIFFNESS: Support(
         Level.EXACT,
@@ -67,19 +72,23 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.HARDNESS_NATIVE: approximate(
         "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
-        "and μ = 0.5; impratio stays the world's"
+        "and μ = 0.5; impratio stays the world's",
+        short="MuJoCo's own soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
     ),
     Feature.PASSING_PAIRS: Support(Level.EXACT, "by masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: Support(
         Level.APPROXIMATE,
         "most of it is missing: of the speed along the surface that an impact should take away 80 to 90 % stays at 1 ms "
         "(measured); engines.mujoco.settings: {friction: coulomb} has it right, at a price",
+        short="80 to 90 % of the friction in an impact is missing, at 1 ms",
         outside_if=coulomb_asked,
+        outside_short="friction in impacts by a loop around MuJoCo's solver at every step (friction: coulomb)",
     ),
     Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
         "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
-        "320 mm at 5 m/s (μ 0.3 to 1), and with restitution slip bounces back too"
+        "320 mm at 5 m/s (μ 0.3 to 1), and with restitution slip bounces back too",
+        short="what slides is thrown up: by 4 to 13 mm at 1 m/s, 100 to 320 mm at 5 m/s",
     ),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
 }

@@ -31,7 +31,7 @@ from simspec.engines.base import (
     sorted_pairs,
 )
 from simspec.engines.pybullet_actuation import NATIVE, JointArrays, JointServos, no_dry_friction
-from simspec.engines.pybullet_contact import CONE, CONTACT_DEVIATIONS, only_balls_slide
+from simspec.engines.pybullet_contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet_efforts import Efforts
 from simspec.engines.pybullet_expected import expected
 from simspec.engines.pybullet_inventory import inventory, neutral
@@ -88,14 +88,19 @@ class PyBullet(Engine):
         Feature.JOINT_FREE: EXACT,
         Feature.LIMIT_POSITION: approximate(
             "passes a limit by up to v dt, then comes back at joint_erp of that in each step, and keeps that speed: a "
-            "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature"
+            "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature",
+            short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
         ),
         Feature.LIMIT_VELOCITY: EXACT,
         Feature.LIMIT_EFFORT: EXACT,
         Feature.DAMPING: EXACT,
         Feature.BALL_DAMPING: EXACT,
         Feature.DRY_FRICTION: via_api("a velocity motor with target 0 and the friction as its largest force"),
-        Feature.ARMATURE: outside(f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h", _armature_covered),
+        Feature.ARMATURE: outside(
+            f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h",
+            _armature_covered,
+            "a joint's armature by a torque before every step",
+        ),
         Feature.SPRING: via_api(_COMPUTED),
         Feature.BALL_SPRING: via_api(_COMPUTED),
         Feature.INITIAL_POSITION: via_api("reset of base and joint states"),
@@ -139,7 +144,7 @@ class PyBullet(Engine):
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
         Feature.IMPACT_FRICTION: EXACT,
-        Feature.CONE_ELLIPTIC: approximate(CONE, exact_if=only_balls_slide),
+        Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: unsupported(
             "PyBullet has the elliptic cone and the circumscribed pyramid only"
         ),

@@ -165,7 +165,10 @@ class Mjcf(Format):
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
-        Feature.RESTITUTION: approximate("a reference velocity of the contact constraint, −e times the approach speed"),
+        Feature.RESTITUTION: approximate(
+            "a reference velocity of the contact constraint, −e times the approach speed",
+            short="a bounce is a reference velocity of the contact, not an impulse",
+        ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
     }
 

@@ -15,8 +15,8 @@ from simspec.engines.base import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.features import Feature, Level
 from simspec.outputs.writing import write_file
-from simspec.report.brief import brief
 from simspec.report.plain import text
+from simspec.report.reasons import link
 from simspec.resources import resource_folder
 from simspec.spec.document import read_text
 from simspec.spec.load import Spec
@@ -50,10 +50,8 @@ def accept(spec: Spec, world: World, engines: Iterable[str], as_json: bool) -> i
     for name, keys in wanted.items():
         for key, features in keys.items():
             for feature, why in features.items():
-                print(f"engines.{name}.{key}: {feature}  # {why}")
+                print(f"engines.{name}.{key}: {feature}  # {why}\n    {link(name, feature)}")
     print(f"{path}: {'written' if wanted else 'nothing is missing'}")
-    if wanted:
-        print("whole reasons: simspec engines --json, and docs/support-matrix.md")
     return EXIT_OK
 
 
@@ -70,7 +68,7 @@ def _own(spec: Spec) -> Path:
 
 def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
     """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
-    with a short reason. Raises UnsupportedError for what it cannot have at all."""
+    with its short reason. Raises UnsupportedError for what it cannot have at all."""
     known, options = find_engine(engine), world.options(engine)
     every = tuple(feature.value for feature in Feature)
     found: dict[str, dict[str, str]] = {}
@@ -83,7 +81,7 @@ def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
         try:
             needed_decisions(_with(world, without), known)
         except UnsupportedError:  # a setting asks for it already, where this does not happen
-            found.setdefault(key, {})[name] = brief(decision.how)
+            found.setdefault(key, {})[name] = decision.short
     return found
 
 

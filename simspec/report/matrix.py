@@ -37,6 +37,11 @@ def support(engine: type[Engine]) -> dict[Feature, Support]:
     return combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)
 
 
+def anchor(engine: str, feature: str) -> str:
+    """The place in the page where it says how an engine has a feature."""
+    return f"{engine}-{feature.replace('.', '-')}"
+
+
 def engine_data() -> dict[str, Any]:
     """Every engine: format, installed version (None = not installed), settings, support."""
     return {
@@ -51,6 +56,8 @@ def engine_data() -> dict[str, Any]:
             },
             "support": {
                 feature.value: {"level": entry.level.value, "how": entry.how}
+                | ({"short": entry.short} if entry.short else {})
+                | ({"outside_short": entry.outside_short} if entry.outside_short else {})
                 for feature, entry in support(engine).items()
             },
         }
@@ -86,7 +93,7 @@ def markdown() -> str:
             entry = tables[name][feature]
             cell = WORDS[entry.level]
             if entry.how:
-                note = f"{name}, `{feature.value}`: {_cell(entry.how)}"
+                note = f'<a id="{anchor(name, feature.value)}"></a>{name}, `{feature.value}`: {_cell(entry.how)}'
                 notes.append(note)
                 cell += f" [{len(notes)}]"
             cells.append(cell)

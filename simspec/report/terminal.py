@@ -15,12 +15,12 @@ from simspec.comparison.study import Study
 from simspec.compiler import Compiled
 from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
 from simspec.features import Feature, Level
-from simspec.report.brief import brief
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
 from simspec.report.kit import length, number, table, verdict
 from simspec.report.matrix import WORDS
 from simspec.report.progress import progress  # noqa: F401 (offered here, too)
+from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
@@ -217,15 +217,18 @@ def certificate_notes(certificate: Certificate) -> list[str]:
             "contact: the worst figure of each engine, in units of that figure's own tolerance (--contact: all)"
         )
     for name, proof in certificate.engines.items():
-        notes += [f"{name} has {feature} as accepted: {brief(how)}" for feature, how in proof.approximations.items()]
-        declared = {f"{figure.probe}: {brief(figure.deviation)}": None for figure in proof.contact if figure.deviation}
-        notes += [f"{name} deviates as declared, {why}" for why in declared]
+        for feature, said in proof.approximations.items():
+            why = short_reason(name, feature, said)
+            notes.append(f"{name} has {feature} as accepted: {why} ({link(name, feature)})")
+        declared: dict[str, dict[str, None]] = {}
+        for figure in proof.contact:
+            if figure.deviation:
+                declared.setdefault(figure.deviation, {})[figure.probe] = None
+        notes += [f"{name} deviates as declared in {', '.join(of)}: {why}" for why, of in declared.items()]
         if proof.not_checked:
             notes.append(f"{name} cannot be asked for {', '.join(proof.not_checked)}")
-    if any(proof.approximations or any(figure.deviation for figure in proof.contact) for proof in proofs):
-        notes.append(
-            "whole reasons: certificate.json, docs/support-matrix.md (approximations), docs/contact.md (deviations)"
-        )
+    if any(figure.deviation for proof in proofs for figure in proof.contact):
+        notes.append("all that was measured of deviations: docs/contact.md")
     return notes
 
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
 from simspec import cli
 from simspec.compiler import compile_world
+from simspec.engines.base import engines, find_engine
 from simspec.errors import SpecError
+from simspec.features import Feature, Level
+from simspec.formats.base import formats
+from simspec.report import reasons
 from simspec.report.accepting import edited
-from simspec.report.brief import LONGEST, brief
+from simspec.report.matrix import support
 from simspec.spec.load import load
 
 SCENE = """# my scene
@@ -116,16 +122,65 @@ def test_comments_before_the_next_key_stay_with_it():
         edited("{simspec: 1}", {"a": {"accept": {"f.g": "short"}}})
 
 
-@pytest.mark.parametrize(
-    ("long", "short"),
-    [
-        ("of the right size, but along something else; measured", "of the right size, but along something else"),
-        ("most of it is missing: of the speed 80 % stays", "most of it is missing"),
-        ("set through the engine's API", "set through the engine's API"),
-        ("word " * 60, None),
-    ],
-)
-def test_reasons_are_made_short(long, short):
-    found = brief(long)
-    assert len(found) <= LONGEST + 2
-    assert short is None or found == short
+# --- short reasons ------------------------------------------------------------------------------------------------
+
+DECLARED = [
+    (owner.NAME, feature.value, short)
+    for owner in (*formats().values(), *engines().values())
+    for feature, one in owner.SUPPORT.items()
+    for short, counts in (
+        (one.short, one.level in (Level.APPROXIMATE, Level.OUTSIDE) or one.accepted_in is not None),
+        (one.outside_short, one.outside_if is not None),
+    )
+    if counts
+]
+"""Of every format and engine: what has to be accepted or asked for by name, and its short reason."""
+PAGE = Path(__file__).resolve().parents[2] / reasons.PAGE
+
+
+def test_there_is_something_to_say():
+    assert len(DECLARED) >= 20
+    assert {"mjcf", "mujoco", "pybullet", "dart"} <= {name for name, _, _ in DECLARED}
+
+
+@pytest.mark.parametrize(("name", "feature", "short"), DECLARED)
+def test_every_short_reason_is_a_text_of_its_own(name, feature, short):
+    assert 20 <= len(short) <= 100, "one line that says what is lost"
+    assert short == " ".join(short.split())
+    assert not short.endswith((".", "…", ":", ";", ","))
+    assert [said for _, _, said in DECLARED].count(short) == 1
+    assert "#" not in short, "it stands in a comment"
+
+
+@pytest.mark.parametrize(("name", "feature", "short"), [one for one in DECLARED if one[0] in engines()])
+def test_every_link_leads_to_the_whole_reason(name, feature, short):
+    path, _, anchor = reasons.link(name, feature).partition("#")
+    assert path == reasons.PAGE
+    (line,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if f'<a id="{anchor}"></a>' in line]
+    assert f"{name}, `{feature}`: " in line
+
+
+def test_anchors_of_the_page_are_unique():
+    found = re.findall(r'<a id="([^"]*)"></a>', PAGE.read_text(encoding="utf-8"))
+    assert len(found) == len(set(found)) > 50
+
+
+def test_a_certificate_is_told_in_short_by_what_its_engine_declares():
+    how = support(find_engine("mujoco"))[Feature.IMPACT_FRICTION]
+    name = Feature.IMPACT_FRICTION.value
+    assert reasons.short_reason("mujoco", name, f"approximate: {how.how}") == how.short
+    assert reasons.short_reason("mujoco", name, "outside: by a loop") == how.outside_short
+    assert reasons.short_reason("mujoco", "no.such.feature", "approximate: x") == "approximate: x"
+    assert reasons.short_reason("another", name, "approximate: x") == "approximate: x"
+    assert reasons.short_reason("mujoco", Feature.GRAVITY.value, "approximate: x") == "x", "nothing is declared"
+    assert reasons.short_reason("mujoco", name, "no level") == "no level"
+
+
+def test_comments_and_what_is_said_are_the_short_reasons(tmp_path, capsys):
+    path = tmp_path / "slider.yaml"
+    path.write_text(SCENE)
+    assert call(path) == 0
+    said, after = capsys.readouterr().out, path.read_text()
+    short = support(find_engine(ENGINE))[Feature(NEEDED)].short
+    assert f"- {NEEDED}  # {short}\n" in after
+    assert f"{NEEDED}  # {short}\n    {reasons.link(ENGINE, NEEDED)}\n" in said

@@ -1,0 +1,25 @@
+"""Why something is accepted or computed outside an engine, in one line, with the place where all of it is said."""
+
+from __future__ import annotations
+
+from simspec.engines.base import engines
+from simspec.features import Feature, Level
+from simspec.report.matrix import anchor, support
+
+PAGE = "docs/support-matrix.md"
+
+
+def link(engine: str, feature: str) -> str:
+    """Where the support matrix says how ``engine`` has ``feature``."""
+    return f"{PAGE}#{anchor(engine, feature)}"
+
+
+def short_reason(engine: str, feature: str, said: str) -> str:
+    """A certificate's entry (``LEVEL: reason``) in one line: what the engine's declaration says in short.
+
+    The entry itself where that is no longer there: a certificate may be older than the engine.
+    """
+    level, _, how = said.partition(": ")
+    if engine not in engines() or feature not in list(Feature) or level not in list(Level):
+        return said
+    return support(engines()[engine])[Feature(feature)].brief(Level(level)) or how
