@@ -9,11 +9,12 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from pathlib import Path
 
 import pytest
 
-from simspec import scratch
+from simspec import ending, scratch
 from simspec.engines import keeper, process
 from simspec.errors import EngineError
 
@@ -154,6 +155,38 @@ def test_what_an_engine_started_ends_with_it(place, monkeypatch, how):
     with pytest.raises(EngineError):
         process.call("mujoco", place, [], deadline=2.0)
     assert until(lambda: not marked(place))
+
+
+def test_side_by_side_ends_what_the_others_wait_for(place, monkeypatch):
+    """An end in the block: engines at work in other threads are killed, and no other is started."""
+    (place / "worker.py").write_text("import time\ndef main(folder):\n    time.sleep(60)\n")
+    (place / "keeper.py").write_text(Path(keeper.__file__).read_text())
+    monkeypatch.setattr(keeper, "__file__", str(place / "keeper.py"))
+    monkeypatch.setenv("TMPDIR", str(place / "tmp"))
+    said = []
+
+    def twice(number: int) -> None:
+        for _ in range(2):
+            try:
+                process.call("mujoco", place, [], deadline=60.0)
+            except (EngineError, CancelledError) as error:
+                said.append(type(error))
+
+    waiting = []
+
+    def three() -> None:
+        with process.side_by_side(2) as pool:
+            waiting.extend(pool.submit(twice, number) for number in range(3))
+            assert until(lambda: len(marked(place)) == 4)
+            raise ending.Ended(signal.SIGTERM)
+
+    with pytest.raises(ending.Ended):
+        three()
+    assert said.count(EngineError) == said.count(CancelledError) == 2
+    assert waiting[2].cancelled()
+    assert not marked(place)
+    with pytest.raises(EngineError, match="deadline"):  # and after it engines start again
+        process.call("mujoco", place, [], deadline=0.1)
 
 
 def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatch):

@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from typing import IO
 
 import numpy as np
 
+from simspec.ending import end_if_told
 from simspec.engines import keeper, worker
 from simspec.engines.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
 from simspec.engines.base import find_engine
@@ -48,6 +50,29 @@ LOG_BYTES = 100_000
 """Of the beginning and of the end of the engine's own output, that are kept."""
 LOG_PATIENCE = 1.0
 """s to wait for the end of that output when the process has ended: something else may hold the pipe open."""
+_at_work: set[Running] = set()
+"""Every engine process that this process has started and not yet collected."""
+_given_up = threading.Event()
+"""Set while threads are being ended (``side_by_side``): no engine is started then."""
+
+
+@contextmanager
+def side_by_side(count: int) -> Iterator[ThreadPoolExecutor]:
+    """``count`` threads that call engines. Leaving the block by an exception (a signal, an error of one of them) ends what
+    the others wait for: their engines are killed, and they can start no more (CancelledError)."""
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            yield pool
+        except BaseException:
+            _given_up.set()
+            try:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for running in list(_at_work):
+                    running.kill()
+                pool.shutdown(wait=True)
+            finally:
+                _given_up.clear()
+            raise
 
 
 @dataclass(frozen=True)
@@ -106,11 +131,16 @@ def start(
         }
         if arrays:
             np.savez(folder / "request.npz", **arrays)  # type: ignore[arg-type]
+        end_if_told()
         running = Running(engine, folder, operations, python or sys.executable, deadline)
+        _at_work.add(running)
         try:
+            if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
+                raise CancelledError(f"{engine}: what asked for it has ended")
             yield running
         finally:
             running.kill()
+            _at_work.discard(running)
 
 
 class Running:

@@ -221,7 +221,7 @@ TABLE = MutationTable(
         ),
         Inert(
             "collision_filter.classes.*.mask",
-            "of two classes both must ask; a single link does not meet itself",
+            "a single link does not meet itself",
             ("scaled",),
             "sidecar.json",
         ),

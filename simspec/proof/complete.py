@@ -16,7 +16,6 @@ import importlib
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -24,7 +23,7 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.engines.base import Engine, find_engine
-from simspec.engines.process import Answer, Operation, call
+from simspec.engines.process import Answer, Operation, call, side_by_side
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.base import formats
 from simspec.formats.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations
@@ -192,7 +191,7 @@ class _Bench:
 
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
-        with ThreadPoolExecutor(WORKERS) as pool:
+        with side_by_side(WORKERS) as pool:
             # batches are made as they are asked for: all texts at once would be large
             found = list(pool.map(self._batch, _batches(planted)))
         return [verdict for some in found for verdict in some]
@@ -236,18 +235,23 @@ class _Bench:
     def _whole(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """What is declared inert must move as the sound files do; the rest goes through the whole proof, or is missed."""
         declared = [mutation for mutation in batch if self.table.inertness(mutation) is not None]
+        acting: dict[str, str] = {}
         for mutation, answers in self._ask(declared, self.scenes):
             verdict = self._refused(mutation, answers)
             if verdict is None and not isinstance(answers, EngineError):
                 row = self.table.inertness(mutation) or NOTHING
                 apart = _departure(self.still, [answer.arrays for answer in answers])
-                inert = apart <= row.within
-                why = row.why if inert else f"declared inert, but moves {apart:.1e} away: {row.why}"
-                verdict = self._verdict(mutation, "inert" if inert else "missed", why=why)
+                if apart > row.within:
+                    acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
+                    continue
+                verdict = self._verdict(mutation, "inert", why=row.why)
             yield mutation, verdict
         for mutation in batch:
-            if self.table.inertness(mutation) is None:
-                yield mutation, self._proven(mutation) or self._verdict(mutation, "missed")
+            if self.table.inertness(mutation) is None or mutation.name in acting:
+                yield (
+                    mutation,
+                    self._proven(mutation) or self._verdict(mutation, "missed", why=acting.get(mutation.name, "")),
+                )
 
     def _proven(self, mutation: Mutation) -> Verdict | None:
         with scratch_folder("mutation") as place:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.engines.process import side_by_side
 from simspec.errors import UnsupportedError
 from simspec.formats.base import formats
 from simspec.formats.defects import NAMES, Plant
@@ -94,7 +94,7 @@ def self_test(
             say(f"{engine}: the sound world “{world}”")
             bench.open(world)
         say(f"{engine}: {len(names)} defects")
-        with ThreadPoolExecutor(WORKERS) as pool:
+        with side_by_side(WORKERS) as pool:
             outcomes.extend(pool.map(bench.plant, names))
     return SelfTest(tuple(outcomes))
 

@@ -44,10 +44,17 @@ def test_what_is_declared_inert_must_move_as_before(monkeypatch):
     blind = lambda *_: []  # noqa: E731 - a proof that sees nothing
     monkeypatch.setattr(complete, "read_back_checks", blind)
     monkeypatch.setattr(complete, "engine_checks", lambda *_: ([], {}))
-    found = complete_self_test(
-        ["mujoco"], worlds=["ball joint"], only=lambda one: one.site in ("inertial@mass", "mujoco@model")
-    )
-    verdicts = {(one.site, one.kind): one.verdict for one in found.verdicts}
+
+    def verdicts_of():
+        found = complete_self_test(
+            ["mujoco"], worlds=["ball joint"], only=lambda one: one.site in ("inertial@mass", "mujoco@model")
+        )
+        return found, {(one.site, one.kind): one.verdict for one in found.verdicts}
+
+    _, verdicts = verdicts_of()
+    assert verdicts["inertial@mass", "scaled"] == "caught", "what moves otherwise has the whole proof before it"
+    monkeypatch.setattr(complete._Bench, "_proven", lambda *_: None)
+    found, verdicts = verdicts_of()
     assert verdicts["inertial@mass", "scaled"] == "missed"
     assert verdicts["mujoco@model", "word"] == "inert"
     assert not found.passed

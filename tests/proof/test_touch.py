@@ -345,6 +345,19 @@ def test_a_contact_that_is_missing_is_noticed(gripper):
         assert "this one should touch" in check.detail
 
 
+def test_copies_of_two_shapes_meet_once(gripper):
+    """A second pair of copies of the same two shapes would add the forces of its own law."""
+    world, meetings, units, touching = gripper
+    state, one, other = touching[0].tolist()
+    copies = [*units, units[one], units[other]]
+    second = [state, len(units), len(units) + 1]
+    (check,) = touch_checks(world, meetings, copies, np.array([second, *touching[1:].tolist()]))
+    assert check.passed
+    (check,) = touch_checks(world, meetings, copies, np.array([second, *touching.tolist()]))
+    assert not check.passed
+    assert "this one should touch once, not by several pairs of their copies" in check.detail
+
+
 def test_a_contact_that_should_be_filtered_is_noticed(gripper):
     world, meetings, _, _ = gripper
     (check,) = touch_checks(world, meetings, *perfect(meetings))

@@ -41,7 +41,8 @@ def touch_checks(
     world: World, meetings: Meetings, units: Sequence[tuple[int, Sequence[str]]], touching: np.ndarray
 ) -> list[Check]:
     """The collision matrix: of each pair of shapes that was brought together whether the engine reports it, as the world's
-    rules say; and that nothing else is reported in any state that they forbid.
+    rules say; that nothing else is reported in any state that they forbid; and that where an engine holds copies of a shape,
+    two shapes meet by one pair of copies only: each pair of copies adds the forces of its own law.
 
     ``units``: what the engine tells apart, each a body's index and the names of its shapes it may be; ``touching`` (n, 3):
     state and two units that touch in it.
@@ -50,12 +51,15 @@ def touch_checks(
     held = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
     wrong: dict[tuple[str, str], str] = {}
     reported: dict[tuple[int, int, int], bool] = {}  # whether the pair is told apart from others of its bodies
+    by: dict[tuple[int, int, int], tuple[int, int]] = {}
     for state, one, other in touching.tolist():
         pairs = [(min(i, j), max(i, j)) for i, j in itertools.product(held[one], held[other])]
         if one == other or not any(rules.allow(*pair) for pair in pairs):
             names = tuple("/".join(units[unit][1]) or f"a shape of body {units[unit][0]}" for unit in (one, other))
             wrong.setdefault((min(names), max(names)), "should not touch")
         for pair in pairs:
+            if by.setdefault((state, *pair), (one, other)) != (one, other):
+                wrong.setdefault(_names(meetings, pair), "should touch once, not by several pairs of their copies")
             reported[(state, *pair)] = reported.get((state, *pair), False) or len(pairs) == 1
     seen: dict[Pair, bool] = {}
     unclear: set[Pair] = set()
