@@ -185,15 +185,19 @@ class Running:
             code = self._process.wait(timeout=max(0.0, self._ends - time.perf_counter()))
         except subprocess.TimeoutExpired:
             self.kill()
+            at, told = self._at_work()
             raise EngineError(
-                self.engine, f"no result within its deadline of {self._deadline:g} s; killed{self._tail()}"
+                self.engine, f"no result within its deadline of {self._deadline:g} s{told}; killed{self._tail()}", at
             ) from None
         wall = time.perf_counter() - self._started
         self.kill()  # what it left behind must not change what is read now
         try:
             answers, versions, refused = read_answers(self._folder, self._operations)
         except FileNotFoundError:
-            raise EngineError(self.engine, f"the process {_ending(code)} without a result{self._tail()}") from None
+            at, told = self._at_work()
+            raise EngineError(
+                self.engine, f"the process {_ending(code)} without a result{told}{self._tail()}", at
+            ) from None
         except BadAnswerError as error:
             raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
         if refused is not None:
@@ -221,6 +225,16 @@ class Running:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         self._log.end()
+
+    def _at_work(self) -> tuple[int | None, str]:
+        """The number of the operation that the process was at, and words for it; None and none where it does not say."""
+        try:
+            at = int(read_bytes(self._folder / worker.AT_WORK, 64))
+        except (OSError, ValueError):
+            return None, ""
+        if not 0 <= at < len(self._operations):
+            return None, ""
+        return at, f", at work on '{self._operations[at].op}' (operation {at + 1} of {len(self._operations)})"
 
     def _tail(self) -> str:
         output = visible(self._log.text().strip(), lines=True)  # what cannot be seen takes more room when it is told

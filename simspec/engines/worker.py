@@ -5,7 +5,9 @@ putting the rest of simspec's environment on the path, so the engine may live in
 
 FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
                       name another folder of artifacts, and be an ``attempt``: an exception is then its answer, as
-                      ``{"refused": message}``, and the next operation follows)
+                      ``{"refused": message}``, and the next operation follows; and have ``cpu_seconds``: it is ended, by
+                      SIGPROF, when it has taken more)
+FOLDER/at_work.txt    the number of the operation that is at work
 FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
 FOLDER/result.json    schema, status (ok | error), error, versions, one entry per operation; an entry's ``arrays`` says the
                       kind (f8, i8) and shape of each array of its result, and where it is
@@ -24,6 +26,7 @@ import importlib.util
 import json
 import os
 import platform
+import signal
 import sys
 import time
 import traceback
@@ -31,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 SCHEMA = 2
+AT_WORK = "at_work.txt"
 KINDS = {"f": "f8", "i": "i8", "b": "i8", "u": "i8"}
 """Kinds of arrays as they are written, by numpy's kinds."""
 LINES, LINE, MESSAGE = 200, 2000, 8000
@@ -228,6 +232,9 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     for index, operation in enumerate(request["operations"]):
         prefix = f"{index}."
         arrays = {key[len(prefix) :]: value for key, value in given.items() if key.startswith(prefix)}
+        (folder / AT_WORK).write_text(str(index), encoding="ascii")
+        # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
+        signal.setitimer(signal.ITIMER_PROF, operation.get("cpu_seconds", 0.0))
         engine = engine_class()
         failing = True
         started = loaded = time.perf_counter()
@@ -247,6 +254,7 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
                 raise
             entry, described, log = {"refused": f"{type(error).__name__}: {error}"[:MESSAGE]}, {}, []
         finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
             # what closing a half-loaded engine complains of must not hide why it could not be loaded
             with contextlib.suppress(*((Exception,) if failing else ())):
                 engine.close()

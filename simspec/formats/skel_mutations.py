@@ -208,6 +208,7 @@ TABLE = MutationTable(
         Inert("joint@actuator", "of a joint without coordinates, or as it is: force", ("attribute added",), "*.skel"),
         Inert("joint/init_acc", "of the first instant, and set to zero", ("element added",), "*.skel"),
         Inert("joint/init_force", "of the first instant, and set to zero", ("element added",), "*.skel"),
+        Inert("damping/text()", "overwritten while loading, by what stands for the armature", ("moved",), "*.skel"),
         Inert("joint/dof", "of a joint without coordinates", ("element added",), "*.skel"),
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),
         *(

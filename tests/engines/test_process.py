@@ -41,6 +41,9 @@ class Stub(Engine):
             os._exit(7)
         if self.what == "hang":
             time.sleep(60)
+        if self.what == "lost":
+            while True:
+                pass
         if self.what == "refuse":
             raise ValueError("I do not like it")
     def read_back(self):
@@ -58,11 +61,15 @@ def stub(monkeypatch, tmp_path):
 
     monkeypatch.setattr(process, "find_engine", lambda name: stub_for_tests.Stub)
 
-    def at_work(what: str, deadline: float = 30.0):
+    def folder_of(what: str) -> Path:
         folder = tmp_path / what
         folder.mkdir()
         (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what}"}}')
-        return call("stub", folder, [Operation("read_back")], deadline=deadline)
+        return folder
+
+    def at_work(what: str, *before: str, deadline: float = 30.0, **parameters):
+        first = [Operation("read_back", {"artifacts": str(folder_of(one)), "attempt": True}) for one in before]
+        return call("stub", folder_of(what), [*first, Operation("read_back", parameters)], deadline=deadline)
 
     yield at_work
     module.unlink()
@@ -87,6 +94,19 @@ def test_a_failing_engine_is_an_error_that_says_how(stub, what, message):
 def test_a_hanging_engine_is_killed_at_its_deadline(stub):
     with pytest.raises(EngineError, match="deadline of 2 s"):
         stub("hang", deadline=2.0)
+
+
+def test_an_operation_has_its_own_limit_of_cpu_time(stub):
+    """What is lost in a loop of its own ends long before the deadline; what came before it used up none of it."""
+    with pytest.raises(EngineError, match=r"SIGPROF\) without a result, at work on 'read_back' \(operation 2 of 2\)"):
+        stub("lost", "fine", cpu_seconds=0.3)
+
+
+@pytest.mark.parametrize("what", ["crash", "leave", "hang"])
+def test_the_operation_at_work_is_named(stub, what):
+    with pytest.raises(EngineError, match=r"at work on 'read_back' \(operation 3 of 3\)") as caught:
+        stub(what, "fine", "refuse", deadline=3.0)
+    assert caught.value.operation == 2
 
 
 def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch, tmp_path):
