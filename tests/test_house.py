@@ -84,6 +84,7 @@ COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
 WRITERS = {
     "outputs": "the one part that writes what a user named",
     "scratch.py": "temporary folders of simspec's own",
+    "engines/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/process.py": "requests into the temporary folder of an engine's process",
     "engines/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",

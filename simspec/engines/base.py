@@ -195,6 +195,10 @@ class Engine:
         """h (nv,) at the present state, in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
         raise NotImplementedError
 
+    @classmethod
+    def prepare(cls) -> None:
+        """Import what loading needs, so that processes forked from this one need not (``attempts.py``). Optional."""
+
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         raise NotImplementedError

@@ -31,7 +31,7 @@ from simspec.engines.dart_actuation import NATIVE, JointArrays, JointServos, no_
 from simspec.engines.dart_expected import chosen_solver, expected
 from simspec.engines.dart_inventory import inventory, neutral
 from simspec.engines.dart_readback import read_back
-from simspec.engines.dart_simulation import Simulation
+from simspec.engines.dart_simulation import Simulation, import_dartpy
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules, contact_plan
 from simspec.formats.skel_detectors import accepted_contact, detector_of
@@ -279,6 +279,10 @@ class Dart(Engine):
         if self._sim is None:
             raise RuntimeError("load first")
         return self._sim
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_dartpy()
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()

@@ -59,7 +59,8 @@ def captured_errors(lines: list[str]) -> Iterator[None]:
             lines.extend(line for line in text.splitlines() if line.strip() and ZERO_MASS not in line)
 
 
-def _import() -> Any:
+def import_dartpy() -> Any:
+    """DART's module. Raises EngineError where it is not installed."""
     try:
         import dartpy
     except ImportError as error:
@@ -75,7 +76,7 @@ class Simulation:
     """
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any], pictures: bool = False):
-        self.dartpy = _import()
+        self.dartpy = import_dartpy()
         try:
             check_sidecar(sidecar)
         except ValueError as error:

@@ -246,6 +246,10 @@ class MuJoCo(Engine):
 
     # --- life -----------------------------------------------------------------------------------------------------
 
+    @classmethod
+    def prepare(cls) -> None:
+        _import()
+
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
         self._mujoco = mujoco = _import()

@@ -37,7 +37,7 @@ from simspec.engines.pybullet_expected import expected
 from simspec.engines.pybullet_inventory import inventory, neutral
 from simspec.engines.pybullet_probe import Probe
 from simspec.engines.pybullet_readback import read_back
-from simspec.engines.pybullet_simulation import Simulation
+from simspec.engines.pybullet_simulation import Simulation, import_pybullet
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules, contact_plan
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
@@ -255,6 +255,10 @@ class PyBullet(Engine):
         if self._efforts is None:
             raise RuntimeError("load first")
         return self._efforts
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_pybullet()
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()

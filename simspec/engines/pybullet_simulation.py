@@ -78,6 +78,15 @@ def captured_output(lines: list[str]) -> Iterator[None]:
             lines.extend(line for line in text.splitlines() if line.strip() and "build time" not in line)
 
 
+def import_pybullet() -> Any:
+    """PyBullet's module. Raises EngineError where it is not installed."""
+    try:
+        import pybullet
+    except ImportError as error:
+        raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
+    return pybullet
+
+
 class Simulation:
     """A PyBullet client holding the artifacts of ``folder``."""
 
@@ -101,11 +110,7 @@ class Simulation:
 
     def _connect(self) -> Any:
         """PyBullet's module, with a client made."""
-        try:
-            import pybullet
-        except ImportError as error:
-            raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
-        self.bullet: Any = pybullet
+        self.bullet: Any = (pybullet := import_pybullet())
         self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise EngineError("pybullet", "no physics client could be made")

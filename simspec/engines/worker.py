@@ -4,9 +4,7 @@ It works in any environment that has numpy and the engine: this file makes its o
 putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
 FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
-                      name another folder of artifacts, and be an ``attempt``: an exception is then its answer, as
-                      ``{"refused": message}``, and the next operation follows; and have ``cpu_seconds``: it is ended, by
-                      SIGPROF, when it has taken more)
+                      name another folder of artifacts, and be an ``attempt``, see ``attempts.py``)
 FOLDER/at_work.txt    the number of the operation that is at work
 FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
 FOLDER/result.json    schema, status (ok | error), error, versions, one entry per operation; an entry's ``arrays`` says the
@@ -26,7 +24,6 @@ import importlib.util
 import json
 import os
 import platform
-import signal
 import sys
 import time
 import traceback
@@ -38,7 +35,7 @@ AT_WORK = "at_work.txt"
 KINDS = {"f": "f8", "i": "i8", "b": "i8", "u": "i8"}
 """Kinds of arrays as they are written, by numpy's kinds."""
 LINES, LINE, MESSAGE = 200, 2000, 8000
-"""Lines of an engine's log, characters of each, and characters of an error, that are passed on."""
+"""Lines of an engine's log, characters of each, and characters of an error or a refusal, that are passed on."""
 
 
 def _make_simspec_importable() -> None:
@@ -216,7 +213,7 @@ OPERATIONS = {
 def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
     import numpy as np
 
-    from simspec.formats.base import read_sidecar
+    from simspec.engines.attempts import attempt
 
     if request.get("schema") != SCHEMA:
         raise ValueError(f"request schema {request.get('schema')!r}, this worker reads {SCHEMA}")
@@ -233,41 +230,16 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
         prefix = f"{index}."
         arrays = {key[len(prefix) :]: value for key, value in given.items() if key.startswith(prefix)}
         (folder / AT_WORK).write_text(str(index), encoding="ascii")
-        # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
-        signal.setitimer(signal.ITIMER_PROF, operation.get("cpu_seconds", 0.0))
-        engine = engine_class()
-        failing = True
-        started = loaded = time.perf_counter()
-        try:
-            place = Path(operation.get("artifacts", artifacts))
-            engine.load(place, read_sidecar(place))
-            loaded = time.perf_counter()
-            operation["place"] = folder / prefix
-            entry, found = OPERATIONS[operation["op"]](engine, arrays, operation)
-            log = [line[:LINE] for line in engine.log()[:LINES]]
-            own: list[Any] = []
-            described = {key: _described(value, own) for key, value in found.items()}
-            stored += own
-            failing = False
-        except Exception as error:  # only where the request says so: what it refuses is then this operation's answer
-            if not operation.get("attempt", False):
-                raise
-            entry, described, log = {"refused": f"{type(error).__name__}: {error}"[:MESSAGE]}, {}, []
-        finally:
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
-            # what closing a half-loaded engine complains of must not hide why it could not be loaded
-            with contextlib.suppress(*((Exception,) if failing else ())):
-                engine.close()
-        entries.append(
-            {
-                "op": operation["op"],
-                "load_seconds": loaded - started,
-                "seconds": time.perf_counter() - loaded,
-                "log": log,
-                "result": entry,
-                "arrays": described,
-            }
-        )
+        operation = {"artifacts": artifacts, **operation, "place": folder / prefix}
+        if operation.get("attempt", False):
+            engine_class.prepare()
+            entry, own = attempt(
+                lambda given=(operation, arrays): _entry(engine_class, *given), operation, folder, MESSAGE
+            )
+        else:
+            entry, own = _entry(engine_class, operation, arrays)
+        entries.append(entry)
+        stored += own
     return (
         {
             "status": "ok",
@@ -281,6 +253,35 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
         },
         stored,
     )
+
+
+def _entry(engine_class: Any, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+    """What result.json says of one operation, done with an engine loaded anew; and the arrays to be stored."""
+    from simspec.formats.base import read_sidecar
+
+    engine = engine_class()
+    failing = True
+    started = time.perf_counter()
+    try:
+        place = Path(operation["artifacts"])
+        engine.load(place, read_sidecar(place))
+        loaded = time.perf_counter()
+        result, found = OPERATIONS[operation["op"]](engine, arrays, operation)
+        own: list[Any] = []
+        entry = {
+            "op": operation["op"],
+            "load_seconds": loaded - started,
+            "seconds": time.perf_counter() - loaded,
+            "log": [line[:LINE] for line in engine.log()[:LINES]],
+            "result": result,
+            "arrays": {key: _described(value, own) for key, value in found.items()},
+        }
+        failing = False
+    finally:
+        # what closing a half-loaded engine complains of must not hide why it could not be loaded
+        with contextlib.suppress(*((Exception,) if failing else ())):
+            engine.close()
+    return entry, own
 
 
 def _described(value: Any, stored: list[Any]) -> dict[str, Any]:

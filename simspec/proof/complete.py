@@ -6,8 +6,7 @@ One that the engine refuses needs no proof. What is left must be declared inert 
 unchanged files do, with contact, without and under control, within 1e-12; else it is *missed*. Level L0 does not count: the
 text alone says nothing of the engine.
 
-Many mutations share one engine process. When that ends without a result, what it was at is condemned alone, and the others are
-asked again.
+Many mutations share one engine process, which works on each apart (``engines/attempts.py``): one that crashes is refused.
 """
 
 from __future__ import annotations
@@ -186,8 +185,8 @@ class _Bench:
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
             answers = call(engine, place / engine, [*scenes, *scenes]).answers
-        still = tuple(answer.arrays for answer in answers[: len(scenes)])
-        again = tuple(answer.arrays for answer in answers[len(scenes) :])
+        still = tuple(_seen(answer) for answer in answers[: len(scenes)])
+        again = tuple(_seen(answer) for answer in answers[len(scenes) :])
         if _departure(still, again) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not move twice alike")
         table = table_of(compiled.format)
@@ -244,7 +243,7 @@ class _Bench:
             verdict = self._refused(mutation, answers)
             if verdict is None and not isinstance(answers, EngineError):
                 row = self.table.inertness(mutation) or NOTHING
-                apart = _departure(self.still, [answer.arrays for answer in answers])
+                apart = _departure(self.still, [_seen(answer) for answer in answers])
                 if apart > row.within:
                     acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
                     continue
@@ -320,7 +319,7 @@ class _Bench:
         if len(batch) == 1:
             yield batch[0], failed
             return
-        # alone again what it ended at: a process can be ended by what came before, too
+        # the whole process ended: what it was at is asked alone again, as it can have been ended by what came before
         at = failed.operation // count if failed.operation is not None else len(batch) // 2
         last = at + 1 if failed.operation is not None else at
         for part in (batch[:at], batch[at:last], batch[last:]):
@@ -352,6 +351,17 @@ def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
         Operation("drive", shoved, {"effort": pushed}),
         *(one for one in probes.operations() if one.op in ("motion", "respond", "touching")),
     )
+
+
+def _seen(answer: Answer) -> Mapping[str, np.ndarray]:
+    """The arrays of a scene's answer, with what touches told by what it is, not by the place it has in the engine's list."""
+    if "units" not in answer.result:
+        return answer.arrays
+    names = [(unit["body"], *unit["shapes"]) for unit in answer.result["units"]]
+    order = np.argsort(np.argsort(np.array([repr(name) for name in names], dtype=object), kind="stable"), kind="stable")
+    rows = answer.arrays["units"]
+    renamed = np.column_stack([rows[:, :1], np.sort(order[rows[:, 1:]], axis=1)])
+    return {**answer.arrays, "units": renamed[np.lexsort(renamed.T[::-1])]}
 
 
 def _departure(one: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import ClassVar
@@ -64,11 +65,15 @@ def stub(monkeypatch, tmp_path):
     def folder_of(what: str) -> Path:
         folder = tmp_path / what
         folder.mkdir()
-        (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what}"}}')
+        (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what.split()[-1]}"}}')
         return folder
 
     def at_work(what: str, *before: str, deadline: float = 30.0, **parameters):
-        first = [Operation("read_back", {"artifacts": str(folder_of(one)), "attempt": True}) for one in before]
+        given = {"attempt": True, "cpu_seconds": 0.5}
+        first = [
+            Operation("read_back", {"artifacts": str(folder_of(f"{index} {one}")), **given})
+            for index, one in enumerate(before)
+        ]
         return call("stub", folder_of(what), [*first, Operation("read_back", parameters)], deadline=deadline)
 
     yield at_work
@@ -96,10 +101,17 @@ def test_a_hanging_engine_is_killed_at_its_deadline(stub):
         stub("hang", deadline=2.0)
 
 
-def test_an_operation_has_its_own_limit_of_cpu_time(stub):
-    """What is lost in a loop of its own ends long before the deadline; what came before it used up none of it."""
-    with pytest.raises(EngineError, match=r"SIGPROF\) without a result, at work on 'read_back' \(operation 2 of 2\)"):
-        stub("lost", "fine", cpu_seconds=0.3)
+def test_an_attempt_that_crashes_is_refused_and_the_others_go_on(stub):
+    """Each is apart, with its own limit of CPU time; what is lost in a loop ends long before the deadline."""
+    reply = stub("fine", "crash", "refuse", "lost", "leave", "fine", attempt=True, cpu_seconds=0.5)
+    assert [answer.result["refused"] for answer in reply.answers] == [
+        "the engine's process was ended by signal 6 (SIGABRT)",
+        "ValueError: I do not like it",
+        f"the engine's process was ended by signal {signal.SIGPROF.value} (SIGPROF)",
+        "the engine's process ended with code 7",
+        "KeyError: 'no such thing'",
+        "KeyError: 'no such thing'",
+    ]
 
 
 @pytest.mark.parametrize("what", ["crash", "leave", "hang"])
