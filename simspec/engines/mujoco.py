@@ -28,7 +28,7 @@ from simspec.engines.base import (
 )
 from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco_control import NATIVE as NATIVE_CONTROL
-from simspec.engines.mujoco_control import Drive, explicit_servos_hold
+from simspec.engines.mujoco_control import Drive, JointArrays, explicit_servos_hold
 from simspec.engines.mujoco_coulomb import Coulomb
 from simspec.engines.mujoco_expected import expected_inventory
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
@@ -402,7 +402,8 @@ class MuJoCo(Engine):
             self._mujoco.mj_step(self.model, self.data, nstep=count)
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        return _Actuation(self, self._q[q], self._v[v])
+        self._pushed = True  # what is given there must not be left behind for steps without effort
+        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._coulomb, self._q[q], self._v[v])
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
@@ -462,33 +463,6 @@ class MuJoCo(Engine):
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self.model.dof_frictionloss[self._v[v]] = 0.0
-
-
-class _Actuation(Actuation):
-    """By MuJoCo's own arrays."""
-
-    def __init__(self, engine: MuJoCo, q: np.ndarray, v: np.ndarray):
-        self._model, self._data, self._advance = engine.model, engine.data, engine._mujoco.mj_step
-        self._coulomb = engine._coulomb
-        self._positions, self._velocities, self._forces = (
-            engine.data.qpos,
-            engine.data.qvel,
-            engine.data.qfrc_applied,
-        )
-        self._q, self._v = q, v
-        engine._pushed = True  # what is given here must not be left behind for steps without effort
-
-    def read(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._positions[self._q], self._velocities[self._v]
-
-    def give(self, effort: np.ndarray) -> None:
-        self._forces[self._v] = effort
-
-    def step(self) -> None:
-        if self._coulomb is not None:
-            self._coulomb.advance(1)
-        else:
-            self._advance(self._model, self._data)
 
 
 def _import() -> Any:

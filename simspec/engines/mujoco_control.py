@@ -1,4 +1,4 @@
-"""MuJoCo's own position and velocity controllers: what they are, and how they are told where to go."""
+"""How joints are driven in MuJoCo: its own position and velocity controllers, and efforts given at every step."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.base import Actuation
+from simspec.engines.mujoco_coulomb import Coulomb
 from simspec.errors import EngineError
 from simspec.formats.mjcf import MODEL
 from simspec.world.types import World
@@ -58,3 +60,24 @@ class Drive:
 
     def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._control[self._places] = np.where(self._by_position, position, 0.0) + self._lead * velocity
+
+
+class JointArrays(Actuation):
+    """Hinges and slides by MuJoCo's own arrays, at the places ``q`` and ``v`` in them."""
+
+    def __init__(self, model: Any, data: Any, advance: Any, coulomb: Coulomb | None, q: np.ndarray, v: np.ndarray):
+        self._model, self._data, self._advance, self._coulomb = model, data, advance, coulomb
+        self._positions, self._velocities, self._forces = data.qpos, data.qvel, data.qfrc_applied
+        self._q, self._v = q, v
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._positions[self._q], self._velocities[self._v]
+
+    def give(self, effort: np.ndarray) -> None:
+        self._forces[self._v] = effort
+
+    def step(self) -> None:
+        if self._coulomb is not None:
+            self._coulomb.advance(1)
+        else:
+            self._advance(self._model, self._data)
