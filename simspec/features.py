@@ -153,7 +153,7 @@ class Support:
     it is computed outside the engine where a setting of the spec asks for that (then it counts as OUTSIDE, asked for by
     name), or None. ``accepted_in`` gives what is approximate in this world because the spec accepts the feature by name, or
     None; it is for what depends on more than the feature (which shapes may meet), and which the format refuses by itself
-    where it is not accepted.
+    where it is not accepted. ``noted_in`` gives what must be known of it in this world, whatever its level, or None.
 
     ``short`` says in one line of at most 100 characters what is lost where it is approximate, or what is done where it is
     computed outside: a text of its own, for comments and tables; ``outside_short`` of what ``outside_if`` says.
@@ -167,6 +167,7 @@ class Support:
     accepted_in: Callable[[World], str | None] | None = None
     short: str = ""
     outside_short: str = ""
+    noted_in: Callable[[World], str | None] | None = None
 
     def brief(self, level: Level) -> str:
         """What is lost, or done outside, in one line; all that is said of it where nothing shorter is."""
@@ -401,6 +402,8 @@ def negotiate(
                 )
             )
         else:
+            if support.noted_in is not None and (note := support.noted_in(world)):
+                how = f"{how}; {note}" if how else note
             decisions.append(Decision(need.feature, level, how, need.paths, support.brief(level) or how))
     if problems:
         raise UnsupportedError(problems)

@@ -73,6 +73,8 @@ UNSOUND: Mapping[str, Pairs] = {
         ),
     },
     "bullet": {
+        ("box", "sphere"): f"{_ROUNDED}: 31 of 100 contacts of 1 mm missed",
+        ("cylinder", "sphere"): f"{_ROUNDED}: 20 of 100 contacts of 1 mm missed",
         ("box", "capsule"): f"{_ROUNDED}: 13 of 40 contacts of 1 mm missed",
         ("box", "cylinder"): f"{_ROUNDED}: 35 of 40 contacts of 1 mm missed at 0.2 m",
         ("cylinder", "plane"): f"{_ROUNDED}: one of 0.2 m comes 4 mm too deep on its edge",
@@ -92,6 +94,19 @@ UNSOUND: Mapping[str, Pairs] = {
     },
 }
 """Of each detector the pairs of shapes that it gets wrong, and how."""
+
+OVERLOOKED: Mapping[str, Pairs] = {
+    "ode": {
+        (
+            "box",
+            "cylinder",
+        ): "of 100 random contacts of 0.1 to 10 mm it overlooks 2 or 3, all of an edge of the box with the rim",
+        ("capsule", "capsule"): "of 1000 random contacts of 1 to 10 mm it overlooks 2 or 3",
+    },
+}
+"""Of each detector the pairs that it gets right but for some contacts that it does not see, and how many: measured
+(docs/dart-detectors.md, ``tools/detectors.py``), and said where a world has them. They need not be accepted: of what DART has
+nothing is better for these pairs, since ``dart`` misses more and ``fcl`` has one contact for a face."""
 
 ORDER = ("dart", "ode", "fcl")
 """In which order sound detectors are tried; ``dart`` has the exact contacts of spheres and boxes. ``bullet`` has nothing
@@ -164,14 +179,33 @@ def accepted_contact(world: World, detector: str, engine: str, kind: str) -> str
     return f"with its collision detector {detector}, {told}" if wrong else None
 
 
+def overlooked(world: World, setting: str, engine: str, kind: str) -> str | None:
+    """What the detector in use overlooks of contacts of a kind of shapes that may touch in this world; None if nothing.
+
+    ``setting``: as for :func:`detector_of`. A pair is told of one of its kinds, the rarer one.
+    """
+    pairs = {pair for table in OVERLOOKED.values() for pair in table if _rarer(pair) == kind}
+    there = {shape.kind for body in world.bodies for shape in solid_shapes(body)}
+    if not any(set(pair) <= there for pair in pairs):
+        return None
+    detector = detector_of(world, engine, setting)
+    found = sorted(pairs & set(OVERLOOKED.get(detector, {})) & meeting_kinds(world))
+    told = "; ".join(f"{one} and {other}: {OVERLOOKED[detector][one, other]}" for one, other in found)
+    return f"here its collision detector {detector} has {told}" if found else None
+
+
+def _rarer(pair: tuple[str, str]) -> str:
+    """The kind to name: boxes, planes and spheres are in every world."""
+    return next((kind for kind in pair if kind not in ("box", "plane", "sphere")), pair[0])
+
+
 def problems(world: World, detector: str, engine: str) -> list[Problem]:
     """What the detector gets wrong in this world, but for pairs of which one kind is accepted by name."""
     accepted = _accepted(world, engine)
     found = []
     for pair in sorted(meeting_kinds(world) & set(UNSOUND[detector])):
         if accepted.isdisjoint(pair):
-            # the rarer shape is the one to name: boxes, planes and spheres are in every world
-            kind = next((kind for kind in pair if kind not in ("box", "plane", "sphere")), pair[0])
+            kind = _rarer(pair)
             at = next(
                 f"bodies.{body.name}.shapes.{index}"
                 for body in world.bodies

@@ -38,7 +38,7 @@ SETTINGS = {
 }
 SOUND = {
     **{name: lambda make=make: make("dart") for name, make in WORLDS.items() if name != "rolling"},
-    "settings": lambda: told(WORLDS["bouncing"]("dart"), **SETTINGS),
+    "settings": lambda: told(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
     "dantzig": lambda: told(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
     "fcl": lambda: told(WORLDS["bouncing"]("dart"), collision_detector="fcl"),
     "never": lambda: told(WORLDS["ball joint"]("dart"), exact_rotation="never"),
