@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from simspec.mapped import blocks
 from simspec.world import frames
 from simspec.world.kinematics import layout, trees
 from simspec.world.types import VELOCITY_SIZE, Body, Pose, World
@@ -378,20 +379,33 @@ class Oracle:
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
         ``every``-th and the last."""
+        found = list(self.motion_by_blocks(q, v, effort, steps, every))
+        return np.concatenate([states for states, _ in found]), np.concatenate([speeds for _, speeds in found])
+
+    def motion_by_blocks(
+        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same, one block of rows after the other."""
         held = np.zeros(self.nv) if effort is None else np.asarray(effort)
-        count = 1 + -(-steps // every)
-        all_q, all_v = np.tile(np.asarray(q, dtype=float), (count, 1)), np.tile(np.asarray(v, dtype=float), (count, 1))
-        for tree, _, at_q, at_v in self._parts:
-            if not len(at_v):
-                continue
-            tree.timestep = self.timestep
-            part_q, part_v = all_q[0, at_q], all_v[0, at_v]
-            for done in range(1, steps + 1):
-                part_q, part_v = tree.step(part_q, part_v, held[at_v])
-                if done % every == 0 or done == steps:
-                    row = -(-done // every)
-                    all_q[row, at_q], all_v[row, at_v] = part_q, part_v
-        return all_q, all_v
+        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
+        yield q[None].copy(), v[None].copy()
+        for part in blocks(1 + -(-steps // every), q.nbytes + v.nbytes, first=1):
+            count = part.stop - part.start
+            all_q, all_v = np.tile(q, (count, 1)), np.tile(v, (count, 1))
+            begin, end = (part.start - 1) * every, min((part.stop - 1) * every, steps)
+            for tree, _, at_q, at_v in self._parts:
+                if not len(at_v):
+                    continue
+                tree.timestep = self.timestep
+                part_q, part_v = q[at_q], v[at_v]
+                for done in range(begin + 1, end + 1):
+                    part_q, part_v = tree.step(part_q, part_v, held[at_v])
+                    if done % every == 0 or done == steps:
+                        row = -(-done // every) - part.start
+                        all_q[row, at_q], all_v[row, at_v] = part_q, part_v
+            if count:
+                yield all_q, all_v
+                q, v = all_q[-1].copy(), all_v[-1].copy()
 
 
 def rotation_vector(quaternion: np.ndarray) -> np.ndarray:

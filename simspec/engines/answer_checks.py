@@ -11,7 +11,7 @@ import numpy as np
 from simspec.control.reference import driven_joints
 from simspec.engines.answer_forms import BadAnswerError, Operation, planned_rows
 from simspec.errors import clipped
-from simspec.mapped import all_finite, blocks, release
+from simspec.mapped import all_finite, parts, release, zeros
 from simspec.world.canonical import from_plain
 from simspec.world.types import JOINT_KINDS, POSITION_SIZE, SHAPE_KINDS, VELOCITY_SIZE, ReadBack
 
@@ -82,13 +82,13 @@ def check_motion(operation: Operation, result: Mapping[str, Any], arrays: Mappin
 def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """The arrays of a run, ``step`` as whole numbers: all rows there and finite, or, where it failed, all but the last."""
     asked, failed, rows = operation.parameters, result["failed"], len(arrays["step"])
-    planned = np.arange(rows)
-    planned *= asked["every"]  # in place, as below: there may be very many rows
-    np.minimum(planned, asked["steps"], out=planned)
+    planned, same = zeros((rows,), int), True
+    for part in parts(rows, 8, planned, arrays["step"]):
+        planned[part] = np.minimum(np.arange(part.start, part.stop) * asked["every"], asked["steps"])
+        same = same and np.array_equal(arrays["step"][part], planned[part])
     whole = rows == planned_rows(operation)
-    if not (rows and _same(arrays["step"], planned) and result["steps"] == planned[-1] and (whole or failed)):
+    if not (rows and same and result["steps"] == planned[-1] and (whole or failed)):
         raise BadAnswerError(f"{rows} rows, should be {planned_rows(operation)}, one every {asked['every']} steps")
-    release(arrays["step"])
     if failed is not None and (failed["channel"] not in arrays or failed["step"] != result["steps"]):
         raise BadAnswerError("it says that it failed, but not after its last step")
     certain = rows - (failed is not None)
@@ -102,10 +102,6 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
     if "contact.row" in arrays:
         _check_contacts(operation, arrays, rows, certain)
     return {**arrays, "step": planned}
-
-
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    return all(np.array_equal(one[part], other[part]) for part in blocks(len(one), 8))
 
 
 def _check_control(
@@ -126,17 +122,16 @@ def _check_control(
     # the efforts of the engine's own controllers are not known: None in the count of clipped steps, NaN in the rows
     known = np.array([one is not None for one in told["clipped"]], dtype=bool)
     effort = arrays["control.effort"][:certain]
-    for part in blocks(len(effort), effort[:1].nbytes):
+    for part in parts(len(effort), effort[:1].nbytes, effort):
         if not np.isfinite(effort[part][:, known]).all():
             raise BadAnswerError("control.effort is not finite, and the run is not said to have failed")
-    release(effort)
 
 
 def _check_contacts(operation: Operation, arrays: Mapping[str, np.ndarray], rows: int, certain: int) -> None:
     row, body = arrays["contact.row"], arrays["contact.body"]
     bodies = arrays["pose"].shape[1]
     last = 0
-    for part in blocks(len(row), 8):
+    for part in parts(len(row), 24, row, body):
         some = row[part]
         if len(some) and (some[0] < last or some[-1] >= rows or (np.diff(some) < 0).any()):
             raise BadAnswerError("contact.row does not go through the rows")
@@ -144,8 +139,8 @@ def _check_contacts(operation: Operation, arrays: Mapping[str, np.ndarray], rows
             last = int(some[-1])
         if ((body[part] < 0) | (body[part] >= bodies)).any():
             raise BadAnswerError("contact.body names bodies that there are not")
-    release(body)
     count = int(np.searchsorted(row, certain))
+    release(row)
     for name in ("position", "normal", "distance", "normal_force"):
         if not all_finite(arrays[f"contact.{name}"][:count]):
             raise BadAnswerError(f"contact.{name} is not finite, and the run is not said to have failed")

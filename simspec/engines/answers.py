@@ -33,13 +33,11 @@ from simspec.engines.answer_forms import (
     dimensions_of,
 )
 from simspec.errors import clipped
-from simspec.mapped import RECORDED_BYTES
+from simspec.mapped import MAPPED_BYTES, RECORDED_BYTES
 from simspec.reading import NotReadableError, open_regular, read_bytes
 
 JSON_BYTES = 64_000_000
 """Largest result.json. The largest of the library's is below 1 MB; 2,000 bodies with explicit pairs need 20 MB."""
-MAPPED_BYTES = 16_000_000
-"""Arrays larger than this stay on disk, mapped."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -163,7 +161,7 @@ def _fit(name: str, described: Described, form: Form, dimensions: dict[str, int]
 
 
 def _read(path: Path, described: Described, offset: int, total: int) -> np.ndarray:
-    """The array at ``offset`` of a file that must be ``total`` bytes long; mapped when it is large."""
+    """The array at ``offset`` of a file that must be ``total`` bytes long; mapped, and not to be written, when it is large."""
     kind, shape = np.dtype(f"<{described.kind}"), tuple(described.shape)
     size = _bytes(described)
     if total > RECORDED_BYTES:

@@ -9,6 +9,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 from simspec.errors import Problem, SpecError
 from simspec.outputs import staging
@@ -16,18 +17,18 @@ from simspec.outputs.marker import MARKER_FILE, Marker, check_names
 from simspec.outputs.reading import files_below, read_bytes
 from simspec.outputs.targets import Place, check_file, check_folder
 
-Content = str | bytes
+Content = str | bytes | Callable[[BinaryIO], None]
+"""What a file is to hold: text, bytes, or what writes it, for what is too large to have in memory."""
 _NO_LINKS = (errno.EPERM, errno.EACCES, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
-
-
-def _bytes(content: Content) -> bytes:
-    return content.encode() if isinstance(content, str) else content
 
 
 def put(path: Path, content: Content) -> None:
     """Write a new file into a folder that is being built. Raises FileExistsError where there is one."""
     with open(path, "xb") as file:
-        file.write(_bytes(content))
+        if callable(content):
+            content(file)
+        else:
+            file.write(content.encode() if isinstance(content, str) else content)
 
 
 def _write_all(files: Mapping[str, Content], folder: Path) -> None:
@@ -160,7 +161,7 @@ def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
 
 def add_file(folder: Path, kind: str, name: str, content: Content) -> Path:
     """Write one more file of simspec's into a folder that it made (or, for one that is not there, makes)."""
-    change_file(folder, kind, name, lambda before: content)
+    _change(folder, kind, name, lambda there: content)
     return folder / name
 
 
@@ -170,6 +171,11 @@ def change_file(folder: Path, kind: str, name: str, change: Callable[[bytes | No
 
     The marker is written first, so that at every moment all that simspec wrote is known as its own.
     """
+    return _change(folder, kind, name, lambda there: change(read_bytes(there) if there is not None else None))
+
+
+def _change(folder: Path, kind: str, name: str, change: Callable[[Path | None], Content | None]) -> bool:
+    """The same; ``change`` is given the old file's path."""
     if "/" in name:
         raise ValueError(f"{name!r}: a file in the folder itself is meant")
     check_names([name], folder)
@@ -182,7 +188,7 @@ def change_file(folder: Path, kind: str, name: str, change: Callable[[bytes | No
         if exists and name not in known:
             problem = Problem(f"{str(target)!r} exists, and simspec did not write it", hint="move it elsewhere")
             raise SpecError([problem])
-        content = change(read_bytes(target) if exists else None)
+        content = change(target if exists else None)
         if content is None:
             return False
         with staging.begun(target) as stage:

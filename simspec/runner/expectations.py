@@ -1,19 +1,21 @@
 """What a spec expects of its runs, and whether a run fulfils it.
 
-Each expectation is measured from the run's arrays by :mod:`simspec.runner.metrics` and held against one bound. A run that
-failed, or has no record of what an expectation needs, does not fulfil it. Positions are of the body frame's origin, in
-the world.
+Each expectation is measured from the run's arrays by :mod:`simspec.runner.metrics`, block by block, and held against one
+bound. A run that failed, or has no record of what an expectation needs, does not fulfil it. Positions are of the body frame's
+origin, in the world.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.kinematics import initial_state, layout
@@ -76,9 +78,38 @@ def _evaluate(run: Run, expectation: Expectation) -> Outcome:
     return Outcome(expectation.kind, bool(passed), float(found.value), float(found.bound), found.unit, found.detail)
 
 
+class Largest:
+    """The largest of numbers that come block by block, and where the first of that size is; what is no number is larger."""
+
+    def __init__(self) -> None:
+        self.value, self.row, self.column = -math.inf, 0, 0
+
+    def add(self, values: np.ndarray, first: int) -> None:
+        """A block's numbers (rows,) or (rows, columns); ``first``: the row that it begins with."""
+        if not values.size or math.isnan(self.value):
+            return
+        place = np.unravel_index(int(values.argmax()), values.shape)
+        if not values[place] <= self.value:
+            self.value, self.row = float(values[place]), first + int(place[0])
+            self.column = int(place[1]) if len(place) > 1 else 0
+
+
+def _largest(
+    run: Run, of: Callable[[np.ndarray], np.ndarray], bodies: Sequence[str], first: int = 0, last: int | None = None
+) -> Largest:
+    """The largest of what ``of`` makes of some bodies' poses (rows, bodies, 7), over the rows ``first`` … ``last``."""
+    found, poses, columns = Largest(), run.arrays["pose"], [_index(run, body) for body in bodies]
+    rows = len(run.time) if last is None else last + 1
+    for part in parts(rows, metrics.TEMPORARY * poses[:1].nbytes, poses, first=first):
+        found.add(of(poses[part][:, columns]), part.start)
+    return found
+
+
 def _row(run: Run, at: float) -> int:
     """The recorded row of time ``at``. Raises Unmeasurable unless one lies within half a timestep."""
-    row = int(np.abs(run.time - at).argmin())
+    row = int(np.clip(np.searchsorted(run.time, at), 1, max(1, len(run.time) - 1)))
+    if row == len(run.time) or abs(run.time[row - 1] - at) <= abs(run.time[row] - at):
+        row -= 1
     if abs(run.time[row] - at) > 0.5 * run.world.physics.timestep:
         raise Unmeasurable(f"nothing was recorded at {at:g} s (nearest {run.time[row]:g} s)")
     return row
@@ -89,10 +120,15 @@ def _channel(run: Run, name: str, channel: str) -> None:
         raise Unmeasurable(f"the run did not record {channel}: add it to record.channels")
 
 
-def _path(run: Run, body: str) -> np.ndarray:
+def _index(run: Run, body: str) -> int:
     if body not in run.index:
         raise Unmeasurable(f"the world has no body {body!r}")
-    return run.arrays["pose"][:, run.index[body], :3]
+    return run.index[body]
+
+
+def _path(run: Run, body: str) -> np.ndarray:
+    """Places (rows, 3) of a body: a view, of which single rows may be looked at."""
+    return run.arrays["pose"][:, _index(run, body), :3]
 
 
 def _at(run: Run, row: int) -> str:
@@ -106,35 +142,55 @@ def _ratio(value: float, scale: float) -> float:
 
 def _energy_never_rises(run: Run, given: Parameters) -> Measured:
     """The largest rise of the total energy above its lowest value before."""
-    kinetic, potential = metrics.energy(run.world, run.arrays)
-    total = kinetic + potential
-    rise = total - np.minimum.accumulate(total)
-    scale = metrics.energy_scale(kinetic, potential)
-    row = int(rise.argmax())
-    return Measured(_ratio(rise[row], scale), given["tolerance"], "", f"of {scale:.4g} J, {_at(run, row)}")
+    lowest = math.inf
+
+    def rise(total: np.ndarray) -> np.ndarray:
+        nonlocal lowest
+        so_far = np.minimum(np.minimum.accumulate(total), lowest)
+        lowest = float(so_far[-1])
+        return total - so_far
+
+    return _energy(run, rise, given["tolerance"])
 
 
 def _energy_conserved(run: Run, given: Parameters) -> Measured:
     """The largest deviation of the total energy from its initial value."""
-    kinetic, potential = metrics.energy(run.world, run.arrays)
-    total = kinetic + potential
-    change = np.abs(total - total[0])
-    scale = metrics.energy_scale(kinetic, potential)
-    row = int(change.argmax())
-    return Measured(_ratio(change[row], scale), given["tolerance"], "", f"of {scale:.4g} J, {_at(run, row)}")
+    initial: list[float] = []
+
+    def change(total: np.ndarray) -> np.ndarray:
+        initial.extend(total[:1] if not initial else ())
+        return np.abs(total - initial[0])
+
+    return _energy(run, change, given["tolerance"])
+
+
+def _energy(run: Run, of: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Measured:
+    """The largest of what ``of`` makes of the total energies of one block of rows after the other, relative to the scale."""
+    found, ends = Largest(), []
+    for part, some in metrics.by_blocks(run.arrays):
+        kinetic, potential = metrics.energy(run.world, some)
+        found.add(of(kinetic + potential), part.start)
+        ends.append((kinetic.max(), potential.min(), potential.max()))
+    kinetic, low, high = np.array(ends).T
+    scale = metrics.energy_scale(kinetic, np.array([low.min(), high.max()]))
+    return Measured(_ratio(found.value, scale), tolerance, "", f"of {scale:.4g} J, {_at(run, found.row)}")
 
 
 def _momentum_conserved(run: Run, given: Parameters) -> Measured:
     """The largest deviation of linear or angular momentum from its initial value, each relative to its own scale."""
+    changes, initial, scales = (Largest(), Largest()), None, []
+    for part, some in metrics.by_blocks(run.arrays):
+        both = metrics.momentum(run.world, some)
+        initial = initial or tuple(values[0] for values in both)
+        for found, values, begun in zip(changes, both, initial, strict=True):
+            found.add(np.linalg.norm(values - begun, axis=1), part.start)
+        scales.append(metrics.momentum_scale(run.world, some))
     worst = Measured(0.0, given["tolerance"], "")
-    scales = metrics.momentum_scale(run.world, run.arrays)
-    for name, values, scale in zip(("linear", "angular"), metrics.momentum(run.world, run.arrays), scales, strict=True):
-        change = np.linalg.norm(values - values[0], axis=1)
-        row = int(change.argmax())
-        ratio = _ratio(change[row], scale)
-        if ratio >= worst.value:
-            unit = {"linear": "N s", "angular": "N m s"}[name]
-            worst = Measured(ratio, given["tolerance"], "", f"{name}, of {scale:.4g} {unit}, {_at(run, row)}")
+    units = {"linear": "N s", "angular": "N m s"}
+    for (name, unit), found, scale in zip(units.items(), changes, np.max(scales, axis=0).tolist(), strict=True):
+        ratio = _ratio(found.value, scale)
+        if not ratio < worst.value:
+            worst = Measured(ratio, given["tolerance"], "", f"{name}, of {scale:.4g} {unit}, {_at(run, found.row)}")
     return worst
 
 
@@ -151,23 +207,25 @@ def _comes_to_rest(run: Run, given: Parameters) -> Measured:
     if not len(moving):
         return Measured(0.0, given["speed"], "m/s", "no body can move")
     first = _row(run, given["before"]) if given.get("before") is not None else len(run.time) - 1
-    speeds = metrics.speeds(run.world, run.arrays)[first:, moving]
-    row, body = np.unravel_index(int(speeds.argmax()), speeds.shape)
-    name = run.world.bodies[moving[body]].name
-    return Measured(speeds[row, body], given["speed"], "m/s", f"{name} {_at(run, first + int(row))}")
+    found = Largest()
+    for part, some in metrics.by_blocks(run.arrays, first):
+        found.add(metrics.speeds(run.world, some)[:, moving], part.start)
+    name = run.world.bodies[moving[found.column]].name
+    return Measured(found.value, given["speed"], "m/s", f"{name} {_at(run, found.row)}")
 
 
 def _follows_oracle(run: Run, given: Parameters) -> Measured:
     """The largest distance of a body frame's origin from the contact-free motion of the oracle, up to ``until``."""
-    steps = run.arrays["step"].astype(np.int64)
-    if given.get("until") is not None:
-        steps = steps[: _row(run, given["until"]) + 1]
-    if len(steps) < 2:
+    steps = run.arrays["step"]
+    rows = _row(run, given["until"]) + 1 if given.get("until") is not None else len(steps)
+    if rows < 2:
         raise Unmeasurable("the run recorded no motion")
-    truth = _oracle_places(run.world, int(steps[-1]), int(steps[1] - steps[0]))
-    away = np.linalg.norm(run.arrays["pose"][: len(steps), :, :3] - truth, axis=-1)
-    row, body = np.unravel_index(int(away.argmax()), away.shape)
-    return Measured(away[row, body], given["tolerance"], "m", f"{run.world.bodies[body].name} {_at(run, int(row))}")
+    truth = _oracle_places(run.world, int(steps[rows - 1]), int(steps[1] - steps[0]))
+    poses, found = run.arrays["pose"], Largest()
+    for part in parts(rows, 4 * poses[:1].nbytes, poses, truth):
+        found.add(np.linalg.norm(poses[part, :, :3] - truth[part], axis=-1), part.start)
+    name = run.world.bodies[found.column].name
+    return Measured(found.value, given["tolerance"], "m", f"{name} {_at(run, found.row)}")
 
 
 @functools.lru_cache(maxsize=4)  # the runs of one world in several engines are held against one motion
@@ -184,12 +242,17 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
     if world.controllers:
         raise Unmeasurable("the oracle's motion knows no control")
     q, v = initial_state(world)
-    states, _ = oracle.motion(q, v, None, steps, every)
-    for body, place in zip(world.bodies, layout(world.bodies).position, strict=True):
-        limits = body.joint.position_limits
-        if limits is not None and (states[:, place].min() < limits[0] or states[:, place].max() > limits[1]):
-            raise Unmeasurable(f"the oracle knows no limits, and {body.joint.name} moves beyond its own: say until")
-    return np.array([oracle.body_poses(state)[:, :3] for state in states])
+    found, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
+    for states, _ in oracle.motion_by_blocks(q, v, None, steps, every):
+        for body, place in zip(world.bodies, layout(world.bodies).position, strict=True):
+            limits = body.joint.position_limits
+            if limits is not None and (states[:, place].min() < limits[0] or states[:, place].max() > limits[1]):
+                raise Unmeasurable(f"the oracle knows no limits, and {body.joint.name} moves beyond its own: say until")
+        for state in states:
+            found[done] = oracle.body_poses(state)[:, :3]
+            done += 1
+        release(found)
+    return found
 
 
 def _position(run: Run, given: Parameters) -> Measured:
@@ -228,48 +291,56 @@ def _displacement(run: Run, given: Parameters) -> Measured:
 
 def _apex_height(run: Run, given: Parameters) -> Measured:
     """How far the greatest height z that a body reaches after a time is from the expected one."""
-    path = _path(run, given["body"])
-    first = _row(run, given["after"])
-    row = first + int(path[first:, 2].argmax())
-    height = float(path[row, 2])
-    return Measured(abs(height - given["height"]), given["tolerance"], "m", f"apex {height:.4g} m {_at(run, row)}")
+    top = _largest(run, lambda poses: poses[:, 0, 2], [given["body"]], first=_row(run, given["after"]))
+    away = abs(top.value - given["height"])
+    return Measured(away, given["tolerance"], "m", f"apex {top.value:.4g} m {_at(run, top.row)}")
 
 
 def _angular_speed(run: Run, given: Parameters) -> Measured:
     """How far a body's angular speed is from the expected one."""
     row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
-    if given["body"] not in run.index:
-        raise Unmeasurable(f"the world has no body {given['body']!r}")
-    speed = float(np.linalg.norm(run.arrays["velocity"][row, run.index[given["body"]], 3:]))
+    speed = float(np.linalg.norm(run.arrays["velocity"][row, _index(run, given["body"]), 3:]))
     return Measured(abs(speed - given["speed"]), given["tolerance"], "rad/s", f"{speed:.4g} rad/s {_at(run, row)}")
 
 
 def _stays_within(run: Run, given: Parameters) -> Measured:
     """How far a body leaves a box; 0 when it never does."""
-    path = _path(run, given["body"])
-    out = np.maximum(np.array(given["lower"]) - path, path - np.array(given["upper"])).max(axis=1)
-    row = int(out.argmax())
-    return Measured(max(0.0, float(out[row])), 0.0, "m", f"{given['body']} at {_point(path[row])} {_at(run, row)}")
+    lower, upper = np.array(given["lower"]), np.array(given["upper"])
+
+    def out(poses: np.ndarray) -> np.ndarray:
+        places = poses[:, 0, :3]
+        return np.maximum(lower - places, places - upper).max(axis=1)
+
+    found = _largest(run, out, [given["body"]])
+    place = _point(_path(run, given["body"])[found.row])
+    return Measured(max(0.0, found.value), 0.0, "m", f"{given['body']} at {place} {_at(run, found.row)}")
 
 
 def _keeps_place(run: Run, given: Parameters) -> Measured:
     """The largest distance of a body from the place that it had in another body's frame at a time."""
     first = _row(run, given["after"])
     last = _row(run, given["until"]) if given.get("until") is not None else len(run.time) - 1
-    path, other = _path(run, given["body"])[first : last + 1], _path(run, given["within"])[first : last + 1]
-    turns = metrics.rotation_matrices(run.arrays["pose"][first : last + 1, run.index[given["within"]], 3:7])
-    places = np.einsum("tji,tj->ti", turns, path - other)
-    away = np.linalg.norm(places - places[0], axis=1)
-    row = int(away.argmax())
-    detail = f"{given['body']} {1e3 * away[row]:.4g} mm from its place in {given['within']} {_at(run, first + row)}"
-    return Measured(float(away[row]), given["distance"], "m", detail)
+    initial: list[np.ndarray] = []
+
+    def away(poses: np.ndarray) -> np.ndarray:
+        turns = metrics.rotation_matrices(poses[:, 1, 3:7])
+        places = np.einsum("tji,tj->ti", turns, poses[:, 0, :3] - poses[:, 1, :3])
+        initial.extend(places[:1] if not initial else ())
+        return np.linalg.norm(places - initial[0], axis=1)
+
+    found = _largest(run, away, [given["body"], given["within"]], first, last)
+    where = f"{1e3 * found.value:.4g} mm from its place in {given['within']} {_at(run, found.row)}"
+    return Measured(found.value, given["distance"], "m", f"{given['body']} {where}")
 
 
 def _bodies_apart(run: Run, given: Parameters) -> Measured:
     """The smallest distance of two bodies' origins."""
-    apart = np.linalg.norm(_path(run, given["first"]) - _path(run, given["second"]), axis=1)
-    row = int(apart.argmin())
-    return Measured(float(apart[row]), given["at_least"], "m", _at(run, row), at_least=True)
+
+    def near(poses: np.ndarray) -> np.ndarray:
+        return -np.linalg.norm(poses[:, 0, :3] - poses[:, 1, :3], axis=1)
+
+    found = _largest(run, near, [given["first"], given["second"]])
+    return Measured(-found.value, given["at_least"], "m", _at(run, found.row), at_least=True)
 
 
 def _point(xyz: np.ndarray) -> str:

@@ -8,12 +8,13 @@ both in world axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.mapped import blocks, release
+from simspec.mapped import parts, release, zeros
 from simspec.world.kinematics import layout, rigid_groups
 from simspec.world.types import World
 
@@ -93,17 +94,32 @@ TEMPORARY = 24
 """Bytes of temporary arrays to each byte of poses, in :func:`motion` and what is made of it."""
 
 
-def _by_blocks(
-    world: World, arrays: Arrays, make: Callable[[World, Arrays], tuple[np.ndarray, ...]]
-) -> list[np.ndarray]:
-    """What ``make`` gives for each row, made block by block: of a long recording, more does not fit into memory."""
+def by_blocks(arrays: Arrays, first: int = 0) -> Iterator[tuple[slice, Arrays]]:
+    """Blocks of rows of q, v, pose and velocity, from row ``first`` on: of a long recording, more does not fit into memory.
+
+    What the functions of this module give for each row of a block is what they give for that row of the whole.
+    """
     some = {name: arrays[name] for name in ("q", "v", "pose", "velocity") if name in arrays}
-    found = []
-    for part in blocks(len(arrays["pose"]), TEMPORARY * arrays["pose"][:1].nbytes):
-        found.append(make(world, {name: np.asarray(values[part]) for name, values in some.items()}))
-        for values in some.values():
-            release(values)
-    return [np.concatenate(values) if len(values) > 1 else values[0] for values in zip(*found, strict=True)]
+    rows, size = len(arrays["pose"]), TEMPORARY * arrays["pose"][:1].nbytes
+    for part in parts(rows, size, *some.values(), first=first):
+        yield part, {name: np.asarray(values[part]) for name, values in some.items()}
+
+
+def _each(
+    world: World, arrays: Arrays, make: Callable[[World, Arrays], tuple[np.ndarray, ...]]
+) -> tuple[np.ndarray, ...]:
+    """What ``make`` gives for each row, made block by block."""
+    found: tuple[np.ndarray, ...] = ()
+    for part, some in by_blocks(arrays):
+        made = make(world, some)
+        if part.stop - part.start == len(arrays["pose"]):
+            return made
+        if not found:
+            found = tuple(zeros((len(arrays["pose"]), *one.shape[1:])) for one in made)
+        for whole, one in zip(found, made, strict=True):
+            whole[part] = one
+            release(whole)
+    return found
 
 
 def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +128,7 @@ def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −m g·c (zero at the world's
     origin), ½ k (q − rest)² of every spring, ½ k |log R|² of every ball spring (zero at rest).
     """
-    kinetic, potential = _by_blocks(world, arrays, _energy)
+    kinetic, potential = _each(world, arrays, _energy)
     return kinetic, potential
 
 
@@ -142,7 +158,7 @@ def energy_scale(kinetic: np.ndarray, potential: np.ndarray) -> float:
 
 def momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Linear momentum (rows, 3), N s, and angular momentum about the world's origin (rows, 3), N m s."""
-    linear, angular = _by_blocks(world, arrays, _momentum)
+    linear, angular = _each(world, arrays, _momentum)
     return linear, angular
 
 
@@ -155,7 +171,7 @@ def _momentum(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
 def momentum_scale(world: World, arrays: Arrays) -> tuple[float, float]:
     """What momentum tolerances are relative to: the largest sums over the bodies of |m v|, and of |c × m v| + |R I Rᵀ ω|
     (so that opposite motions do not make the scale vanish)."""
-    linear, angular = _by_blocks(world, arrays, _momentum_scales)
+    linear, angular = _each(world, arrays, _momentum_scales)
     return float(linear.max()), float(angular.max())
 
 
@@ -178,16 +194,31 @@ class Penetration:
 def deepest_penetration(world: World, arrays: Arrays) -> Penetration:
     """The deepest overlap among the recorded contacts."""
     distance = arrays["contact.distance"]
-    if not len(distance) or distance.min() >= 0:
+    deepest, worst = 0.0, -1
+    for part in parts(len(distance), 8, distance):
+        if part.stop > part.start:
+            place = part.start + int(distance[part].argmin())
+            if not distance[place] >= deepest:  # what is no number is the deepest of all
+                deepest, worst = float(distance[place]), place
+        if math.isnan(deepest):
+            break
+    if worst < 0:
         return Penetration(0.0, 0.0, None)
-    worst = int(distance.argmin())
     first, second = (world.bodies[int(index)].name for index in arrays["contact.body"][worst])
-    return Penetration(float(-distance[worst]), float(arrays["time"][arrays["contact.row"][worst]]), (first, second))
+    return Penetration(-deepest, float(arrays["time"][arrays["contact.row"][worst]]), (first, second))
 
 
 def contact_counts(arrays: Arrays) -> np.ndarray:
     """Number of contact points (rows,) at every recorded time."""
     return np.bincount(arrays["contact.row"].astype(np.int64), minlength=len(arrays["time"]))
+
+
+def contact_means(arrays: Arrays, rows: int) -> tuple[float, float]:
+    """Number of contact points, and sum of their normal forces (N), both the mean over the first ``rows`` recorded times."""
+    force = arrays["contact.normal_force"]
+    count = int(np.searchsorted(arrays["contact.row"], rows))
+    total = sum(float(force[part].sum()) for part in parts(count, 8, force))
+    return count / rows, total / rows
 
 
 def contact_force(arrays: Arrays) -> np.ndarray:
@@ -198,12 +229,12 @@ def contact_force(arrays: Arrays) -> np.ndarray:
 
 def speeds(world: World, arrays: Arrays) -> np.ndarray:
     """Speed of every body's centre of mass (rows, bodies), m/s."""
-    return _by_blocks(world, arrays, lambda own, some: (np.linalg.norm(motion(own, some).velocity, axis=-1),))[0]
+    return _each(world, arrays, lambda own, some: (np.linalg.norm(motion(own, some).velocity, axis=-1),))[0]
 
 
 def spread(world: World, arrays: Arrays) -> np.ndarray:
     """Root mean square distance (rows,), m, of the moving bodies' centres of mass from their common mean."""
-    return _by_blocks(world, arrays, lambda own, some: (_spread(own, some),))[0]
+    return _each(world, arrays, lambda own, some: (_spread(own, some),))[0]
 
 
 def _spread(world: World, arrays: Arrays) -> np.ndarray:

@@ -22,6 +22,7 @@ from simspec.engines.base import find_engine, resolve_settings
 from simspec.engines.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
+from simspec.mapped import parts, zeros
 from simspec.outputs.reading import files_below, read_text
 from simspec.scratch import scratch_folder
 from simspec.spec.strict import near
@@ -252,7 +253,9 @@ class PendingRun:
 def _finish(world: World, engine: str, facts: Mapping[str, Any], reply: Reply) -> Run:
     answer = reply.answers[0]
     arrays = dict(answer.arrays)
-    arrays["time"] = arrays["step"] * world.physics.timestep
+    arrays["time"] = zeros(arrays["step"].shape)
+    for part in parts(len(arrays["step"]), 16, arrays["step"], arrays["time"]):
+        arrays["time"][part] = arrays["step"][part] * world.physics.timestep
     provenance = {
         **facts,
         **reply.versions,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simspec.mapped import blocks, release
+from simspec.mapped import parts
 from simspec.world.coordinates import coordinates
 from simspec.world.types import World
 
@@ -103,43 +103,41 @@ def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World) -> pa
     return pa.Table.from_arrays(found, schema=schema)
 
 
-def _parts(arrays: Mapping[str, np.ndarray], *names: str, more: int = 0) -> Iterator[tuple[slice, list[np.ndarray]]]:
+def _parts(arrays: Mapping[str, np.ndarray], *names: str, more: int = 0) -> Iterator[list[np.ndarray]]:
     """Blocks of rows of some arrays, whose memory is given back after each; ``more``: bytes that a row costs beside them."""
     some = [arrays[name] for name in names]
-    for part in blocks(len(some[0]), more + sum(one[:1].nbytes for one in some)):
-        yield part, [np.asarray(one[part]) for one in some]
-        for one in some:
-            release(one)
+    for part in parts(len(some[0]), more + sum(one[:1].nbytes for one in some), *some, arrays["step"], arrays["time"]):
+        yield [np.asarray(one[part]) for one in some]
 
 
 def _states(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
     known = coordinates(world)
-    for _, (step, time, q, v) in _parts(arrays, "step", "time", "q", "v"):
+    for step, time, q, v in _parts(arrays, "step", "time", "q", "v"):
         named = [q, v] if len(known.q) + len(known.v) > MOST_COLUMNS else [*q.T, *v.T]
         yield [step, time, *named]
 
 
 def _bodies(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
     count = len(world.bodies)
-    for _, (step, time, pose, velocity) in _parts(arrays, "step", "time", "pose", "velocity", more=32 * count):
+    for step, time, pose, velocity in _parts(arrays, "step", "time", "pose", "velocity", more=32 * count):
         index = np.tile(np.arange(count), len(step))
         numbers = [*pose.reshape(-1, len(POSE_COLUMNS)).T, *velocity.reshape(-1, len(VELOCITY_COLUMNS)).T]
         yield [np.repeat(step, count), np.repeat(time, count), index, *numbers]
 
 
 def _energy(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
-    for _, (step, time, energy) in _parts(arrays, "step", "time", "energy"):
+    for step, time, energy in _parts(arrays, "step", "time", "energy"):
         yield [step, time, *energy.T]
 
 
 def _control(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
-    for _, (step, time, target, effort) in _parts(arrays, "step", "time", "control.target", "control.effort"):
+    for step, time, target, effort in _parts(arrays, "step", "time", "control.target", "control.effort"):
         yield [step, time, *target.T, *effort.T]
 
 
 def _contacts(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
     names = [f"contact.{name}" for name in ("row", "body", "position", "normal", "distance", "normal_force")]
-    for _, (row, pair, position, normal, distance, force) in _parts(arrays, *names):
+    for row, pair, position, normal, distance, force in _parts(arrays, *names):
         row = row.astype(np.int64)
         step, time = arrays["step"][row], arrays["time"][row]
         yield [row, step, time, *pair.T, *position.T, *normal.T, distance, force]
