@@ -21,10 +21,15 @@ MAPPED_BYTES = 4_000_000
 """Arrays larger than this stay on disk, mapped. A study of three engines with repeats holds some hundred arrays."""
 
 
+def block_rows(row_bytes: int) -> int:
+    """Rows of one block."""
+    return max(1, BLOCK_BYTES // max(1, row_bytes))
+
+
 def blocks(rows: int, row_bytes: int, first: int = 0) -> Iterator[slice]:
     """Slices of the rows from ``first`` on that are together all ``rows`` rows, each of about ``BLOCK_BYTES``; one, empty, of
     no rows."""
-    count = max(1, BLOCK_BYTES // max(1, row_bytes))
+    count = block_rows(row_bytes)
     for start in range(first, max(rows, first + 1), count):
         yield slice(start, max(start, min(start + count, rows)))
 

@@ -13,11 +13,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from simspec.errors import Problem, SpecError
+from simspec.mapped import parts, release, zeros
 from simspec.outputs.marker import RUN
 from simspec.outputs.reading import open_regular
 from simspec.outputs.writing import add_file
@@ -26,6 +27,9 @@ from simspec.runner.metrics import rotation_vectors
 from simspec.runner.run import Run
 from simspec.runner.store import read_provenance
 from simspec.stored import FloorFacts, read_as
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 PERTURBATION = 1e-15
 """Relative change of the initial state: 4.5 times the spacing of doubles at 1, the smallest that reaches every number."""
@@ -53,8 +57,12 @@ class Floor:
 
     @property
     def largest(self) -> float:
-        """The largest position deviation (m) over all bodies and times."""
-        return float(self.position.max()) if self.position.size else 0.0
+        """The largest position deviation (m) over all bodies and times: that at the end, as it never falls."""
+        return float(self.position[-1].max()) if self.position.size else 0.0
+
+
+DEVIATION_BYTES = 512
+"""Of temporary arrays for each body and row, in :func:`deviations`."""
 
 
 def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,10 +79,9 @@ def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def same_bits(one: Run, other: Run) -> bool:
     """Whether two runs have the same recorded states, bit for bit (NaN counts as itself)."""
     names = ("step", "q", "v", "pose", "velocity")
-    return all(
-        one.arrays[name].shape == other.arrays[name].shape
-        and one.arrays[name].tobytes() == other.arrays[name].tobytes()
-        for name in names
+    pairs = [(one.arrays[name], other.arrays[name]) for name in names]
+    return all(a.shape == b.shape for a, b in pairs) and all(
+        a[part].tobytes() == b[part].tobytes() for a, b in pairs for part in parts(len(a), 2 * a[:1].nbytes, a, b)
     )
 
 
@@ -87,30 +94,41 @@ def measure_floor(run: Run, repeats: Sequence[Run]) -> Floor | None:
     usable = [other for other in repeats if other.recorded]
     if not usable or not run.recorded:
         return None
-    shape = run.arrays["pose"].shape[:2]
-    position, angle = np.zeros(shape), np.zeros(shape)
     bitwise: bool | None = None
     perturbation: float | None = None
     for other in usable:
-        rows = min(shape[0], len(other.time))
-        away, turned = deviations(run.arrays["pose"][:rows], other.arrays["pose"][:rows])
-        position[:rows] = np.fmax(position[:rows], away)
-        angle[:rows] = np.fmax(angle[:rows], turned)
-        position[rows:] = angle[rows:] = np.inf
         if other.provenance.get("perturb"):
             perturbation = other.provenance["perturb"]
         else:
             bitwise = (bitwise is not False) and same_bits(run, other)
-    # the largest so far: two trajectories that part and cross again have not become comparable again
-    position, angle = np.maximum.accumulate(position), np.maximum.accumulate(angle)
+    position, angle = _departures(run.arrays["pose"], [other.arrays["pose"] for other in usable])
     return Floor(run.engine, run.time, position, angle, bitwise, perturbation)
+
+
+def _departures(poses: np.ndarray, repeats: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The largest deviations so far of some repeats, in position and angle (rows, bodies); infinite where one has ended."""
+    rows, bodies = poses.shape[:2]
+    found = zeros((rows, bodies)), zeros((rows, bodies))
+    largest = [np.zeros(bodies), np.zeros(bodies)]
+    for part in parts(rows, DEVIATION_BYTES * bodies, poses, *repeats, *found):
+        for other in repeats:
+            both = slice(part.start, max(part.start, min(part.stop, len(other))))
+            for whole, values in zip(found, deviations(poses[both], other[both]), strict=True):
+                whole[both] = np.fmax(whole[both], values)
+                whole[both.stop : part.stop] = np.inf
+        # the largest so far: two trajectories that part and cross again have not become comparable again
+        for k, whole in enumerate(found):
+            if part.stop > part.start:
+                whole[part] = np.maximum.accumulate(np.maximum(whole[part], largest[k]))
+                largest[k] = np.array(whole[part.stop - 1])
+    return found
 
 
 FLOOR_FILE = "floor.parquet"
 
 
-LARGEST_FLOOR = 2**30
-"""Bytes of a floor's table, packed and unpacked: two numbers for each body and time."""
+LARGEST_FLOOR = 4 * 2**30
+"""Bytes of a floor's table, packed and unpacked: two numbers for each body and time of the longest recording."""
 
 
 def save_floor(floor: Floor, folder: Path) -> Path:
@@ -126,10 +144,28 @@ def save_floor(floor: Floor, folder: Path) -> Path:
 
     facts = {"engine": floor.engine, "bitwise": floor.bitwise, "perturbation": floor.perturbation}
     facts |= {"run": _run_of(folder), "sha256": _digest(floor)}
-    table = pa.table({"time": floor.time, "position": lists(floor.position), "angle": lists(floor.angle)})
-    sink = pa.BufferOutputStream()
-    parquet.write_table(table.replace_schema_metadata({"simspec": json.dumps(facts)}), sink)
-    return add_file(folder, RUN, FLOOR_FILE, sink.getvalue().to_pybytes())
+    columns = {"time": floor.time, "position": floor.position, "angle": floor.angle}
+    rows, bodies = floor.position.shape
+    schema = _schema(bodies).with_metadata({"simspec": json.dumps(facts)})
+
+    def write(file: BinaryIO) -> None:
+        with parquet.ParquetWriter(file, schema) as writer:
+            for part in parts(rows, _row_bytes(bodies), *columns.values()):
+                some = [lists(values[part]) if name != "time" else values[part] for name, values in columns.items()]
+                writer.write_table(pa.Table.from_arrays([pa.array(one) for one in some], schema=schema))
+
+    return add_file(folder, RUN, FLOOR_FILE, write)
+
+
+def _schema(bodies: int) -> pa.Schema:
+    import pyarrow as pa
+
+    listed = pa.list_(pa.float64(), bodies)
+    return pa.schema([("time", pa.float64()), ("position", listed), ("angle", listed)])
+
+
+def _row_bytes(bodies: int) -> int:
+    return 8 * (1 + 2 * bodies)
 
 
 def _run_of(folder: Path) -> str:
@@ -143,7 +179,8 @@ def _run_of(folder: Path) -> str:
 def _digest(floor: Floor) -> str:
     digest = hashlib.sha256(json.dumps([floor.engine, floor.bitwise, floor.perturbation]).encode())
     for values in (floor.time, floor.position, floor.angle):
-        digest.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+        for part in parts(len(values), values[:1].nbytes, values):
+            digest.update(np.ascontiguousarray(values[part], dtype=np.float64).data)
     return digest.hexdigest()
 
 
@@ -172,16 +209,19 @@ def load_floor(folder: Path) -> Floor | None:
 def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
     import pyarrow as pa
 
-    number, listed = pa.float64(), pa.types.is_fixed_size_list
     source = tables.open_parquet(file, size)
     schema, rows = source.schema_arrow, source.metadata.num_rows
     kinds = {name: schema.field(name).type for name in ("time", "position", "angle")}
-    width = kinds["position"].list_size if listed(kinds["position"]) else 0
-    wanted = pa.schema([("time", number), *((name, pa.list_(number, width)) for name in ("position", "angle"))])
-    if not listed(kinds["position"]) or rows * (1 + 2 * width) * 8 > LARGEST_FLOOR:
-        raise ValueError("it is no floor, or one of more than 1 GB")
+    listed = pa.types.is_fixed_size_list(kinds["position"])
+    width = kinds["position"].list_size if listed else 0
+    if not listed or rows * _row_bytes(width) > LARGEST_FLOOR:
+        raise ValueError(f"it is no floor, or one of more than {LARGEST_FLOOR / 1e9:.3g} GB")
     facts = read_as(FloorFacts, (schema.metadata or {})[b"simspec"], str(path))
-    table = tables.read_checked(source, wanted, rows)
-    position, angle = (tables.lists(table, name).reshape(rows, width) for name in ("position", "angle"))
-    found = Floor(facts.engine, table["time"].to_numpy(), position, angle, facts.bitwise, facts.perturbation)
-    return found, facts
+    time, position, angle = zeros((rows,)), zeros((rows, width)), zeros((rows, width))
+    for part, table in tables.read_blocks(source, _schema(width), rows, _row_bytes(width)):
+        time[part] = table["time"].to_numpy()
+        for name, whole in (("position", position), ("angle", angle)):
+            whole[part] = tables.lists(table, name).reshape(len(table), width)
+        for whole in (time, position, angle):
+            release(whole)
+    return Floor(facts.engine, time, position, angle, facts.bitwise, facts.perturbation), facts

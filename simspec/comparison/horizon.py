@@ -6,6 +6,9 @@ Noise that stays at a level is not: a difference above that level is one, and a 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 import numpy as np
 
 DECADE = 10.0
@@ -20,53 +23,71 @@ SATURATED = 0.02
 not a level that anything can be told above. Noise of contact (an impact one step earlier or later) is some v dt: 1e-3 of it."""
 
 
-def growth_begins(ratio: np.ndarray, time: np.ndarray, saturated: bool) -> int:
-    """The row from which noise has outgrown the tolerance; the number of rows when it never does, or stays at a level.
+class Noise(Protocol):
+    """The noise of two runs at their common times, looked at where it is asked for: there may be very many rows."""
 
-    ratio      noise over the tolerance (rows,), never falling, finite
-    time       of the rows, s
-    saturated  whether the noise at the end is of the size of the whole scene
-    """
-    rows = len(ratio)
-    above = int(np.searchsorted(ratio, 1.0, side="right"))
-    if above == rows:
-        return rows
-    if saturated:
-        return above
-    # the first row from which the noise stays within a decade, and the time that the decade before took
-    settled = int(np.searchsorted(ratio, ratio[-1] / DECADE, side="right"))
-    before = int(np.searchsorted(ratio, ratio[settled] / DECADE, side="right"))
-    stayed, took = time[-1] - time[settled], time[settled] - time[before]
-    enough = rows - settled >= FEWEST_ROWS
-    return rows if enough and stayed >= PATIENCE * took else above
+    rows: int
+    bodies: int
+
+    def time(self, rows: np.ndarray) -> np.ndarray:
+        """Times (n,) of some rows, s."""
+
+    def noise(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of each body at a row of its own, in position (bodies,), m, and angle, rad: never falling with the row; infinite
+        where nothing was measured."""
+
+    def size(self) -> float:
+        """Of the scene, m."""
 
 
-def horizon(
-    position: np.ndarray,
-    angle: np.ndarray,
-    time: np.ndarray,
-    size: float,
-    tolerance: float,
-    angle_tolerance: float,
-) -> int:
-    """The row from which no position says anything, because the noise of some body has grown past the tolerance; the
-    number of rows when there is none.
+def first_row(holds: Callable[[np.ndarray], np.ndarray], rows: int, bodies: int) -> np.ndarray:
+    """For each body the first row (bodies,) at which something holds that holds at all later rows too; ``rows`` where it
+    never does. ``holds`` is asked for each body at a row of its own."""
+    low, high = np.zeros(bodies, dtype=np.int64), np.full(bodies, rows)
+    while (searching := low < high).any():
+        middle = (low + high) // 2
+        found = holds(np.minimum(middle, rows - 1))
+        high = np.where(searching & found, middle, high)
+        low = np.where(searching & ~found, middle + 1, low)
+    return low
 
-    position, angle             noise (rows, bodies), m and rad, never falling; infinite where nothing was measured
-    time                        of the rows, s
-    size                        of the scene, m
-    tolerance, angle_tolerance  m and rad
-    """
-    measured = np.isfinite(position).all(axis=1) & np.isfinite(angle).all(axis=1)
-    rows = len(time) if measured.all() else int(measured.argmin())
+
+def horizon(of: Noise, factor: float, tolerance: float, angle_tolerance: float) -> int:
+    """The row from which no position says anything, because ``factor`` times the noise of some body has grown past the
+    tolerance (m; and rad); the number of rows when there is none."""
+    bodies = of.bodies
+
+    def noise(rows: np.ndarray) -> np.ndarray:
+        return factor * np.stack(of.noise(rows))
+
+    def unmeasured(rows: np.ndarray) -> np.ndarray:
+        return ~np.isfinite(noise(rows)).all(axis=0)
+
+    rows = int(first_row(unmeasured, of.rows, bodies).min())
     if not rows:
         return 0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.fmax(position[:rows] / tolerance, angle[:rows] / angle_tolerance)
-    # a tolerance of 0 is below any noise, and no noise is within it
-    ratio = np.nan_to_num(ratio, posinf=np.finfo(float).max)
-    saturated = (position[rows - 1] > SATURATED * size) | (angle[rows - 1] > SATURATED * np.pi)
-    found = rows
-    for k in np.flatnonzero(ratio[-1] > 1.0):
-        found = min(found, growth_begins(ratio[:, k], time[:rows], bool(saturated[k])))
-    return found
+
+    def ratio(at: np.ndarray) -> np.ndarray:
+        """Noise over the tolerance, of each body at a row of its own."""
+        position, angle = noise(at)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.fmax(position / tolerance, angle / angle_tolerance)
+        # a tolerance of 0 is below any noise, and no noise is within it
+        return np.nan_to_num(found, posinf=np.finfo(float).max)
+
+    def first_above(limit: np.ndarray | float) -> np.ndarray:
+        return first_row(lambda at: ratio(at) > limit, rows, bodies)
+
+    last = np.full(bodies, rows - 1)
+    ends = ratio(last)
+    outgrown = ends > 1.0
+    if not outgrown.any():
+        return rows
+    position, angle = noise(last)
+    saturated = (position > SATURATED * of.size()) | (angle > SATURATED * np.pi)
+    # the first row from which the noise stays within a decade, and the time that the decade before took
+    settled = np.minimum(first_above(ends / DECADE), rows - 1)
+    before = np.minimum(first_above(ratio(settled) / DECADE), rows - 1)
+    stayed, took = of.time(last) - of.time(settled), of.time(settled) - of.time(before)
+    at_level = ~saturated & (rows - settled >= FEWEST_ROWS) & (stayed >= PATIENCE * took)
+    return int(np.where(at_level, rows, first_above(1.0))[outgrown].min())

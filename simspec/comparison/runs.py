@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from simspec.comparison.common import Common
+from simspec.comparison.contacts import first_difference, first_touches
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
 from simspec.comparison.horizon import horizon
 from simspec.errors import Problem, SpecError
@@ -154,73 +156,98 @@ def diff(
     for run in (a, b):
         if not run.recorded:
             raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}")])
-    rows_a, rows_b = _common_rows(a, b)
     moving = {a.world.bodies[k].name for k in metrics.moving_bodies(a.world)}
     moving &= {b.world.bodies[k].name for k in metrics.moving_bodies(b.world)}
     names = [body.name for body in a.world.bodies if body.name in moving]
     if not names:
         raise SpecError([Problem(f"{a.label} and {b.label} have no moving body in common")])
-    time = a.time[rows_a]
-    position, angle = deviations(_poses(a, rows_a, names), _poses(b, rows_b, names))
-    noise = [_floor_at(one, a if one.engine == a.engine else b, time, names) for one in floors]
-    own_position = np.max([pair[0] for pair in noise], axis=0) if noise else np.zeros_like(position)
-    own_angle = np.max([pair[1] for pair in noise], axis=0) if noise else np.zeros_like(angle)
-    last = horizon(
-        FLOOR_FACTOR * own_position,
-        FLOOR_FACTOR * own_angle,
-        time,
-        max(_size(run, rows, names) for run, rows in ((a, rows_a), (b, rows_b))),
-        tolerance,
-        angle_tolerance,
-    )
-    out = (position > np.maximum(tolerance, FLOOR_FACTOR * own_position)) | (
-        angle > np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle)
-    )
-    # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
-    hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
-    # what is not finite is out of every tolerance
-    out |= ~(np.isfinite(position) & np.isfinite(angle))
-    touched = _touches(a, b, rows_a, rows_b, names)
+    common = Common(a, b, names, floors)
+    last = horizon(common, FLOOR_FACTOR, tolerance, angle_tolerance) if floors else common.rows
+    compared = max(1, last)
+    departures = Departures(common, tolerance, angle_tolerance)
+    for part in common.blocks(compared):
+        departures.add(part)
+    touched = first_touches((a, b), names)
     recorded = all("contact.row" in run.arrays for run in (a, b))
-    compared = slice(0, max(1, last))
-    bodies = [
-        _body_diff(
-            name,
-            time[compared],
-            position[compared, k],
-            angle[compared, k],
-            out[compared, k],
-            touched.get(name),
-            recorded,
-        )
-        for k, name in enumerate(names)
-    ]
-    if noise:
-        ends, turned = own_position[compared][-1], own_angle[compared][-1]
-        since = [time[compared][int(row.argmax())] if row.any() else None for row in hidden[compared].T]
+    bodies = [_body_diff(departures, k, name, touched.get(name), recorded) for k, name in enumerate(names)]
+    if floors:
+        own, turned = common.noise(np.full(len(names), compared - 1))
         bodies = [
             replace(
-                body,
-                floor=float(ends[k]),
-                angle_floor=float(turned[k]),
-                cannot_tell_from=None if since[k] is None else float(since[k]),
+                body, floor=float(own[k]), angle_floor=float(turned[k]), cannot_tell_from=departures.first_hidden(k)
             )
             for k, body in enumerate(bodies)
         ]
     # what is not finite is the worst of all
     bodies.sort(key=lambda body: -body.position_largest if np.isfinite(body.position_largest) else -np.inf)
+    ends = departures.time(last) if last < common.rows else None
     return Diff(
         a.label,
         b.label,
         tolerance,
         angle_tolerance,
-        float(time[last]) if last < len(time) else None,
-        float(time[compared][-1]),
+        ends,
+        departures.time(compared - 1),
         tuple(bodies),
-        tuple(_quantities(a, b, rows_a, rows_b)),
-        _contact_first_difference(a, b, rows_a, rows_b),
+        tuple(_quantities(a, b, int(common.rows_a[-1]), int(common.rows_b[-1]))),
+        first_difference(common, a, b),
         tuple(notes),
     )
+
+
+class Departures:
+    """How far each body of two runs departs, gathered from one block of rows after the other."""
+
+    def __init__(self, common: Common, tolerance: float, angle_tolerance: float):
+        self._common, self._tolerances = common, (tolerance, angle_tolerance)
+        bodies, never = common.bodies, common.rows
+        self.rows = 0
+        self.squares = np.zeros((2, bodies))
+        """Sums of squared deviations, in position and angle."""
+        self.largest, self.angle = np.zeros(bodies), np.zeros(bodies)
+        self.at = np.zeros(bodies, dtype=np.int64)
+        """The row of the largest deviation in position."""
+        self.out, self.hidden = np.full(bodies, never), np.full(bodies, never)
+        """The first row out of tolerance, and the first of which that cannot be told."""
+
+    def add(self, part: slice) -> None:
+        """Take the next block of rows."""
+        position, angle = deviations(*self._common.poses(part))
+        own_position, own_angle = self._common.noise(np.arange(part.start, part.stop)[:, None])
+        tolerance, angle_tolerance = self._tolerances
+        out = (position > np.maximum(tolerance, FLOOR_FACTOR * own_position)) | (
+            angle > np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle)
+        )
+        # what is not finite is out of every tolerance
+        out |= ~(np.isfinite(position) & np.isfinite(angle))
+        # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
+        hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
+        for first, found in ((self.out, out), (self.hidden, hidden)):
+            np.minimum(first, np.where(found.any(axis=0), part.start + found.argmax(axis=0), first), out=first)
+        order = np.where(np.isfinite(position), position, np.inf)
+        place, every = order.argmax(axis=0), np.arange(len(self.largest))
+        # of a number that is none no other is larger
+        larger = (order[place, every] > self.largest) & np.isfinite(self.largest)
+        self.at = np.where(larger, part.start + place, self.at)
+        self.largest = np.where(larger, position[place, every], self.largest)
+        self.angle = np.maximum(self.angle, angle.max(axis=0))
+        self.squares += (position**2).sum(axis=0), (angle**2).sum(axis=0)
+        self.rows += part.stop - part.start
+
+    def time(self, row: int) -> float:
+        """The time (s) of a common row."""
+        return float(self._common.time(np.array([row]))[0])
+
+    def first_out(self, body: int) -> float | None:
+        """The first time (s) out of tolerance; None if never."""
+        return self._time_or_never(self.out[body])
+
+    def first_hidden(self, body: int) -> float | None:
+        """The first time (s) at which a deviation of the tolerance's size may be noise; None if never."""
+        return self._time_or_never(self.hidden[body])
+
+    def _time_or_never(self, row: int) -> float | None:
+        return self.time(row) if row < self._common.rows else None
 
 
 def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:
@@ -236,109 +263,29 @@ def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:
     return notes
 
 
-def _common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
-    """The rows of both runs at equal times (to half of the smaller timestep)."""
-    near = 0.5 * min(a.world.physics.timestep, b.world.physics.timestep)
-    at = np.clip(np.searchsorted(b.time, a.time - near), 0, len(b.time) - 1)
-    same = np.abs(b.time[at] - a.time) <= near
-    if not same.any():
-        raise SpecError([Problem(f"{a.label} and {b.label} recorded no common time")])
-    return np.flatnonzero(same), at[same]
-
-
-def _poses(run: Run, rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    return run.arrays["pose"][np.ix_(rows, [run.index[name] for name in names])]
-
-
-def _size(run: Run, rows: np.ndarray, names: Sequence[str]) -> float:
-    """How large the scene is (m): the diagonal of the box about all the places of the bodies in a run, and the size of the
-    largest body."""
-    places = _poses(run, rows, names)[..., :3].reshape(-1, 3)
-    places = places[np.isfinite(places).all(axis=1)]
-    masses = [run.world.bodies[run.index[name]].inertial for name in names]
-    # of a body alone that stays where it is: its radius of gyration, about half of its own size
-    radii = [math.sqrt(sum(one.inertia[:3]) / (2.0 * one.mass)) for one in masses if one.mass > 0.0]
-    reach = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
-    return reach + 2.0 * max(radii, default=0.0)
-
-
-def _floor_at(floor: Floor, run: Run, time: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The floor at other times (its last value before each) and for these bodies."""
-    rows = np.clip(np.searchsorted(floor.time, time + 0.5 * run.world.physics.timestep) - 1, 0, None)
-    columns = [run.index[name] for name in names]
-    return floor.position[np.ix_(rows, columns)], floor.angle[np.ix_(rows, columns)]
-
-
-def _body_diff(
-    name: str,
-    time: np.ndarray,
-    position: np.ndarray,
-    angle: np.ndarray,
-    out: np.ndarray,
-    touched: float | None,
-    recorded: bool,
-) -> BodyDiff:
-    worst = int(np.where(np.isfinite(position), position, np.inf).argmax())
-    first = int(out.argmax()) if out.any() else None
-    cause = ""
+def _body_diff(found: Departures, body: int, name: str, touched: float | None, recorded: bool) -> BodyDiff:
+    first, cause = found.first_out(body), ""
     if first is not None:
         # rows before the first one out: a contact recorded there can be what parted the two
-        cause = "contact" if touched is not None and touched <= time[first] else "free motion"
+        cause = "contact" if touched is not None and touched <= first else "free motion"
         cause = cause if recorded else "contacts not recorded"
+    position_rms, angle_rms = np.sqrt(found.squares[:, body] / found.rows).tolist()
     return BodyDiff(
         name,
-        float(position[worst]),
-        float(np.sqrt(np.mean(position**2))),
-        float(angle.max()),
-        float(np.sqrt(np.mean(angle**2))),
-        float(time[worst]),
-        float(time[first]) if first is not None else None,
+        float(found.largest[body]),
+        position_rms,
+        float(found.angle[body]),
+        angle_rms,
+        found.time(found.at[body]),
+        first,
         None,
         cause,
     )
 
 
-def _touches(a: Run, b: Run, rows_a: np.ndarray, rows_b: np.ndarray, names: Sequence[str]) -> dict[str, float]:
-    """For every body the first time (s) at which either run recorded a contact of it, or of a body of its tree."""
-    found: dict[str, float] = {}
-    for run in (a, b):
-        if "contact.row" not in run.arrays or not len(run.arrays["contact.row"]):
-            continue
-        times = run.time[run.arrays["contact.row"].astype(np.int64)]
-        models = [body.model for body in run.world.bodies]
-        first: dict[str, float] = {}
-        for pair, time in zip(run.arrays["contact.body"].astype(np.int64), times, strict=True):
-            for index in pair:
-                first[models[index]] = min(first.get(models[index], np.inf), float(time))
-        for body in run.world.bodies:
-            if body.model in first:
-                found[body.name] = min(found.get(body.name, np.inf), first[body.model])
-    return {name: found[name] for name in names if name in found}
-
-
-def _contact_first_difference(a: Run, b: Run, rows_a: np.ndarray, rows_b: np.ndarray) -> float | None:
-    """The first common time (s) at which other pairs of bodies touch in one run than in the other."""
-    if "contact.row" not in a.arrays or "contact.row" not in b.arrays:
-        return None
-    sets = [_pairs_by_row(run) for run in (a, b)]
-    for one, other in zip(rows_a, rows_b, strict=True):
-        if sets[0].get(int(one), set()) != sets[1].get(int(other), set()):
-            return float(a.time[one])
-    return None
-
-
-def _pairs_by_row(run: Run) -> dict[int, set[tuple[str, str]]]:
-    names = [body.name for body in run.world.bodies]
-    found: dict[int, set[tuple[str, str]]] = {}
-    for row, (i, j) in zip(run.arrays["contact.row"], run.arrays["contact.body"].astype(np.int64), strict=True):
-        pair = (names[i], names[j]) if names[i] <= names[j] else (names[j], names[i])
-        found.setdefault(int(row), set()).add(pair)
-    return found
-
-
-def _quantities(a: Run, b: Run, rows_a: np.ndarray, rows_b: np.ndarray) -> list[Scalars]:
+def _quantities(a: Run, b: Run, last_a: int, last_b: int) -> list[Scalars]:
     """Scalars of both runs at the last common time, and the extremes up to it."""
-    values = [_values(run, int(rows[-1])) for run, rows in ((a, rows_a), (b, rows_b))]
+    values = [_values(a, last_a), _values(b, last_b)]
     return [Scalars(name, unit, values[0].get(name), values[1].get(name)) for name, unit in QUANTITIES]
 
 
@@ -373,8 +320,7 @@ def _values(run: Run, last: int) -> dict[str, float]:
     }
     if "contact.row" in run.arrays:
         found["deepest penetration"] = metrics.deepest_penetration(run.world, run.arrays).depth
-        found["contacts, mean"] = metrics.contact_counts(run.arrays)[: last + 1].mean()
-        found["contact force, mean"] = metrics.contact_force(run.arrays)[: last + 1].mean()
+        found["contacts, mean"], found["contact force, mean"] = metrics.contact_means(run.arrays, last + 1)
     return {name: float(value) for name, value in found.items()} | _control(run)
 
 

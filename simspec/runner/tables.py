@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simspec.mapped import parts
+from simspec.mapped import block_rows, parts
 from simspec.world.coordinates import coordinates
 from simspec.world.types import World
 
@@ -169,6 +169,32 @@ def read_checked(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> p
     What it would take in memory is told by its metadata and looked at before anything is unpacked. Raises ValueError with what
     is wrong (pyarrow's errors are ValueErrors or OSErrors).
     """
+    _check(source, schema, rows)
+    table = source.read(use_threads=False)
+    _demand_whole(table)
+    return table
+
+
+def read_blocks(
+    source: parquet.ParquetFile, schema: pa.Schema, rows: int, row_bytes: int
+) -> Iterator[tuple[slice, pa.Table]]:
+    """The same, one block of rows after the other; ``row_bytes``: of one row, unpacked."""
+    import pyarrow as pa
+
+    _check(source, schema, rows)
+    done = 0
+    for batch in source.iter_batches(block_rows(row_bytes), use_threads=False):
+        table = pa.Table.from_batches([batch])
+        _demand_whole(table)
+        if done + len(table) > rows:
+            break
+        yield slice(done, done + len(table)), table
+        done += len(table)
+    if done != rows:
+        raise ValueError(f"{rows:,} rows by its metadata, and others in it")
+
+
+def _check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
     facts = source.metadata
     unpacked = sum(facts.row_group(index).total_byte_size for index in range(facts.num_row_groups))
     needed = max(unpacked, 8 * facts.num_rows * facts.num_columns)
@@ -182,10 +208,11 @@ def read_checked(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> p
     wanted = (schema.metadata or {}).get(COORDINATES)
     if wanted is not None and (found.metadata or {}).get(COORDINATES) != wanted:
         raise ValueError("it has other coordinates than the world")
-    table = source.read(use_threads=False)
+
+
+def _demand_whole(table: pa.Table) -> None:
     if gaps := [name for name in table.column_names if table[name].null_count]:
         raise ValueError(f"the column {gaps[0]!r} has gaps")
-    return table
 
 
 def _differing(found: pa.Schema, wanted: pa.Schema) -> str:

@@ -1,0 +1,97 @@
+"""Two runs at the times that both recorded: their poses and the engines' own noise, looked at block by block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from simspec.comparison.floor import DEVIATION_BYTES, Floor
+from simspec.errors import Problem, SpecError
+from simspec.mapped import parts, zeros
+from simspec.runner.run import Run
+
+
+class Common:
+    """Runs ``a`` and ``b`` at their common times, of the bodies ``names``, with the noise ``floors`` of their engines.
+
+    ``rows_a`` and ``rows_b`` (rows,): the rows of each run that are of one time (to half of the smaller timestep). Raises
+    SpecError where there is none.
+    """
+
+    def __init__(self, a: Run, b: Run, names: Sequence[str], floors: Sequence[Floor]):
+        self._runs, self._names = (a, b), list(names)
+        self.rows_a, self.rows_b = common_rows(a, b)
+        self.rows, self.bodies = len(self.rows_a), len(names)
+        self._floors = []
+        for floor in floors:
+            run = a if floor.engine == a.engine else b
+            self._floors.append((floor, 0.5 * run.world.physics.timestep, self._columns(run)))
+
+    def _columns(self, run: Run) -> np.ndarray:
+        return np.array([run.index[name] for name in self._names], dtype=np.int64)
+
+    def time(self, rows: slice | np.ndarray) -> np.ndarray:
+        """Times (n,) of some of the common rows, s."""
+        return self._runs[0].time[self.rows_a[rows]]
+
+    def blocks(self, last: int) -> Iterator[slice]:
+        """Blocks of the common rows before ``last``."""
+        arrays = [self.rows_a, self.rows_b, self._runs[0].time]
+        arrays += [run.arrays["pose"] for run in self._runs]
+        arrays += [one for floor, _, _ in self._floors for one in (floor.time, floor.position, floor.angle)]
+        return parts(last, 2 * DEVIATION_BYTES * self.bodies, *arrays)
+
+    def poses(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (rows, bodies, 7) of a block, in each run."""
+        sides = zip(self._runs, (self.rows_a, self.rows_b), strict=True)
+        one, other = (run.arrays["pose"][np.ix_(rows[part], self._columns(run))] for run, rows in sides)
+        return one, other
+
+    def noise(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The larger of the floors, in position (m) and angle (rad), of each body at a row of its own (bodies,), or, of rows
+        (n, 1), of all bodies at each (n, bodies). Zero without floors."""
+        found = [np.zeros(np.broadcast_shapes(np.shape(rows), (self.bodies,))) for _ in range(2)]
+        for floor, near, columns in self._floors:
+            # the last value before each time
+            at = np.clip(np.searchsorted(floor.time, self.time(rows) + near) - 1, 0, None)
+            for k, values in enumerate((floor.position, floor.angle)):
+                found[k] = np.maximum(found[k], values[at, columns])
+        return found[0], found[1]
+
+    def size(self) -> float:
+        """How large the scene is (m): the diagonal of the box about all the places of the bodies in a run, and the size of
+        the largest body; the larger of the two runs."""
+        low, high = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)
+        for part in self.blocks(self.rows):
+            for k, poses in enumerate(self.poses(part)):
+                places = poses[..., :3].reshape(-1, 3)
+                places = places[np.isfinite(places).all(axis=1)]
+                if len(places):
+                    low[k], high[k] = np.minimum(low[k], places.min(axis=0)), np.maximum(high[k], places.max(axis=0))
+        return max(self._size(run, low[k], high[k]) for k, run in enumerate(self._runs))
+
+    def _size(self, run: Run, low: np.ndarray, high: np.ndarray) -> float:
+        masses = [run.world.bodies[run.index[name]].inertial for name in self._names]
+        # of a body alone that stays where it is: its radius of gyration, about half of its own size
+        radii = [math.sqrt(sum(one.inertia[:3]) / (2.0 * one.mass)) for one in masses if one.mass > 0.0]
+        reach = float(np.linalg.norm(high - low)) if (high >= low).all() else 0.0
+        return reach + 2.0 * max(radii, default=0.0)
+
+
+def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of both runs at equal times (to half of the smaller timestep). Raises SpecError when there are none."""
+    near = 0.5 * min(a.world.physics.timestep, b.world.physics.timestep)
+    rows_a, rows_b = zeros((len(a.time),), int), zeros((len(a.time),), int)
+    count = 0
+    for part in parts(len(a.time), 64, a.time, b.time, rows_a, rows_b):
+        time = a.time[part]
+        at = np.clip(np.searchsorted(b.time, time - near), 0, len(b.time) - 1)
+        same = np.flatnonzero(np.abs(b.time[at] - time) <= near)
+        end = count + len(same)
+        rows_a[count:end], rows_b[count:end] = part.start + same, at[same]
+        count = end
+    if not count:
+        raise SpecError([Problem(f"{a.label} and {b.label} recorded no common time")])
+    return rows_a[:count], rows_b[:count]

@@ -1,0 +1,97 @@
+"""The contacts of two runs: when a body first touched something, and when other pairs first touch in one than in the other.
+
+``contact.row`` never falls (of an engine's answer and of a stored run that is checked), so that what is of a time is found by
+bisection, and all of it is gone through block by block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simspec.comparison.common import Common
+from simspec.mapped import block_rows, parts, release
+from simspec.runner.run import Run
+
+CONTACT_BYTES = 200
+"""Of temporary arrays for each contact."""
+
+
+def first_touches(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
+    """For every body the first time (s) at which any run recorded a contact of it, or of a body of its tree."""
+    found: dict[str, float] = {}
+    for run in runs:
+        if "contact.row" not in run.arrays:
+            continue
+        first = _first_rows(run)
+        models: dict[str, float] = {}
+        for body, row in zip(run.world.bodies, first, strict=True):
+            if row >= 0:
+                models[body.model] = min(models.get(body.model, np.inf), float(run.time[row]))
+        for body in run.world.bodies:
+            if body.model in models:
+                found[body.name] = min(found.get(body.name, np.inf), models[body.model])
+    return {name: found[name] for name in names if name in found}
+
+
+def _first_rows(run: Run) -> np.ndarray:
+    """The first row with a contact of each body (bodies,); −1 where there is none."""
+    row, body = run.arrays["contact.row"], run.arrays["contact.body"]
+    found = np.full(len(run.world.bodies), -1, dtype=np.int64)
+    for part in parts(len(row), CONTACT_BYTES, row, body):
+        touching = body[part].astype(np.int64).ravel()
+        new = np.flatnonzero(found[touching] < 0)
+        bodies, place = np.unique(touching[new], return_index=True)
+        found[bodies] = row[part][new[place] // 2]
+        if (found >= 0).all():
+            break
+    return found
+
+
+def first_difference(common: Common, a: Run, b: Run) -> float | None:
+    """The first common time (s) at which other pairs of bodies touch in one run than in the other; None where the same do at
+    all times, or contacts were not recorded."""
+    if "contact.row" not in a.arrays or "contact.row" not in b.arrays:
+        return None
+    numbers: dict[str, int] = {}
+    sides = []
+    for run, rows in ((a, common.rows_a), (b, common.rows_b)):
+        index = np.array([numbers.setdefault(body.name, len(numbers)) for body in run.world.bodies], dtype=np.int64)
+        sides.append(_Side(run, rows, index))
+    first, arrays = 0, [one for side in sides for one in (side.row, side.body, side.rows)]
+    while first < common.rows:
+        last = min(common.rows, *(side.until(first) for side in sides))
+        one, other = (side.pairs(first, last, len(numbers)) for side in sides)
+        different = np.setxor1d(one, other, assume_unique=True)
+        if len(different):
+            return float(common.time(np.array([different.min() // len(numbers) ** 2]))[0])
+        first = last
+        for array in arrays:
+            release(array)
+    return None
+
+
+class _Side:
+    """The contacts of a run. ``rows``: its rows that are of common times; ``index``: the numbers of its bodies in both runs."""
+
+    def __init__(self, run: Run, rows: np.ndarray, index: np.ndarray):
+        self.row, self.body = run.arrays["contact.row"], run.arrays["contact.body"]
+        self.rows, self._index = rows, index
+
+    def until(self, first: int) -> int:
+        """The end of a block of common rows from ``first`` on: one row, or as many as have no more contacts than a block."""
+        last = int(np.searchsorted(self.row, self.rows[first])) + block_rows(CONTACT_BYTES)
+        if last >= len(self.row):
+            return len(self.rows)
+        return max(first + 1, int(np.searchsorted(self.rows, self.row[last])))
+
+    def pairs(self, first: int, last: int, bodies: int) -> np.ndarray:
+        """What touches at the common rows ``first`` … ``last − 1``: each pair of bodies once for each row, as the number
+        (row · bodies + one) · bodies + other."""
+        begin, end = np.searchsorted(self.row, [self.rows[first], self.rows[last - 1] + 1])
+        row = self.row[begin:end]
+        at = first + np.searchsorted(self.rows[first:last], row)
+        pair = np.sort(self._index[self.body[begin:end].astype(np.int64)], axis=1)
+        numbers = (at * bodies + pair[:, 0]) * bodies + pair[:, 1]
+        return np.unique(numbers[self.rows[at] == row])
