@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.base import cross
 from simspec.errors import EngineError
 from simspec.formats.skel import SMALL_TURN
 from simspec.world import frames
@@ -80,8 +81,8 @@ def turns_of(vectors: np.ndarray) -> np.ndarray:
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    across = np.cross(q[:, 1:], v)
-    return v + 2.0 * (q[:, :1] * across + np.cross(q[:, 1:], across))
+    across = cross(q[:, 1:], v)
+    return v + 2.0 * (q[:, :1] * across + cross(q[:, 1:], across))
 
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])

@@ -21,6 +21,7 @@ from simspec.engines.base import (
     Deviation,
     Engine,
     Setting,
+    cross,
     empty_contacts,
     resolve_settings,
     restore_velocities,
@@ -354,7 +355,7 @@ class MuJoCo(Engine):
         angular, central = probe.cvel[bodies, :3], probe.cvel[bodies, 3:]
         # cvel is the velocity of the point of the body at its tree's centre of mass
         lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
-        velocities = np.concatenate([central + np.cross(angular, lever), angular], axis=1)
+        velocities = np.concatenate([central + cross(angular, lever), angular], axis=1)
         return restore_velocities(poses, velocities, self._offsets)
 
     # --- dynamics -------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.base import cross
 from simspec.engines.pybullet_calls import Called, Recording
 from simspec.engines.pybullet_carriers import carriers
 from simspec.engines.pybullet_sleeping import Sleepers
@@ -479,7 +480,7 @@ class Simulation:
         turn = multiply(raw, conjugate(self.turn))
         lever = rotate(turn, self.centre)
         poses = np.concatenate([at - lever, turn], axis=1)
-        return poses, np.concatenate([linear - np.cross(angular, lever), angular], axis=1)
+        return poses, np.concatenate([linear - cross(angular, lever), angular], axis=1)
 
     def energy(self) -> tuple[float, float]:
         """Kinetic energy of the bodies and their potential in gravity (J)."""

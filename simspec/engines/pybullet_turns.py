@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simspec.engines.base import cross
 from simspec.world import frames
 from simspec.world.types import Quaternion
 
@@ -26,11 +27,11 @@ def conjugate(q: np.ndarray) -> np.ndarray:
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The rotations ``a`` after ``b``, quaternions (n, 4) with w ≥ 0."""
     w, u, x, v = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
-    found = np.concatenate([w * x - np.sum(u * v, axis=1, keepdims=True), w * v + x * u + np.cross(u, v)], axis=1)
+    found = np.concatenate([w * x - np.sum(u * v, axis=1, keepdims=True), w * v + x * u + cross(u, v)], axis=1)
     return np.where(found[:, :1] < 0.0, -found, found)
 
 
 def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    first = np.cross(q[:, 1:], vectors)
-    return vectors + 2.0 * (q[:, :1] * first + np.cross(q[:, 1:], first))
+    first = cross(q[:, 1:], vectors)
+    return vectors + 2.0 * (q[:, :1] * first + cross(q[:, 1:], first))
