@@ -6,7 +6,7 @@ import json
 import os
 import stat
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 MOST_VALUES = 4_000_000
 """Values in one JSON file: each may take 100 bytes of memory. A world of 10,000 bodies has one million."""
@@ -45,9 +45,17 @@ def _demand(found: os.stat_result, most: int) -> None:
 def read_bytes(path: Path, most: int, *, links: bool = False) -> bytes:
     """The content of a regular file of at most ``most`` bytes; see :func:`open_regular`."""
     with os.fdopen(open_regular(path, most, links=links), "rb") as file:
-        content = file.read(most + 1)
-    if len(content) > most:  # it grew meanwhile, or its size is not told (as below /proc)
+        content = read_at_most(file, most)
+    if len(content) > most:
         raise NotReadableError(f"more than the {most:,} bytes that are read")
+    return content
+
+
+def read_at_most(file: BinaryIO, most: int) -> bytes:
+    """The content of a file; of one of more than ``most`` bytes, one byte more than that. Takes no more memory than it has."""
+    content = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)
+    while len(content) <= most and (more := file.read(min(most + 1 - len(content), 2**20))):
+        content += more  # it grew meanwhile, or its size is not told (as below /proc)
     return content
 
 

@@ -89,7 +89,7 @@ WRITERS = {
     "engines/process.py": "requests into the temporary folder of an engine's process",
     "engines/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
     "engines/pybullet_inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
-    "mapped.py": "in an engine's process: recorded rows into the process's own temporary folder",
+    "mapped.py": "large arrays, in temporary files that have no name",
 }
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))

@@ -55,7 +55,7 @@ def _demand_below(root: Path, parts: tuple[str, ...]) -> None:
 def read_bytes(path: Path, limit: int = LARGEST_TEXT, root: Path | None = None) -> bytes:
     """The content of a regular file of at most ``limit`` bytes; as :func:`open_regular`."""
     with os.fdopen(open_regular(path, limit, root), "rb") as file:
-        content = file.read(limit + 1)
+        content = reading.read_at_most(file, limit)
     if len(content) > limit:
         raise refuse(path, f"more than the {limit:,} bytes that are read")
     return content

@@ -166,28 +166,28 @@ def _energy_conserved(run: Run, given: Parameters) -> Measured:
 
 def _energy(run: Run, of: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Measured:
     """The largest of what ``of`` makes of the total energies of one block of rows after the other, relative to the scale."""
-    found, ends = Largest(), []
+    found, fastest, low, high = Largest(), -math.inf, math.inf, -math.inf
     for part, some in metrics.by_blocks(run.arrays):
         kinetic, potential = metrics.energy(run.world, some)
         found.add(of(kinetic + potential), part.start)
-        ends.append((kinetic.max(), potential.min(), potential.max()))
-    kinetic, low, high = np.array(ends).T
-    scale = metrics.energy_scale(kinetic, np.array([low.min(), high.max()]))
+        fastest = np.maximum(fastest, kinetic.max())
+        low, high = np.minimum(low, potential.min()), np.maximum(high, potential.max())
+    scale = metrics.energy_scale(np.array([fastest]), np.array([low, high]))
     return Measured(_ratio(found.value, scale), tolerance, "", f"of {scale:.4g} J, {_at(run, found.row)}")
 
 
 def _momentum_conserved(run: Run, given: Parameters) -> Measured:
     """The largest deviation of linear or angular momentum from its initial value, each relative to its own scale."""
-    changes, initial, scales = (Largest(), Largest()), None, []
+    changes, initial, scales = (Largest(), Largest()), None, np.zeros(2)
     for part, some in metrics.by_blocks(run.arrays):
         both = metrics.momentum(run.world, some)
         initial = initial or tuple(values[0] for values in both)
         for found, values, begun in zip(changes, both, initial, strict=True):
             found.add(np.linalg.norm(values - begun, axis=1), part.start)
-        scales.append(metrics.momentum_scale(run.world, some))
+        scales = np.maximum(scales, metrics.momentum_scale(run.world, some))
     worst = Measured(0.0, given["tolerance"], "")
     units = {"linear": "N s", "angular": "N m s"}
-    for (name, unit), found, scale in zip(units.items(), changes, np.max(scales, axis=0).tolist(), strict=True):
+    for (name, unit), found, scale in zip(units.items(), changes, scales.tolist(), strict=True):
         ratio = _ratio(found.value, scale)
         if not ratio < worst.value:
             worst = Measured(ratio, given["tolerance"], "", f"{name}, of {scale:.4g} {unit}, {_at(run, found.row)}")
