@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec import mapped
+from simspec.comparison.contacts import first_touches
 from simspec.comparison.floor import load_floor, measure_floor, save_floor
 from simspec.comparison.runs import diff, summary
 from simspec.runner.expectations import MEASURES, evaluate
@@ -154,3 +155,45 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
     assert found.compared_until > 0.0
     assert all(outcome.measured is not None for outcome in outcomes)
     assert again.largest == floor.largest
+
+
+def pairs_by_row(one: Run) -> list[set[frozenset[str]]]:
+    names = [body.name for body in one.world.bodies]
+    found: list[set[frozenset[str]]] = [set() for _ in one.time]
+    for row, pair in zip(one.arrays["contact.row"], one.arrays["contact.body"], strict=True):
+        found[row].add(frozenset(names[index] for index in pair))
+    return found
+
+
+LISTED = st.lists(st.tuples(st.integers(0, 10), st.sampled_from([(0, 1), (1, 0), (1, 2), (2, 0)])), max_size=8)
+
+
+@settings(max_examples=60)
+@given(common=LISTED, one=LISTED, other=LISTED, block=st.sampled_from([1, 400, 10**6]), coarse=st.booleans())
+def test_contacts_are_compared_pair_by_pair_at_every_common_time(common, one, other, block, coarse):
+    a, b = (
+        run(
+            world(*(free_body(name) for name in names)),
+            engine=engine,
+            contacts=[(row, *pair, 0.0, 1.0) for row, pair in sorted(common + own)],
+        )
+        for engine, names, own in (("first", NAMES, one), ("second", NAMES, other))
+    )
+    rows = range(0, len(a.time), 2 if coarse else 1)
+    if coarse:  # every second row alone is of a common time
+        b = dataclasses.replace(b, arrays={**b.arrays, "time": b.time + 0.02 * (np.arange(len(b.time)) % 2)})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mapped, "BLOCK_BYTES", block)
+        found = diff(a, b)
+        touched = first_touches((a, b), NAMES)
+    pairs = pairs_by_row(a), pairs_by_row(b)
+    different = [a.time[row] for row in rows if pairs[0][row] != pairs[1][row]]
+    assert found.contact_first_difference == (different[0] if different else None)
+    for name in NAMES:
+        times = [
+            one.time[row]
+            for one, listed in zip((a, b), pairs, strict=True)
+            for row, there in enumerate(listed)
+            if name in set().union(*there)
+        ]
+        assert touched.get(name) == min(times, default=None)
