@@ -21,7 +21,6 @@ from simspec.engines.base import (
     Deviation,
     Engine,
     Setting,
-    cross,
     empty_contacts,
     resolve_settings,
     restore_velocities,
@@ -33,6 +32,7 @@ from simspec.engines.mujoco_control import Drive, JointArrays, explicit_servos_h
 from simspec.engines.mujoco_coulomb import Coulomb
 from simspec.engines.mujoco_expected import expected_inventory
 from simspec.engines.mujoco_readback import JOINT_KINDS, UNREADABLE, read_back
+from simspec.engines.vectors import cross
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.formats.contact_plan import Rules

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.base import cross
 from simspec.engines.pybullet_calls import Called, Recording
 from simspec.engines.pybullet_carriers import carriers
 from simspec.engines.pybullet_sleeping import Sleepers
 from simspec.engines.pybullet_turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
+from simspec.engines.vectors import cross
 from simspec.errors import EngineError
 from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames

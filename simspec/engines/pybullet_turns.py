@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.engines.base import cross
+from simspec.engines.vectors import cross
 from simspec.world import frames
 from simspec.world.types import Quaternion
 
