@@ -200,8 +200,9 @@ def _place_on(node: Any, own: Any) -> Pose:
     joint, above = node.getParentJoint(), node.getParentBodyNode()
     if JOINT_KINDS[joint.getType()] != "fixed" or above is None or above.getName() != own.getName():
         raise EngineError(NAME, f"the copies on {node.getName()!r} are not welded to {own.getName()!r}")
-    if node.getMass() != 0.0 or np.any(node.getInertia().getMoment()):
-        raise EngineError(NAME, f"{node.getName()!r}, which holds copies of shapes, has a mass")
+    held = node.getInertia()
+    if node.getMass() != 0.0 or np.any(held.getMoment()) or np.any(held.getLocalCOM()):
+        raise EngineError(NAME, f"{node.getName()!r}, which holds copies of shapes, has a mass, or a centre of mass")
     transform = node.getTransform(own)
     return Pose() if np.abs(transform.matrix() - np.eye(4)).max() <= COPY_TOLERANCE else _pose(transform)
 

@@ -198,6 +198,7 @@ TABLE = MutationTable(
         Inert("body", "DART discards a second one of the same name", ("element doubled",), "*.skel"),
         Inert("joint", "DART discards a second one of the same body", ("element doubled",), "*.skel"),
         Inert("skeleton/body", "DART leaves out a body without a joint", ("element added",), "*.skel"),
+        Inert("body@name", "of copies of one body, which are welded to it at the same place", ("swapped",), "*.skel"),
         *(Inert(site, NAMED, (), "*.skel") for site in ("world@name", "skel@version", "joint@name")),
         Inert("body/visualization_shape", SEEN, ("element added",), "*.skel"),
         Inert("normal/text()", "DART normalises it", ("scaled",), "*.skel"),
