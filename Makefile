@@ -37,7 +37,7 @@ test: check
 	$(BIN)/pytest -n $(JOBS) --dist loadfile
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
-QUICK := tests/spec tests/world tests/control tests/comparison tests/report tests/dynamics \
+QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \
 	tests/formats tests/test_house.py tests/test_resolve.py tests/test_resolve_control.py tests/test_features.py \
 	tests/runner/test_store.py tests/runner/test_metrics.py tests/runner/test_expectations.py
 

@@ -38,7 +38,7 @@ def pile(count: int) -> dict:
 
 def one(kind: str, count: int, format_name: str) -> str:
     import simspec
-    from simspec.engines.base import engines, resolve_settings
+    from simspec.engines.kit.contract import engines, resolve_settings
     from simspec.errors import UnsupportedError
     from simspec.formats.base import Target, formats
 

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import engines, find_engine
+from simspec.engines.kit.contract import engines, find_engine
 from simspec.formats.base import read_sidecar
 
 SCENARIOS = ("spheres-216", "ur10e")

@@ -17,8 +17,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 _HOME = {
-    "load": "simspec.spec.load:load",
-    "Spec": "simspec.spec.load:Spec",
+    "load": "simspec.language.load:load",
+    "Spec": "simspec.language.load:Spec",
     "find_spec": "simspec.resources:find_spec",
     "World": "simspec.world.types:World",
     "compile": "simspec.compiler:compile_world",
@@ -39,7 +39,7 @@ _HOME = {
     "Change": "simspec.comparison.worlds:Change",
     "study": "simspec.comparison.study:study",
     "Study": "simspec.comparison.study:Study",
-    "known_engines": "simspec.engines.base:engines",
+    "known_engines": "simspec.engines.kit.contract:engines",
     "SimspecError": "simspec.errors:SimspecError",
     "SpecError": "simspec.errors:SpecError",
     "UnsupportedError": "simspec.errors:UnsupportedError",
@@ -79,13 +79,13 @@ if TYPE_CHECKING:
     from simspec.comparison.worlds import Change, diff_worlds
     from simspec.compiler import Compiled
     from simspec.compiler import compile_world as compile
-    from simspec.engines.base import engines as known_engines
+    from simspec.engines.kit.contract import engines as known_engines
     from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
+    from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate
     from simspec.proof.verify import verify
     from simspec.resources import find_spec
     from simspec.runner.expectations import Outcome, evaluate
     from simspec.runner.run import Run, run, run_all
     from simspec.runner.store import load_run
-    from simspec.spec.load import Spec, load
     from simspec.world.types import World

@@ -11,7 +11,7 @@ import typer
 from simspec.errors import EngineError, Problem, SpecError
 
 if TYPE_CHECKING:
-    from simspec.spec.load import Spec
+    from simspec.language.load import Spec
     from simspec.world.types import World
 
 SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
@@ -61,8 +61,8 @@ def load_spec(
 ) -> Loaded:
     """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
     ``strict`` they are raised."""
+    from simspec.language.load import load
     from simspec.resources import find_spec
-    from simspec.spec.load import load
 
     spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
     world = spec.resolve()
@@ -78,7 +78,7 @@ def load_spec(
 
 def interpreters(words: list[str] | None) -> dict[str, str]:
     """The interpreters that ``--python`` names, by engine."""
-    from simspec.engines.base import find_engine
+    from simspec.engines.kit.contract import find_engine
 
     found = {}
     for word in words or ():
@@ -91,7 +91,7 @@ def interpreters(words: list[str] | None) -> dict[str, str]:
 
 def engine_names(words: list[str] | None) -> list[str]:
     """The engines asked for (a format stands for its engines); all known ones when none is asked for."""
-    from simspec.engines.base import engines, find_engine
+    from simspec.engines.kit.contract import engines, find_engine
 
     known = engines()
     found: dict[str, None] = {}
@@ -103,7 +103,7 @@ def engine_names(words: list[str] | None) -> list[str]:
 
 def installed_engines() -> list[str]:
     """The engines that are installed here. Raises SpecError when none is."""
-    from simspec.engines.base import engines
+    from simspec.engines.kit.contract import engines
 
     found = [name for name, engine in engines().items() if engine.version() is not None]
     if not found:
@@ -114,7 +114,7 @@ def installed_engines() -> list[str]:
 def possible_engines(pythons: Mapping[str, str], as_json: bool) -> list[str]:
     """The known engines but those that this Python cannot have, which are named on standard error; an engine with an
     interpreter of its own is one of them."""
-    from simspec.engines.installing import left_out
+    from simspec.engines.kit.installing import left_out
 
     absent = {name: why for name, why in left_out().items() if name not in pythons}
     if not as_json:

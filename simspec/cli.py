@@ -33,7 +33,7 @@ from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.report.guard import command
 
 if TYPE_CHECKING:
-    from simspec.spec.load import Spec
+    from simspec.language.load import Spec
     from simspec.world.types import World
 
 app = typer.Typer(
@@ -189,8 +189,8 @@ def schema_command(
     First line of a spec, for the YAML language server:
       # yaml-language-server: $schema=simspec.schema.json
     """
+    from simspec.language.schema import is_schema, schema_text
     from simspec.report.files import one_file
-    from simspec.spec.schema import is_schema, schema_text
 
     if str(out) == "-":
         sys.stdout.write(schema_text())

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.control.native import fed_forward
-from simspec.engines.base import Engine, check_settings, engines, find_engine, written_settings
+from simspec.engines.kit.contract import Engine, check_settings, engines, find_engine, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Target, formats

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 

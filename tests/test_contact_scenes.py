@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import simspec
+from simspec.language.formatting import format_text
 from simspec.runner.expectations import evaluate
-from simspec.spec.formatting import format_text
 from simspec.world.canonical import sha256
 from tests.engines.conftest import ENGINES
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from simspec import ending, scratch
-from simspec.engines import keeper, process
+from simspec.engines.kit import keeper, process
 from simspec.errors import EngineError
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")

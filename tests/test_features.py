@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.errors import Location, UnsupportedError
 from simspec.features import (
     EXACT,

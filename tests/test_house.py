@@ -18,7 +18,7 @@ ORDER = (
     "stored",
     "outputs",
     "resources",
-    "spec",
+    "language",
     "world",
     "dynamics",
     "control",
@@ -37,8 +37,8 @@ ORDER = (
 )
 """A module imports only from parts that stand before its own, and from its own."""
 EXCEPTIONS = {
-    ("spec/load.py", "world"): "only the type, for Spec.resolve()",
-    ("spec/load.py", "resolve"): "Spec.resolve() is the user's door to the next part; imported when it is called",
+    ("language/load.py", "world"): "only the type, for Spec.resolve()",
+    ("language/load.py", "resolve"): "Spec.resolve() is the user's door to the next part; imported when it is called",
 }
 ENTRANCES = ("__init__.py", "__main__.py")
 """The package's own doors, which may open every part."""
@@ -84,11 +84,11 @@ COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
 WRITERS = {
     "outputs": "the one part that writes what a user named",
     "scratch.py": "temporary folders of simspec's own",
-    "engines/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
-    "engines/worker.py": "in an engine's process: results into the process's own temporary folder",
-    "engines/process.py": "requests into the temporary folder of an engine's process",
-    "engines/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
-    "engines/pybullet_inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
+    "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
+    "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
+    "engines/kit/process.py": "requests into the temporary folder of an engine's process",
+    "engines/kit/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
+    "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "mapped.py": "large arrays, in temporary files that have no name",
 }
 

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.engines import base
-from simspec.engines.base import Engine, broken_engines, engines, find_engine
+from simspec.engines.kit import contract as base
+from simspec.engines.kit.contract import Engine, broken_engines, engines, find_engine
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature
 from simspec.formats import base as formats_base
@@ -75,7 +75,7 @@ def test_a_broken_engine_is_told_and_ignored(offer, value, why):
 
 def test_nobody_takes_the_name_of_simspec_s_own(offer):
     offer("mujoco", an_engine(NAME="mujoco"))
-    assert find_engine("mujoco").__module__ == "simspec.engines.mujoco"
+    assert find_engine("mujoco").__module__ == "simspec.engines.mujoco.engine"
     assert any("the name is taken" in why for why in broken_engines().values())
 
 

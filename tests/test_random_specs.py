@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.features import Feature, needs
 from simspec.proof.verify import LEVELS
 from tests.random_specs import spec

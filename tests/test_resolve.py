@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
+from simspec.language.load import Spec, load
 from simspec.resolve import resolve
-from simspec.spec.load import Spec, load
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees

@@ -16,7 +16,7 @@ import simspec
 from simspec.control.reference import positions
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
-from simspec.spec.load import Spec, load
+from simspec.language.load import Spec, load
 from simspec.world import frames
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.kinematics import initial_state, layout
@@ -255,7 +255,7 @@ def test_a_turn_is_the_shortest_and_goes_with_the_move():
     """200 degrees about y is 160 the other way; half of the way through, the tool has turned half of that."""
     text = (SPECS / "ur10e-reach.yaml").read_text()
     head = text[: text.index("trajectory:")]
-    document = simspec.spec.document.parse(head, "x").data
+    document = simspec.language.document.parse(head, "x").data
     document["models"]["arm"]["use"] = str(SPECS / "models" / "ur10e.yaml")
 
     def world(*steps: dict) -> World:

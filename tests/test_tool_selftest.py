@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec.engines.base import engines, find_engine
+from simspec.engines.kit.contract import engines, find_engine
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))

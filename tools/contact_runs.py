@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import engines
-from simspec.engines.process import Operation, Reply, call
+from simspec.engines.kit.contract import engines
+from simspec.engines.kit.process import Operation, Reply, call
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Feature
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial

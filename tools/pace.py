@@ -28,9 +28,9 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
-from simspec.engines.base import engines, find_engine
-from simspec.engines.process import ONE_THREAD
-from simspec.engines.recorder import MOST_BYTES, Recording, Stepper
+from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.process import ONE_THREAD
+from simspec.engines.kit.recorder import MOST_BYTES, Recording, Stepper
 from simspec.formats.base import read_sidecar
 from simspec.world.types import EngineOptions, World
 

@@ -20,8 +20,8 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
-from simspec.engines.base import find_engine
-from simspec.engines.recorder import Stepper
+from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.recorder import Stepper
 from simspec.formats.base import read_sidecar
 from simspec.world.types import World
 

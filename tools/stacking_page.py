@@ -9,7 +9,7 @@ from typing import Any
 
 from pace import PARTS
 
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "stacking.json"

@@ -1,0 +1,1 @@
+"""Engines, a package each; ``kit`` is what they share."""

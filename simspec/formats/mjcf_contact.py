@@ -25,7 +25,7 @@ NATIVE_HARDNESS = (("solref", "0.02 1"), ("solimp", "0.9 0.95 0.001 0.5 2"))
 """MuJoCo's own defaults."""
 NATIVE, COULOMB = "native", "coulomb"
 """What the setting ``friction`` may be. Under coulomb, friction takes back slip at once, and what that does to the normal
-direction is corrected outside, at every step (``engines/mujoco_coulomb.py``): no cushion, and no pairs for friction's sake."""
+direction is corrected outside, at every step (``engines/mujoco/coulomb.py``): no cushion, and no pairs for friction's sake."""
 MOST_PER_STEP = 4.0
 """Of k dt²/m + 2 c dt/m: where the semi-implicit step of an oscillator, v' = v − dt (k r + c v)/m, r' = r + dt v', stops being
 stable (its characteristic polynomial at −1)."""

@@ -48,7 +48,7 @@ round-off must not fail, what is small must not hide."""
 def compare(
     world: World, held: ReadBack, rules: Rules, layers: bool, text: bool = False, accepted_cone: str | None = None
 ) -> list[Check]:
-    """Hold ``held`` against ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/base.py``).
+    """Hold ``held`` against ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/kit/contract.py``).
 
     ``text`` = an independent reading of the files: everything is level L0. ``accepted_cone``: a friction cone that the spec
     accepts in place of the world's.

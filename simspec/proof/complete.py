@@ -6,7 +6,7 @@ One that the engine refuses needs no proof. What is left must be declared inert 
 unchanged files do, with contact, without and under control, within 1e-12; else it is *missed*. Level L0 does not count: the
 text alone says nothing of the engine.
 
-Many mutations share one engine process, which works on each apart (``engines/attempts.py``): one that crashes is refused.
+Many mutations share one engine process, which works on each apart (``engines/kit/attempts.py``): one that crashes is refused.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from itertools import islice
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.engines.base import Engine, find_engine
-from simspec.engines.process import Answer, Operation, call, side_by_side
+from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.base import formats
 from simspec.formats.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations

@@ -17,7 +17,7 @@ from simspec.control.law import Control
 from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.process import Operation
+from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
 from simspec.world.control import Trajectory
@@ -56,7 +56,7 @@ class Response:
     steps: int = STEPS
 
     def operation(self) -> Operation:
-        """What an engine is asked (see ``engines/worker.py``)."""
+        """What an engine is asked (see ``engines/kit/worker.py``)."""
         parameters, arrays = to_request(self.world)
         arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": rubbing(self.world)}
         return Operation("respond", {**parameters, "steps": STEPS, "every": EVERY}, arrays, self.world)

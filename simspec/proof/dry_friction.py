@@ -19,7 +19,7 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, random_states
-from simspec.engines.process import Operation
+from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.world.kinematics import rubbing
 from simspec.world.types import World
@@ -66,7 +66,7 @@ class DryFriction:
     strength: np.ndarray
 
     def operation(self, world: World) -> Operation:
-        """What an engine is asked (see ``engines/worker.py``)."""
+        """What an engine is asked (see ``engines/kit/worker.py``)."""
         names = ("q", "v", "effort")
         arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in names}
         return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.process import Operation
+from simspec.engines.kit.process import Operation
 from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
 from simspec.world.types import World
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.engines.process import side_by_side
+from simspec.engines.kit.process import side_by_side
 from simspec.errors import UnsupportedError
 from simspec.formats.base import formats
 from simspec.formats.defects import NAMES, Plant

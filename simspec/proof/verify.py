@@ -13,8 +13,8 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.base import Engine, find_engine
-from simspec.engines.process import DEADLINE, Answer, Operation, Reply, start
+from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.features import Level
 from simspec.formats.base import formats

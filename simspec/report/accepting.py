@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from simspec.compiler import needed_decisions
-from simspec.engines.base import find_engine
+from simspec.engines.kit.contract import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.features import Feature, Level
+from simspec.language.document import read_text
+from simspec.language.load import Spec
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
-from simspec.spec.document import read_text
-from simspec.spec.load import Spec
 from simspec.world.types import EngineOptions, World
 
 KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}

@@ -11,7 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from simspec.compiler import Compiled, write_folder
-from simspec.engines.base import find_engine, idle_settings, resolve_settings
+from simspec.engines.kit.contract import find_engine, idle_settings, resolve_settings
 from simspec.formats.base import SIDECAR, formats
 from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
 from simspec.formats.passes import solid_shapes

@@ -20,7 +20,7 @@ from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
 if TYPE_CHECKING:
-    from simspec.spec.load import Spec
+    from simspec.language.load import Spec
     from simspec.world.types import World
 
 
@@ -46,8 +46,8 @@ def one_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool
 
 def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
     """Lay out every file, or say which would change; nothing is written when one of them is no spec."""
-    from simspec.spec.document import LARGEST_FILE, decode
-    from simspec.spec.formatting import format_text
+    from simspec.language.document import LARGEST_FILE, decode
+    from simspec.language.formatting import format_text
 
     problems: list[Problem] = []
     results: list[tuple[Path, bytes, str]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from simspec.engines.base import Engine, broken_engines, engines
+from simspec.engines.kit.contract import Engine, broken_engines, engines
 from simspec.features import MEANING, Feature, Level, Support, combine
 from simspec.formats.base import broken_formats, formats
 

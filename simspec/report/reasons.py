@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.features import Feature, Level
 from simspec.report.matrix import anchor, support
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 from simspec.errors import SpecError
+from simspec.language.load import Spec
+from simspec.language.problems import in_order
+from simspec.language.strict import bounded_suggestions
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
@@ -20,9 +23,6 @@ from simspec.resolve.scenario import (
 )
 from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
-from simspec.spec.load import Spec
-from simspec.spec.problems import in_order
-from simspec.spec.strict import bounded_suggestions
 from simspec.world.types import World
 
 __all__ = ["resolve"]

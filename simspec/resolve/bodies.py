@@ -6,19 +6,19 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
+from simspec.language import trees
+from simspec.language.arrays import Array
+from simspec.language.document import Key
+from simspec.language.joints import Joint as SpecJoint
+from simspec.language.joints import read_position, read_velocity
+from simspec.language.models import Body as SpecBody
+from simspec.language.models import Use
+from simspec.language.shapes import SHAPES
+from simspec.language.shapes import Shape as SpecShape
+from simspec.language.sources import Source
+from simspec.language.strict import near
+from simspec.language.trees import Bodies
 from simspec.resolve.poses import direction, layout, orientation, pose
-from simspec.spec import trees
-from simspec.spec.arrays import Array
-from simspec.spec.document import Key
-from simspec.spec.joints import Joint as SpecJoint
-from simspec.spec.joints import read_position, read_velocity
-from simspec.spec.models import Body as SpecBody
-from simspec.spec.models import Use
-from simspec.spec.shapes import SHAPES
-from simspec.spec.shapes import Shape as SpecShape
-from simspec.spec.sources import Source
-from simspec.spec.strict import near
-from simspec.spec.trees import Bodies
 from simspec.world import frames, mass
 from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Mapping
 
 from simspec.errors import Problem
+from simspec.language.contact import HARDNESS_FORMS, QUANTITIES, Combine
+from simspec.language.contact import Contact as SpecContact
+from simspec.language.sources import Source
+from simspec.language.strict import near
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
-from simspec.spec.contact import HARDNESS_FORMS, QUANTITIES, Combine
-from simspec.spec.contact import Contact as SpecContact
-from simspec.spec.sources import Source
-from simspec.spec.strict import near
 from simspec.world.types import Contact, Hardness, Material, PairContact
 
 LEAST_STEPS = 2
@@ -92,7 +92,7 @@ def _pairs(
 
 
 def hardness(kind: str, numbers: tuple[float, ...]) -> Hardness:
-    """The world's hardness of what the spec states (see ``spec/contact.py``)."""
+    """The world's hardness of what the spec states (see ``language/contact.py``)."""
     return Hardness(kind, **dict(zip(HARDNESS_FORMS.get(kind, ()), numbers, strict=True)))
 
 

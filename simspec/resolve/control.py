@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simspec.control.law import needs_dynamics
 from simspec.errors import Problem
-from simspec.spec.control import PER_JOINT
-from simspec.spec.control import Controller as SpecController
-from simspec.spec.document import Key
-from simspec.spec.joint_names import chosen
-from simspec.spec.joints import DRIVEN
-from simspec.spec.sources import Source
-from simspec.spec.strict import Faults, near
-from simspec.spec.units import LARGEST, article
+from simspec.language.control import PER_JOINT
+from simspec.language.control import Controller as SpecController
+from simspec.language.document import Key
+from simspec.language.joint_names import chosen
+from simspec.language.joints import DRIVEN
+from simspec.language.sources import Source
+from simspec.language.strict import Faults, near
+from simspec.language.units import LARGEST, article
 from simspec.world.control import Controller
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World

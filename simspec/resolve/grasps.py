@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.document import Key
+from simspec.language.joints import DRIVEN
+from simspec.language.sources import Source
+from simspec.language.strict import Faults, near
+from simspec.language.trajectory import BY_JOINT
+from simspec.language.trajectory import Grasp as SpecGrasp
+from simspec.language.trees import model_of, placed
 from simspec.resolve.bodies import elements
-from simspec.spec.document import Key
-from simspec.spec.joints import DRIVEN
-from simspec.spec.sources import Source
-from simspec.spec.strict import Faults, near
-from simspec.spec.trajectory import BY_JOINT
-from simspec.spec.trajectory import Grasp as SpecGrasp
-from simspec.spec.trees import model_of, placed
 from simspec.world.types import Body, Pose, World
 
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.document import Key
+from simspec.language.joint_names import chosen
+from simspec.language.sources import Source
+from simspec.language.strict import near
+from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED
+from simspec.language.units import article
 from simspec.resolve.grasps import Grasp
-from simspec.spec.document import Key
-from simspec.spec.joint_names import chosen
-from simspec.spec.sources import Source
-from simspec.spec.strict import near
-from simspec.spec.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED
-from simspec.spec.units import article
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Body, Pose, World

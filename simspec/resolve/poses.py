@@ -6,9 +6,9 @@ import math
 import random
 from collections.abc import Iterator
 
-from simspec.spec.arrays import Array, Jitter
-from simspec.spec.shapes import Inertia, Orientation
-from simspec.spec.shapes import Pose as SpecPose
+from simspec.language.arrays import Array, Jitter
+from simspec.language.shapes import Inertia, Orientation
+from simspec.language.shapes import Pose as SpecPose
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
+from simspec.language.joints import DRIVEN
+from simspec.language.models import EngineOptions as SpecOptions
+from simspec.language.models import Physics as SpecPhysics
+from simspec.language.models import Record as SpecRecord
+from simspec.language.models import whole_steps
+from simspec.language.sources import Source
+from simspec.language.strict import near
 from simspec.mapped import RECORDED_BYTES
-from simspec.spec.expectations import BODIES, KINDS, TIMES, Kind
-from simspec.spec.joints import DRIVEN
-from simspec.spec.models import EngineOptions as SpecOptions
-from simspec.spec.models import Physics as SpecPhysics
-from simspec.spec.models import Record as SpecRecord
-from simspec.spec.models import whole_steps
-from simspec.spec.sources import Source
-from simspec.spec.strict import near
 from simspec.world.kinematics import layout, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from simspec.errors import Problem
-from simspec.spec.locate import locate
-from simspec.spec.sources import Source
+from simspec.language.locate import locate
+from simspec.language.sources import Source
 from simspec.world.types import World
 
 

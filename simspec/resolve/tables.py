@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from simspec.errors import SpecError
+from simspec.language.document import LARGEST_FILE, read_text
+from simspec.language.trajectory import MOST_NUMBERS, MOST_POINTS
+from simspec.language.units import LARGEST
 from simspec.reading import read_bytes
-from simspec.spec.document import LARGEST_FILE, read_text
-from simspec.spec.trajectory import MOST_NUMBERS, MOST_POINTS
-from simspec.spec.units import LARGEST
 
 LARGEST_NPZ = 64_000_000
 """Bytes of the file, and of all its arrays together once unpacked: eight for each of the most numbers, in four arrays, and

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.document import Key
+from simspec.language.sources import Source
+from simspec.language.strict import Faults, near
+from simspec.language.trajectory import BY_JOINT
 from simspec.resolve.grasps import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
-from simspec.spec.document import Key
-from simspec.spec.sources import Source
-from simspec.spec.strict import Faults, near
-from simspec.spec.trajectory import BY_JOINT
 from simspec.world.control import Trajectory
 from simspec.world.types import World
 

@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from simspec.errors import Location, Problem
-from simspec.spec import trees, walk
-from simspec.spec.document import Key
-from simspec.spec.joints import Joint as SpecJoint
-from simspec.spec.load import Spec
-from simspec.spec.models import File
-from simspec.spec.problems import in_order
-from simspec.spec.quantities import Number, Reader, Vector
-from simspec.spec.sources import Source
-from simspec.spec.trajectory import TrajectoryPoint
+from simspec.language import trees, walk
+from simspec.language.document import Key
+from simspec.language.joints import Joint as SpecJoint
+from simspec.language.load import Spec
+from simspec.language.models import File
+from simspec.language.problems import in_order
+from simspec.language.quantities import Number, Reader, Vector
+from simspec.language.sources import Source
+from simspec.language.trajectory import TrajectoryPoint
 from simspec.world.extents import outer_radius
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps

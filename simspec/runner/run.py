@@ -16,16 +16,16 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
-from simspec.engines import process
-from simspec.engines.answers import RECORDED_BYTES, Operation
-from simspec.engines.base import find_engine, resolve_settings
-from simspec.engines.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
+from simspec.engines.kit import process
+from simspec.engines.kit.answers import RECORDED_BYTES, Operation
+from simspec.engines.kit.contract import find_engine, resolve_settings
+from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
+from simspec.language.strict import near
 from simspec.mapped import parts, zeros
 from simspec.outputs.reading import files_below, read_text
 from simspec.scratch import scratch_folder
-from simspec.spec.strict import near
 from simspec.world.canonical import sha256
 from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.kinematics import initial_state, layout
@@ -42,7 +42,7 @@ class Run:
     ``arrays``: step, time (s), q, v, pose, velocity, and as recorded energy (kinetic, potential; by the engine) and
     ``contact.*`` (ragged; ``contact.row`` says to which row each belongs) and, where joints are driven, ``control.target``
     (q*) and ``control.effort`` (of the step before the row; columns: ``provenance["control"]["joints"]``); one row per recorded
-    time, the initial state first; units and frames as in :mod:`simspec.engines.base`. Empty when the engine gave none.
+    time, the initial state first; units and frames as in :mod:`simspec.engines.kit.contract`. Empty when the engine gave none.
     ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
     ``failed``: None, or why there is no (whole) result: a crash, a hang, a state that stopped being finite.
     """

@@ -319,8 +319,8 @@ class ReadBack:
     ``inventory`` is everything else that the live engine holds and that can act, by the engine's own names
     (``opt.solver``, ``geom.floor_0.gap``, ``count.tendon``); lists stand for tuples, since it comes as JSON. ``neutral``: what
     the same engine holds of such things when it is told nothing, by names of the engine's module's choice. What the
-    inventory must be says :meth:`simspec.engines.base.Engine.expected_inventory`. That of an independent reader holds the
-    solver settings that stand in the engine's own file, as ``settings.NAME``.
+    inventory must be says :meth:`simspec.engines.kit.contract.Engine.expected_inventory`. That of an independent reader holds
+    the solver settings that stand in the engine's own file, as ``settings.NAME``.
     """
 
     bodies: tuple[Body, ...]

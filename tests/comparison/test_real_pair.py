@@ -9,8 +9,8 @@ import pytest
 from simspec import cli
 from simspec.comparison.floor import PERTURBATION, measure_floor, save_floor
 from simspec.comparison.runs import CANNOT_BE_TOLD, OUT, WITHIN, diff
+from simspec.language.load import Spec
 from simspec.runner.run import run
-from simspec.spec.load import Spec
 
 ENGINE = "mujoco"
 

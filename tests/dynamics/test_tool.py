@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.tool import REACHED, Tool, joints_to, tree_of
-from simspec.spec.load import Spec
+from simspec.language.load import Spec
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout
 from simspec.world.types import Pose, World

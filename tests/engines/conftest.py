@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import Engine, find_engine
-from simspec.engines.dart import Dart
+from simspec.engines.dart.engine import Dart
+from simspec.engines.kit.contract import Engine, find_engine
 from simspec.formats.base import read_sidecar
 from simspec.world.types import World
 from tests import worlds

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simspec.engines import process
-from simspec.engines.answers import BadAnswerError, Operation, read_answers
-from simspec.engines.base import find_engine
-from simspec.engines.process import start
+from simspec.engines.kit import process
+from simspec.engines.kit.answers import BadAnswerError, Operation, read_answers
+from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.process import start
 from simspec.errors import EngineError
 from simspec.proof.verify import engine_checks, prepare
 from simspec.runner import run as runner
@@ -422,7 +422,7 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
 
 
 def test_every_operation_declares_its_answer():
-    from simspec.engines import answers, worker
+    from simspec.engines.kit import answers, worker
 
     assert set(answers.FORMS) == set(worker.OPERATIONS)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import find_engine
+from simspec.engines.kit.contract import find_engine
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
 from simspec.formats.base import formats

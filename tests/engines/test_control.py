@@ -9,7 +9,7 @@ import pytest
 
 from simspec.control.law import Control
 from simspec.control.reference import reference
-from simspec.engines.base import Actuation
+from simspec.engines.kit.contract import Actuation
 from simspec.proof.verify import verify
 from simspec.runner.run import run
 from simspec.world.control import Controller, Trajectory

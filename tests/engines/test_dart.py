@@ -12,7 +12,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.dart import Dart
+from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.formats.skel import WORLD

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.dart import MOST_RECOVERY, Dart
+from simspec.engines.dart.engine import MOST_RECOVERY, Dart
 from simspec.errors import EngineError
 from simspec.formats.skel import WORLD
 from simspec.proof.selftest_worlds import surfaces

@@ -9,8 +9,8 @@ import re
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.dart import Dart
-from simspec.engines.dart_getters import FIELDS, GETTERS
+from simspec.engines.dart.engine import Dart
+from simspec.engines.dart.getters import FIELDS, GETTERS
 from simspec.errors import UnsupportedError
 from simspec.formats.base import read_sidecar
 from simspec.formats.skel_sidecar import check_sidecar

@@ -14,7 +14,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.base import CONTACT_FIELDS, check_settings, engines, find_engine, idle_settings
+from simspec.engines.kit.contract import CONTACT_FIELDS, check_settings, engines, find_engine, idle_settings
 from simspec.errors import UnsupportedError
 from simspec.features import Feature, Level, combine
 from simspec.formats import contact_plan

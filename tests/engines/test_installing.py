@@ -10,8 +10,8 @@ import pytest
 from packaging.requirements import Requirement
 
 from simspec import cli
-from simspec.engines import installing
-from simspec.engines.base import engines
+from simspec.engines.kit import installing
+from simspec.engines.kit.contract import engines
 from simspec.report import session
 
 ROOT = Path(__file__).parents[2]

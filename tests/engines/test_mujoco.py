@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import target_of, write_folder
-from simspec.engines.mujoco import NO_EXPLICIT_PAIRS, MuJoCo
+from simspec.engines.mujoco.engine import NO_EXPLICIT_PAIRS, MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats.base import read_sidecar

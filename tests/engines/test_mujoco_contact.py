@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from simspec.compiler import target_of, write_folder
-from simspec.engines.mujoco import MuJoCo
-from simspec.engines.mujoco_contact import CONTACT_DEVIATIONS
+from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.base import read_sidecar
 from simspec.formats.mjcf import Mjcf
 from simspec.world.types import (

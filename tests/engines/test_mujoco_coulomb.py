@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines import mujoco_coulomb
-from simspec.engines.mujoco import MuJoCo
-from simspec.engines.worker import OPERATIONS
+from simspec.engines.kit.worker import OPERATIONS
+from simspec.engines.mujoco import coulomb as mujoco_coulomb
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.base import read_sidecar
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact import friction, run

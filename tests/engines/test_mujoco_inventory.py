@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines import mujoco_fields as fields
-from simspec.engines.base import find_engine
-from simspec.engines.mujoco import MuJoCo
+from simspec.engines.kit.contract import find_engine
+from simspec.engines.mujoco import fields
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.base import read_sidecar
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS, model

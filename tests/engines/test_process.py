@@ -12,10 +12,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from simspec.engines import base, process
-from simspec.engines.base import Engine
-from simspec.engines.process import Operation, call
-from simspec.engines.recorder import record
+from simspec.engines.kit import contract as base
+from simspec.engines.kit import process
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.recorder import record
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature
 from simspec.formats.base import SIDECAR
@@ -26,7 +27,7 @@ from tests import worlds
 STUB = """
 import os, time
 import numpy as np
-from simspec.engines.base import Engine
+from simspec.engines.kit.contract import Engine
 from simspec.features import EXACT, Feature
 from simspec.formats.contact_plan import Rules
 
@@ -57,8 +58,8 @@ def stub(monkeypatch, tmp_path):
     """A stub engine, known by name, in a module that the engine's process can import."""
     module = Path(base.__file__).parent / "stub_for_tests.py"
     module.write_text(STUB)
-    sys.modules.pop("simspec.engines.stub_for_tests", None)
-    from simspec.engines import stub_for_tests
+    sys.modules.pop("simspec.engines.kit.stub_for_tests", None)
+    from simspec.engines.kit import stub_for_tests
 
     monkeypatch.setattr(process, "find_engine", lambda name: stub_for_tests.Stub)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.pybullet import PyBullet
+from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Feature, combine, negotiate
 from simspec.formats.base import read_sidecar

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.pybullet_contact import only_balls_slide
+from simspec.engines.pybullet.contact import only_balls_slide
 from simspec.errors import UnsupportedError
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Shape
 from tests import worlds

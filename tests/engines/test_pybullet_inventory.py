@@ -8,9 +8,9 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.bullet_file import plain, read_blocks
-from simspec.engines.pybullet import PyBullet
-from simspec.engines.pybullet_inventory import COLLIDER, JOINT_INFO, PARAMETERS, SURFACE, WORLD, _dump
+from simspec.engines.pybullet.bullet_file import plain, read_blocks
+from simspec.engines.pybullet.engine import PyBullet
+from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, PARAMETERS, SURFACE, WORLD, _dump
 from simspec.errors import EngineError
 from simspec.formats.base import read_sidecar
 from simspec.proof.comparator import inventory_checks

@@ -9,8 +9,8 @@ import venv
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import find_engine
-from simspec.engines.process import Operation, call
+from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.process import Operation, call
 from simspec.proof.comparator import inventory_checks
 from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import target_of, write_folder
-from simspec.engines.mujoco import MuJoCo
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.formats.contact_plan import contact_plan, surfaces
 from simspec.formats.mjcf import MODEL, Mjcf, depth_first

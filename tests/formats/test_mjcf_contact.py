@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.compiler import target_of, write_folder
-from simspec.engines.mujoco import MuJoCo
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.formats.mjcf import MODEL, Mjcf
 from simspec.formats.mjcf_filter import FILTER_BITS

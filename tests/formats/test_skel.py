@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, target_of
-from simspec.engines.dart import Dart
+from simspec.engines.dart.engine import Dart
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats import skel

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.dart import Dart
+from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Level
 from simspec.formats import skel_detectors

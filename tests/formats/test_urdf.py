@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import target_of
-from simspec.engines.pybullet import PyBullet
+from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
 from simspec.features import combine, negotiate
 from simspec.formats.base import SIDECAR, read_sidecar

@@ -8,8 +8,8 @@ import itertools
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import engines, find_engine
-from simspec.engines.process import Operation, call
+from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.process import Operation, call
 from simspec.features import Feature
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
 from simspec.world.kinematics import layout

@@ -61,7 +61,7 @@ def test_what_is_declared_inert_must_move_as_before(monkeypatch):
 
 
 def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkeypatch):
-    from simspec.engines.process import Answer
+    from simspec.engines.kit.process import Answer
     from simspec.errors import EngineError
 
     sizes = []

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import engines, find_engine
+from simspec.engines.kit.contract import engines, find_engine
 from simspec.errors import UnsupportedError
 from simspec.formats.base import formats, read_sidecar
 from simspec.formats.contact_plan import contact_plan, meeting_laws

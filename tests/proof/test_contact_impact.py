@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.proof.contact import compliance, impact
 from simspec.proof.contact.compliance import Oscillator
 from simspec.proof.contact.impact import bounce_ratio

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.base import Deviation, engines, find_engine
+from simspec.engines.kit.contract import Deviation, engines, find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.formats.defects import NAMES
 from simspec.proof.certificate import Certificate, EngineProof

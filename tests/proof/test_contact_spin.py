@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import spin
 from simspec.proof.contact.probe import GRAVITY, Motion

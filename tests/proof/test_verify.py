@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
 from simspec.errors import SpecError, UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.judge import judge

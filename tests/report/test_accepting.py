@@ -10,14 +10,14 @@ import pytest
 
 from simspec import cli
 from simspec.compiler import compile_world
-from simspec.engines.base import engines, find_engine
+from simspec.engines.kit.contract import engines, find_engine
 from simspec.errors import SpecError
 from simspec.features import Feature, Level
 from simspec.formats.base import formats
+from simspec.language.load import load
 from simspec.report import reasons
 from simspec.report.accepting import edited
 from simspec.report.matrix import support
-from simspec.spec.load import load
 
 SCENE = """# my scene
 simspec: 1

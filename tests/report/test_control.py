@@ -10,9 +10,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.engines.base import engines
+from simspec.engines.kit.contract import engines
+from simspec.language.load import Spec
 from simspec.report.explain import control_table
-from simspec.spec.load import Spec
 
 SOLID = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}
 BODIES = {

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from simspec.errors import SpecError
+from simspec.language.load import Spec
 from simspec.report.final import MOST_ROWS, ends, final_table
-from simspec.spec.load import Spec
 from simspec.world import frames
 from simspec.world.types import Joint
 from tests.runner.synthetic import column, free_body, run, world

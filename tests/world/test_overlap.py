@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pytest
 
-from simspec.spec.load import Spec
+from simspec.language.load import Spec
 from simspec.world import frames, overlap
 from simspec.world.extents import inner_radius, outer_radius
 from simspec.world.overlap import deep_overlaps

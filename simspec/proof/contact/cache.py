@@ -20,7 +20,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.base import Engine
+from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.writing import write_file

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.engines.base import Engine, idle_settings
+from simspec.engines.kit.contract import Engine, idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.features import Feature
 from simspec.formats.base import formats, read_sidecar

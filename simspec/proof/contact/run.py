@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.engines.base import Deviation, Engine, find_engine
-from simspec.engines.process import Answer, Operation, Running, call, start
+from simspec.engines.kit.contract import Deviation, Engine, find_engine
+from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import Check, failed

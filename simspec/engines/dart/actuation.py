@@ -1,0 +1,95 @@
+"""Hinges and slides of a DART simulation, read and driven at every step with as few calls as it allows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.dart.simulation import Simulation
+from simspec.engines.kit.contract import Actuation, Engine, motor_limit, motor_rate
+from simspec.world.kinematics import natively_driven
+from simspec.world.types import World
+
+NATIVE = (
+    "DART's servo, a motor for velocity that makes v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the "
+    "limit: errors vanish with the time constant kd/kp whatever the inertia, and do not sag under gravity; kp and kd count by "
+    "their ratio alone. To its solver's tolerance (a wheel of 0.02 kg m² 4e-7 rad, measured). At the limit the joint's damping "
+    "d is weaker by 1 + dt d / I, being DART's own"
+)
+
+
+def no_springs(world: World) -> str | None:
+    """None unless a natively driven joint has a spring."""
+    sprung = [body.name for body in world.bodies if body.joint.spring_stiffness]
+    served = [name for name in natively_driven(world.bodies, world) if name in sprung]
+    return f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring" if served else None
+
+
+class JointArrays(Actuation):
+    """One call for each skeleton to read positions, velocities, and one to drive. For simulations without efforts of their own
+    (damping, springs, armature) and without rotations to be corrected, which need more."""
+
+    def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
+        super().__init__(engine, q, v)
+        self._sim = sim
+        order = {int(place): index for index, place in enumerate(v)}
+        self._trees = []
+        for tree in sim.coordinates.trees:
+            places = [(start, order[place]) for start, place in tree.straight if place in order]
+            if places:
+                dofs, rows = (np.array(part, dtype=int) for part in zip(*places, strict=True))
+                self._trees.append((tree.skeleton, dofs, rows, np.zeros(tree.dofs.stop - tree.dofs.start)))
+        self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
+
+    @staticmethod
+    def suits(sim: Simulation) -> bool:
+        """Whether a simulation has none of what asks for more."""
+        return not sim.efforts.driven and not (sim.exact_rotation and sim.coordinates.turners)
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        self._sim.check_contact_cap()
+        positions, velocities = self._positions, self._velocities
+        for skeleton, dofs, rows, _ in self._trees:
+            positions[rows] = skeleton.getPositions()[dofs]
+            velocities[rows] = skeleton.getVelocities()[dofs]
+        return positions, velocities
+
+    def give(self, effort: np.ndarray) -> None:
+        for skeleton, dofs, rows, total in self._trees:
+            total[dofs] = effort[rows]
+            skeleton.setForces(total)
+
+    def step(self) -> None:
+        self._sim.plain_step()
+
+
+class JointServos:
+    """Some hinges and slides with DART's actuator type SERVO."""
+
+    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+        self._rate = motor_rate(stiffness, damping, sim.timestep)
+        limit = motor_limit(stiffness, damping, limit)
+        order = {int(place): index for index, place in enumerate(v)}
+        kind = sim.dartpy.dynamics.ActuatorType.SERVO
+        self._trees: list[tuple[Any, list[int], np.ndarray]] = []
+        for tree in sim.coordinates.trees:
+            places = [(start, order[place]) for start, place in tree.straight if place in order]
+            if not places:
+                continue
+            dofs, rows = (np.array(part, dtype=int) for part in zip(*places, strict=True))
+            every = [tree.skeleton.getJoint(index) for index in range(tree.skeleton.getNumJoints())]
+            joints = {joint.getIndexInSkeleton(0): joint for joint in every if joint.getNumDofs() == 1}
+            for dof, row in places:
+                joint = joints[dof]
+                joint.setActuatorType(kind)
+                joint.setForceLowerLimit(0, -limit[row])
+                joint.setForceUpperLimit(0, limit[row])
+                # DART drops the efforts that are set on a servo's joint, in which the joint's damping is otherwise
+                joint.setDampingCoefficient(0, sim.efforts.damping[tree.dofs][dof])
+            self._trees.append((tree.skeleton, dofs.tolist(), rows))
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        for skeleton, dofs, rows in self._trees:
+            away = position[rows] - skeleton.getPositions()[dofs]
+            skeleton.setCommands(dofs, velocity[rows] + self._rate[rows] * away)

@@ -1,0 +1,384 @@
+"""DART: a .skel file in, arrays out.
+
+What .skel does not carry is set through dartpy from the sidecar; what DART has only implicit in time (damping, springs) is
+applied as an effort computed from DART's own state before every step. Facts marked *measured* were obtained with dartpy 6.20.0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.control.native import Servos
+from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
+from simspec.engines.dart.expected import chosen_solver, expected
+from simspec.engines.dart.inventory import inventory, neutral
+from simspec.engines.dart.readback import read_back
+from simspec.engines.dart.simulation import Simulation, import_dartpy
+from simspec.engines.kit.contract import (
+    Actuation,
+    CollisionUnit,
+    Deviation,
+    Engine,
+    Setting,
+    empty_contacts,
+    expected_labels,
+    pick_blocks,
+    resolve_settings,
+    restore_velocities,
+    sorted_pairs,
+)
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.formats.contact_plan import Rules, contact_plan
+from simspec.formats.skel_detectors import accepted_contact, detector_of, overlooked
+from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
+from simspec.world.types import HeldValue, ReadBack, World
+
+_COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
+_SET = "set through dartpy"
+_SLOW_LOADING = "DART's own loading grows with the cube of a chain's length: 2 s for 500 bodies, 8 s for 800"
+_COPIES = "copies of shapes on welded bodies without mass, of which the collision filter lets one pair touch"
+_NO_MOMENT = "DART's contacts have three rows, one normal and two tangential: no torque"
+_RIGID = "DART's contacts are rigid; dartpy gives no access to its error reduction and constraint force mixing"
+_DETECTORS = "pairs of shapes for which no detector is sound are refused unless accepted"
+
+
+MOST_RECOVERY = 1e-3
+"""DART takes back 1 % of an overlap in each step, but no faster than this (m/s): measured from 1 µm to 20 mm with all its
+solvers, and the same at every timestep. Overlaps of up to 0.1 mm for each ms of the timestep follow the common law."""
+
+_PREDICTED = (
+    "DART multiplies the speed at the end of the step, gravity included: the ratio is e (1 + g dt / v), at 1 m/s"
+)
+_TRIPS = (
+    "in a step in which round-off has tilted a slider only its leading corners touch, and it trips over them, up to 1.6 mm "
+    "deep: at 16 ms at some μ, at 8 ms from 1.25 on"
+)
+_HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt alone is above DART's least bounce"
+
+
+DANTZIG = ("contact_solver", "dantzig")
+_PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
+
+
+def _coulomb(world: World) -> str | None:
+    """Why the elliptic cone is exact in this world, None where the spec asks for the solver that has only the pyramid."""
+    return None if DANTZIG in world.options("dart").settings else "NsgsFrictionSolver, law Coulomb"
+
+
+def _shape(kind: str, how: str = _DETECTORS) -> Support:
+    """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
+
+    def accepted(world: World) -> str | None:
+        setting = str(resolve_settings(Dart, world)["collision_detector"])
+        return accepted_contact(world, detector_of(world, "dart", setting), "dart", kind)
+
+    def noted(world: World) -> str | None:
+        return overlooked(world, str(resolve_settings(Dart, world)["collision_detector"]), "dart", kind)
+
+    short = f"some contacts of a {kind} are missed, too deep or rounded by the collision detector in use"
+    return Support(Level.EXACT, how, accepted_in=accepted, noted_in=noted, short=short)
+
+
+def _armature_covered(world: World) -> str | None:
+    """None when every armature sits in a tree where it is exact, else the reason why not."""
+    allowed = CollisionFilter(world)
+    groups = rigid_groups(world)
+    for bodies in trees(world).values():
+        armed = [body.name for body in bodies if body.joint.armature]
+        if not armed:
+            continue
+        served = natively_driven(bodies, world)
+        if served:
+            return f"{served[0]!r} has DART's own controller, whose impulses would not feel the armature"
+        for body in bodies:
+            if body.joint.dry_friction or body.joint.position_limits is not None:
+                return f"{body.name!r} has dry friction or position limits, whose impulses would not feel the armature"
+            for other in world.bodies:
+                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
+                    return f"{body.name!r} may touch {other.name!r}, and contact would not feel the armature"
+    return None
+
+
+class Dart(Engine):
+    """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
+
+    NAME: ClassVar[str] = "dart"
+    FORMAT: ClassVar[str] = "skel"
+    DISTRIBUTION: ClassVar[str] = "dartpy"
+    EXTRA: ClassVar[str] = "dart"
+    RULES: ClassVar[Rules] = Rules("min", "product")
+    LAYERS: ClassVar[bool] = True
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
+        Feature.LIMIT_VELOCITY: Support(
+            Level.EXACT, "in the sidecar only: DART would enforce it together with the position limits"
+        ),
+        Feature.LIMIT_EFFORT: via_api(_SET),
+        Feature.DAMPING: via_api(_COMPUTED),
+        Feature.BALL_DAMPING: via_api(_COMPUTED),
+        Feature.ARMATURE: outside(
+            "DART's implicit damping A / dt with the effort (A / dt) v against it",
+            _armature_covered,
+            "a joint's armature by an implicit damping and an effort against it at every step",
+        ),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.TREE_SIZE: Support(Level.EXACT, _SLOW_LOADING),
+        Feature.TREE_DEPTH: Support(Level.EXACT, _SLOW_LOADING),
+        Feature.SHAPE_SPHERE: _shape("sphere"),
+        Feature.SHAPE_BOX: _shape("box"),
+        Feature.SHAPE_CYLINDER: _shape(
+            "cylinder",
+            "with detector ode, whose flat faces touch at the corners of the octagon around the circle: a flat disc that spins "
+            "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R beside the "
+            "axis tips at 1.00 to 1.08 R, by how it is turned; some contacts of an edge of a box with the rim are "
+            f"missed (docs/dart-detectors.md, and said where a world has such pairs); {_DETECTORS}",
+        ),
+        Feature.SHAPE_CAPSULE: _shape("capsule", f"with detector dart, on planes with ode; {_DETECTORS}"),
+        Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
+        Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
+        Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
+        Feature.RESTITUTION: approximate(
+            "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
+            "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
+            short="what would leave at less than 0.1 m/s does not bounce; else e is up to 0.009 too large",
+        ),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION_THRESHOLD: approximate(
+            "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
+            "and all else does, whatever threshold is asked for",
+            short="the threshold is DART's own, 0.1 m/s after the impact, whatever is asked for",
+        ),
+        Feature.TORSIONAL_FRICTION: unsupported(f"{_NO_MOMENT} about the normal"),
+        Feature.ROLLING_FRICTION: unsupported(f"{_NO_MOMENT} across the normal"),
+        Feature.HARDNESS_COMMON: Support(
+            Level.EXACT,
+            "DART's own law, for overlaps up to 0.1 mm for each ms of the timestep; larger ones are taken back at 1 mm/s",
+        ),
+        Feature.HARDNESS_TIME_CONSTANT: unsupported(_RIGID),
+        Feature.HARDNESS_STIFFNESS: unsupported(_RIGID),
+        Feature.HARDNESS_NATIVE: Support(Level.EXACT, "DART's default is the common law"),
+        Feature.HARDNESS_PAIRS: unsupported(_RIGID),
+        Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
+        Feature.IMPACT_FRICTION: EXACT,
+        Feature.CONE_ELLIPTIC: approximate(
+            "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
+            "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes",
+            _coulomb,
+            "the circumscribed pyramid instead: up to 1.41 times the friction between its axes",
+        ),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_springs),
+        Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
+        Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "contact_solver": Setting(
+            "auto",
+            "auto: nsgs for the elliptic cone, which Dantzig's solver does not have; dantzig for the circumscribed "
+            "pyramid, where it is exact and stacks best. dantzig under the elliptic cone must be accepted, by "
+            "contact.cone.elliptic.",
+            ("auto", "nsgs", "dantzig"),
+        ),
+        "collision_detector": Setting(
+            "auto",
+            "auto: the first of dart, ode, fcl that gets the fewest pairs of shapes wrong that may touch in this world: "
+            "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet has at most four "
+            "points a pair where ode has eight to twelve, which makes stacks of cylinders a quarter cheaper, and rounds edges.",
+            ("auto", "dart", "ode", "bullet", "fcl"),
+        ),
+        "iterations": Setting(
+            300,
+            "Most sweeps of the NSGS solver in a step. Seven cylinders on one another (detector ode, up to 12 contacts for "
+            "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300; what is solved sooner costs "
+            "no more.",
+            minimum=1,
+            needs=("contact_solver", ("auto", "nsgs")),
+        ),
+        "tolerance": Setting(
+            1e-5,
+            "The NSGS solver stops below this residual; DART's default. With 1e-4 such a tower drifts up to 2 mm, not 1.2, "
+            "at the same speed.",
+            minimum=0.0,
+            needs=("contact_solver", ("auto", "nsgs")),
+        ),
+        "dry_friction_tolerance": Setting(
+            1e-8,
+            "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
+            "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
+            minimum=0.0,
+            needs=("contact_solver", ("auto", "nsgs")),
+        ),
+        "contact_overflow": Setting(
+            "error",
+            "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
+            "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
+            ("error", "log"),
+        ),
+        "sleeping": Setting(
+            False,
+            "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation): what is slower "
+            "than 0.01 m/s, but for the step's fall, and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move "
+            "freely, and what bears them, stay awake (measured).",
+            only_with="sleeping",
+        ),
+        "exact_rotation": Setting(
+            "auto",
+            "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "
+            "where no moving body has a collision shape; elsewhere it would cost more time than it is worth.",
+            ("auto", "always", "never"),
+        ),
+    }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
+        Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
+        Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),
+        Deviation("rest", 0.16, _HOPS, relative=False, timestep=0.016),
+        *(
+            Deviation(name, 0.415, _PYRAMID, friction_cone="elliptic", setting=DANTZIG)
+            for name in ("push", "push-oblong")
+        ),
+        *(
+            Deviation(name, 0.36, _PYRAMID, friction_cone="elliptic", setting=DANTZIG)
+            for name in ("stop", "stop-oblong")
+        ),
+        # slips of 1.6 times what friction takes, 39° from an axis: 0.435, and DART's own 2.6 % on top
+        Deviation("oblique", 0.46, _PYRAMID, friction_cone="elliptic", setting=DANTZIG),
+        Deviation("stop", 0.04, _TRIPS, timestep=0.0144),
+        Deviation("stop-oblong", 0.021, _TRIPS, friction=1.25, timestep=0.0072),
+        Deviation("stop-oblong", 0.09, _TRIPS, timestep=0.0144),
+    )
+    DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
+    # ten times dry_friction_tolerance, at which NSGS ends; joints on joints add up
+    ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
+    UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",
+        "shape.name": "DART makes up its own names of shapes",
+        "control.native": "DART's own controllers are switched on when a run begins",
+        "collision_group": "DART does not list its filter; it is probed instead",
+    }
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        settings = resolve_settings(cls, world)
+        detector = detector_of(world, cls.NAME, str(settings["collision_detector"]))
+        chosen = {"settings.collision_detector": detector, "settings.contact_solver": chosen_solver(world, settings)}
+        plan = contact_plan(world, cls.RULES, cls.LAYERS)
+        return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
+
+    def __init__(self) -> None:
+        self._sim: Simulation | None = None
+
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise RuntimeError("load first")
+        return self._sim
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_dartpy()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._sim = Simulation(folder, sidecar)
+
+    def read_back(self) -> ReadBack:
+        sim = self._simulation
+        held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.set_state(q, v)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._simulation.coordinates.get_state()
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        sim = self._simulation
+        return restore_velocities(*sim.file_frames(), sim.offsets)
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        armature = self._simulation.efforts.armature
+        held = []
+        for tree in self._simulation.coordinates.trees:
+            turn = tree.velocity_map()
+            held.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
+        return pick_blocks(blocks, held)
+
+    def bias_force(self) -> np.ndarray:
+        sim = self._simulation
+        found = np.zeros(sim.coordinates.nv)
+        for tree in sim.coordinates.trees:
+            found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
+        return found
+
+    @property
+    def world(self) -> Any:
+        """DART's own world."""
+        return self._simulation.world
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        self._simulation.advance(count, effort)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        quick = JointArrays.suits(self._simulation)
+        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        return JointServos(self._simulation, v, stiffness, damping, limit)
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        sim = self._simulation
+        held = sim.contacts_of(sim.world.getLastCollisionResult())
+        if not held:
+            return empty_contacts()
+        normal = np.array([contact.normal for _, contact in held])
+        force = np.array([contact.force for _, contact in held])
+        return {
+            "body": np.array([bodies for bodies, _ in held], dtype=np.int64),
+            "position": np.array([contact.point for _, contact in held]),
+            "normal": normal,
+            "distance": -np.array([contact.penetrationDepth for _, contact in held]),
+            "normal_force": np.maximum(np.sum(normal * force, axis=1), 0.0),
+        }
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        place = self._simulation.nodes.place_of_body
+        return [CollisionUnit(place[one["body"]], (one["name"],)) for one in self._simulation.sidecar["shapes"]]
+
+    def detect_units(self) -> np.ndarray:
+        return sorted_pairs(self._simulation.detect_contacts())
+
+    def disable_contact(self) -> None:
+        self._simulation.disable_contact()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        sim, rubbing = self._simulation, set(v.tolist())
+        for body, place in zip(sim.bodies, sim.coordinates.v_places, strict=True):
+            if place.start in rubbing:
+                body.getParentJoint().setCoulombFriction(0, 0.0)
+
+    def energy(self) -> tuple[float, float]:
+        sim = self._simulation
+        kinetic, potential = sim.efforts.energy()
+        for tree in sim.coordinates.trees:
+            kinetic += tree.skeleton.computeKineticEnergy()
+            potential += tree.skeleton.computePotentialEnergy()
+        return kinetic, potential
+
+    def log(self) -> list[str]:
+        return self._simulation.messages()
+
+    def close(self) -> None:
+        self._sim = None

@@ -1,0 +1,354 @@
+"""A DART world loaded from ``world.skel``, with what the sidecar adds. Facts marked *measured*: dartpy 6.20.0."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import math
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
+from simspec.engines.dart.efforts import Efforts
+from simspec.engines.dart.nodes import Nodes
+from simspec.errors import EngineError
+from simspec.formats.skel import WORLD
+from simspec.formats.skel_reader import without_pictures
+from simspec.formats.skel_sidecar import check_sidecar
+
+CONTACT_CAP = 1000
+"""Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
+option that it returns is a copy)."""
+
+MOST_DETECTED = 1_000_000
+"""Contacts that one detection outside a step may find: a probe brings many pairs together at once."""
+
+ZERO_MASS = "A negative or zero mass [0]"
+"""DART warns of bodies without mass, which simspec has only where they cannot move: that is no news."""
+
+_COLOUR = re.compile("\x1b\\[[0-9;]*m")
+
+
+@contextlib.contextmanager
+def captured_errors(lines: list[str]) -> Iterator[None]:
+    """Catch what C++ code prints to standard error meanwhile, and add it to ``lines``."""
+    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
+        yield
+        return
+    flush = ctypes.CDLL(None).fflush
+    sys.stderr.flush()
+    flush(None)
+    kept = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            flush(None)
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            text = _COLOUR.sub("", file.read().decode(errors="replace"))
+            lines.extend(line for line in text.splitlines() if line.strip() and ZERO_MASS not in line)
+
+
+def import_dartpy() -> Any:
+    """DART's module. Raises EngineError where it is not installed."""
+    try:
+        import dartpy
+    except ImportError as error:
+        raise EngineError(NAME, f"not installed: pip install 'simspec[dart]' ({error})") from error
+    return dartpy
+
+
+class Simulation:
+    """A loaded world, in its initial state.
+
+    Shapes for the eye are left out unless ``pictures`` are asked for: DART carries them along in every step (measured: 59 of
+    them cost 7 µs of 126). See :meth:`whole`.
+    """
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any], pictures: bool = False):
+        self.dartpy = import_dartpy()
+        try:
+            check_sidecar(sidecar)
+        except ValueError as error:
+            raise EngineError(NAME, str(error)) from error
+        self.sidecar = sidecar
+        self.settings = sidecar["settings"]
+        self.log: list[str] = []
+        self.apart: list[tuple[str, str]] = []
+        """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
+        self._folder, self._blind = folder, False
+        self.world = self._read(folder / WORLD, pictures)
+        self._check_detector()
+        with captured_errors(self.log):
+            self._set_solver()
+        self.timestep: float = self.world.getTimeStep()
+        self.nodes = Nodes(self.world, sidecar)
+        self.names, self.bodies = self.nodes.names, self.nodes.bodies
+        self.offsets = np.array([entry["frame_offset"] for entry in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self.coordinates = Coordinates(self.bodies, [entry["kind"] for entry in sidecar["bodies"]])
+        self._set_limits()
+        joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
+        self.efforts = Efforts(self.coordinates, joints, sidecar, self.timestep)
+        self.nodes.set_surfaces()
+        self._set_filter()
+        self.solver.getCollisionGroup().setAutomaticUpdate(False)  # no shape comes, goes or changes: 1 µs a step
+        self._moves = [body.isReactive() for body in self.bodies]
+        self._may_touch = any(moves and self.nodes.solid(index) for index, moves in enumerate(self._moves))
+        choice = self.settings["exact_rotation"]
+        self.exact_rotation = choice == "always" or (choice == "auto" and not self._may_touch)
+        self.set_state(*self.coordinates.get_state())
+
+    # --- loading ----------------------------------------------------------------------------------------------
+
+    def _read(self, path: Path, pictures: bool) -> Any:
+        if not path.is_file():
+            raise EngineError(NAME, f"the file {WORLD!r} is missing")
+        # as text: DART takes a path for a URI, in which some characters of folders mean something else
+        text = path.read_text(encoding="utf-8")
+        if not pictures:
+            text, self._blind = without_pictures(text)
+        try:
+            with captured_errors(self.log):
+                world = self.dartpy.utils.SkelParser.readWorldXML(text)
+        except (RuntimeError, ValueError) as error:
+            raise EngineError(NAME, f"refuses {WORLD}: {error}") from error
+        if world is None:
+            raise EngineError(NAME, f"refuses {WORLD}: {' '.join(self.log) or 'no reason given'}")
+        return world
+
+    def whole(self) -> Simulation:
+        """The files as they are, shapes for the eye included, in their initial state; what DART says of those goes into the
+        log."""
+        if not self._blind:
+            return self
+        found = Simulation(self._folder, self.sidecar, pictures=True)
+        self.log.extend(line for line in found.log if line not in self.log)
+        return found
+
+    def _check_detector(self) -> None:
+        """The file and the sidecar must ask for the same detector of contacts."""
+        held, told = self.world.getCollisionDetector().getType(), self.settings["collision_detector"]
+        if held != told:
+            raise EngineError(NAME, f"holds the collision detector {held} from {WORLD}, the sidecar says {told}")
+
+    def _set_solver(self) -> None:
+        dartpy, world, given = self.dartpy, self.world, self.settings
+        options = world.getDeactivationOptions()
+        # on by default; the setting is not there when off
+        options.mEnabled = bool(given.get("sleeping", False))
+        # DART looks at speeds before it solves contact: what rests has the speed of the step's fall (measured)
+        options.mLinearSpeedThreshold += math.dist((0.0, 0.0, 0.0), world.getGravity()) * world.getTimeStep()
+        world.setDeactivationOptions(options)
+        world.setNumSimulationThreads(1)
+        kinds = dartpy.simulation.CollisionDetectorType
+        world.setCollisionDetector(getattr(kinds, given["collision_detector"].upper()))
+        self.solver = solver = world.getConstraintSolver()
+        solver.setSplitImpulseEnabled(False)
+        matrix_free = solver.getMatrixFreeContactSolverOptions()
+        matrix_free.mEnabled = False  # another, approximate solver for many contacts
+        solver.setMatrixFreeContactSolverOptions(matrix_free)
+        if given["contact_solver"] == "dantzig":  # DART's default; dartpy has no constructor for it
+            if not isinstance(solver.getBoxedLcpSolver(), dartpy.constraint.DantzigBoxedLcpSolver):
+                raise EngineError(
+                    NAME, f"starts with {type(solver.getBoxedLcpSolver()).__name__}, not Dantzig's solver"
+                )
+            return
+        kind = dartpy.constraint.NsgsFrictionSolver
+        chosen = kind.Options()
+        chosen.law = kind.Law.Coulomb if self.sidecar["friction_cone"] == "elliptic" else kind.Law.Box
+        chosen.maxSweeps = given["iterations"]
+        chosen.tolerance = given["tolerance"]
+        if self._rubs():
+            chosen.tolerance = min(given["tolerance"], given["dry_friction_tolerance"])
+        solver.setBoxedLcpSolver(kind(chosen))
+
+    def _rubs(self) -> bool:
+        """Whether a joint has dry friction."""
+        skeletons = (self.world.getSkeleton(index) for index in range(self.world.getNumSkeletons()))
+        joints = (joint for skeleton in skeletons for joint in skeleton.getJoints())
+        return any(joint.getCoulombFriction(dof) for joint in joints for dof in range(joint.getNumDofs()))
+
+    def _set_limits(self) -> None:
+        joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
+        for name in self.sidecar["enforce_limits"]:
+            joints[name].setLimitEnforcement(True)
+        for entry in self.sidecar["effort_limits"]:  # held, not enforced: setForces does not clip (measured)
+            joints[entry["body"]].setForceLowerLimit(0, -entry["value"])
+            joints[entry["body"]].setForceUpperLimit(0, entry["value"])
+
+    def _set_filter(self) -> None:
+        """Every pair of bodies may touch, also in one tree, but for those that the sidecar excludes."""
+        for index in range(self.world.getNumSkeletons()):
+            skeleton = self.world.getSkeleton(index)
+            skeleton.enableSelfCollisionCheck()
+            skeleton.enableAdjacentBodyCheck()
+        # the option is a copy, the filter in it is the solver's own (measured)
+        add = self.solver.getCollisionOption().collisionFilter.addBodyNodePairToBlackList
+        for one, other in self.nodes.apart():
+            self.apart.append((one.getName(), other.getName()))
+            add(one, other)
+
+    # --- state ------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.coordinates.set_state(q, v)
+        self.solver.clearLastCollisionResult()
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        poses, velocities = np.zeros((len(self.bodies), 7)), np.zeros((len(self.bodies), 6))
+        for index, body in enumerate(self.bodies):
+            place = body.getWorldTransform()
+            poses[index, :3], poses[index, 3:] = place.translation(), place.quaternion().wxyz()
+            velocities[index, :3], velocities[index, 3:] = body.getLinearVelocity(), body.getAngularVelocity()
+        poses[poses[:, 3] < 0.0, 3:] *= -1.0
+        return poses, velocities
+
+    # --- contact ----------------------------------------------------------------------------------------------
+
+    def contacts_of(self, result: Any) -> list[tuple[tuple[int, int], Any]]:
+        """The contacts in DART's result of a collision detection, each with the world's indices of its two bodies.
+
+        DART detects contacts between bodies that both cannot move where one is in a tree that moves, and makes nothing
+        of them; they are left out.
+        """
+        place, moves, found = self.nodes.place, self._moves, []
+        for contact in result.getContacts():
+            first, second = (
+                place[one.getShapeFrame().asShapeNode().getBodyNode().getName()]
+                for one in (contact.collisionObject1, contact.collisionObject2)
+            )
+            if moves[first] or moves[second]:
+                found.append(((first, second), contact))
+        return found
+
+    def detect_contacts(self) -> np.ndarray:
+        """Pairs (n, 2) of the places, in the sidecar's list, of shapes that touch at the present state.
+
+        Raises EngineError when two shapes touch by other copies than they should: the filter is wrong.
+        """
+        pairs, wrong = self._detected()
+        if (
+            wrong
+        ):  # raised here: a traceback that held DART's contacts beyond its world would crash the process (measured)
+            raise EngineError(NAME, wrong)
+        return np.array(sorted(pairs), dtype=np.int64).reshape(-1, 2)
+
+    def _detected(self) -> tuple[set[tuple[int, int]], str]:
+        """The pairs of shapes that touch, and what is wrong with the copies by which they do."""
+        result = self.dartpy.collision.CollisionResult()
+        option = self.solver.getCollisionOption()  # a copy (measured)
+        option.maxNumContacts = MOST_DETECTED
+        self.solver.getCollisionGroup().collide(option, result)
+        pairs, wrong = set(), ""
+        for _, contact in self.contacts_of(result):
+            one, other = (
+                side.getShapeFrame().asShapeNode() for side in (contact.collisionObject1, contact.collisionObject2)
+            )
+            if self.sidecar["filter"]["layers"] and not wrong:
+                wrong = self.nodes.wrong_meeting(one, other)
+            pairs.add((self.nodes.copy(one)[0], self.nodes.copy(other)[0]))
+        return pairs, wrong
+
+    def disable_contact(self) -> None:
+        """Switch contact off; without contact the exact rotations cost nothing that matters."""
+        # the detectors do not ask a shape whether it may collide (measured); what is not in the solver's group cannot
+        self.world.getConstraintSolver().getCollisionGroup().removeAllShapeFrames()
+        if self.settings["exact_rotation"] != "never":
+            self.exact_rotation = True
+
+    def check_contact_cap(self) -> None:
+        """Raises EngineError (or notes in the log) when the last step had more contacts than DART takes."""
+        if self.world.getLastCollisionResult().getNumContacts() < CONTACT_CAP:
+            return
+        message = f"more than {CONTACT_CAP} contacts in a step: DART leaves the others out"
+        if self.settings["contact_overflow"] == "error":
+            raise EngineError(NAME, f"{message}; go on all the same with the setting contact_overflow: log")
+        if message not in self.log:
+            self.log.append(message)
+
+    # --- steps ------------------------------------------------------------------------------------------------
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the efforts of the world's joints.
+
+        Raises EngineError when the last step had more contacts than DART takes.
+        """
+        step = self.world.step
+        driven, turners = self.efforts.give(effort), self.coordinates.turners
+        if not driven and not turners:
+            for _ in range(count):
+                step()
+            if self._may_touch:
+                self.check_contact_cap()
+            return
+        if self.exact_rotation:
+            for one in turners:
+                if one.turn is None:
+                    one.turn = turn_of(one.joint.getPositions()[:3].tolist())
+        else:
+            if turners and turners[0].turn is not None:  # all are set together and cleared together
+                for one in turners:
+                    one.turn = None
+            turners = []
+        if not driven and not turners:
+            for _ in range(count):
+                step()
+        else:
+            apply, correct = self.efforts.apply, self._correct
+            for _ in range(count):
+                for tree in driven:
+                    apply(tree)
+                step()
+                for one in turners:
+                    correct(one)
+        self.check_contact_cap()
+
+    def plain_step(self) -> None:
+        """One step under the forces that were set, where no rotation is to be corrected. ``check_contact_cap`` is the
+        caller's to ask."""
+        for one in self.coordinates.turners:
+            if one.turn is None:
+                break  # all are set together and cleared together
+            one.turn = None
+        self.world.step()
+
+    def _correct(self, one: Turner) -> None:
+        """Put a joint's rotation where the exponential of its velocity takes it.
+
+        DART's own is a Taylor form for turns below 1e-3 rad in a step, off by up to 1.7e-10 (measured).
+        """
+        change = turn_of([x * self.timestep for x in one.joint.getVelocities()[:3].tolist()])
+        if one.turn is None:
+            raise RuntimeError("the rotation before the step is not known")
+        if one.kind == "ball":
+            one.turn = multiply(one.turn, change)
+            one.joint.setPositions(vector_of(one.turn))
+        else:
+            one.turn = multiply(change, one.turn)
+            one.joint.setPositions([*vector_of(one.turn), *one.joint.getPositions()[3:].tolist()])
+
+    def messages(self) -> list[str]:
+        """What DART said while loading, and how its contact solver fared."""
+        found = list(self.log)
+        solver = self.solver.getBoxedLcpSolver()
+        if isinstance(solver, self.dartpy.constraint.NsgsFrictionSolver):
+            stats = solver.getStats()
+            if stats.numFailed:
+                found.append(f"{stats.numFailed} of {stats.numSolves} contact solves failed: DART used its PGS instead")
+            if stats.numAcceptedAtCap:
+                found.append(
+                    f"{stats.numAcceptedAtCap} of {stats.numSolves} contact solves ended at the most sweeps, with a "
+                    f"residual of at most {stats.maxViolation:.2g}"
+                )
+        return found

@@ -1,0 +1,221 @@
+"""What each operation must answer: a table of its arrays, and models of the plain data around them. Driver only (pydantic)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from simspec.control.reference import driven_joints
+from simspec.engines.kit import worker
+from simspec.world.kinematics import layout
+from simspec.world.types import ReadBack, World
+
+
+class BadAnswerError(ValueError):
+    """What came back is not an answer to what was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """An array that an operation answers: the names or numbers of its dimensions, and its kind (f8, i8).
+
+    A dimension is a name in :func:`dimensions_of` of the request, or, where that has none, one that all arrays of the answer
+    share. ``when``: the condition (see :func:`conditions`) under which it must be there, and else must not.
+    """
+
+    shape: tuple[str | int, ...]
+    kind: Literal["f8", "i8"] = "f8"
+    when: str = ""
+
+
+STATE = {
+    "q": Form(("rows", "nq")),
+    "v": Form(("rows", "nv")),
+    "pose": Form(("rows", "bodies", 7)),
+    "velocity": Form(("rows", "bodies", 6)),
+}
+FORMS: Mapping[str, Mapping[str, Form]] = {
+    "read_back": {},
+    "kinematics": STATE,
+    "dynamics": {
+        "mass": Form(("rows", "packed")),
+        "bias_force": Form(("rows", "nv")),
+        "gravity_force": Form(("rows", "nv")),
+    },
+    "motion": STATE,
+    "trials": {"v": STATE["v"]},
+    "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
+    "respond": {"positions": Form(("rows", "joints"))},
+    "touching": {"touching": Form(("pairs", 3), "i8"), "units": Form(("unit_pairs", 3), "i8")},
+    "run": {
+        "step": Form(("rows",)),
+        **STATE,
+        "energy": Form(("rows", 2), when="energy"),
+        "control.target": Form(("rows", "joints"), when="control"),
+        "control.effort": Form(("rows", "joints"), when="control"),
+        "contact.row": Form(("contacts",), "i8", when="contacts"),
+        "contact.body": Form(("contacts", 2), "i8", when="contacts"),
+        "contact.position": Form(("contacts", 3), when="contacts"),
+        "contact.normal": Form(("contacts", 3), when="contacts"),
+        "contact.distance": Form(("contacts",), when="contacts"),
+        "contact.normal_force": Form(("contacts",), when="contacts"),
+    },
+}
+"""The arrays of each operation of ``worker.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One thing to do in the engine's process (see ``worker.py``): name, parameters, arrays, and the world of the artifacts
+    it is about, where the caller knows it: the answer is held against its sizes and names."""
+
+    op: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    world: World | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an operation gave: plain data, arrays (large ones mapped from a file), seconds for loading and for the work, the
+    engine's warnings; and of ``read_back`` what the engine holds."""
+
+    result: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+    load_seconds: float
+    seconds: float
+    log: list[str]
+    held: ReadBack | None = None
+
+
+def conditions(operation: Operation) -> set[str]:
+    """What is asked for beside what is always answered: the channels, and ``control``."""
+    found = set(operation.parameters.get("channels", ())) & {"energy", "contacts"}
+    return found | ({"control"} if "control" in operation.parameters else set())
+
+
+def planned_rows(operation: Operation) -> int | None:
+    """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
+    asked = operation.parameters
+    if operation.op in ("kinematics", "dynamics", "trials"):
+        return len(operation.arrays["q"])
+    if operation.op in ("motion", "respond", "run"):
+        return 1 + -(-asked["steps"] // asked["every"])
+    if operation.op == "drive":
+        return 1 + sum(-(-steps // every) for steps, every in asked["phases"])
+    return None
+
+
+def dimensions_of(operation: Operation) -> dict[str, int]:
+    """The dimensions that the request knows. ``rows`` is left to the answer where it may end before its time."""
+    found = {}
+    for name, size in (("q", "nq"), ("v", "nv")):
+        if name in operation.arrays:
+            found[size] = int(operation.arrays[name].shape[-1])
+    if "q" in operation.arrays and operation.op == "touching":
+        found["states"] = len(operation.arrays["q"])
+    if operation.op == "dynamics":
+        found["packed"] = sum(size * size for size in operation.parameters["sizes"])
+    rows = planned_rows(operation)
+    if rows is not None and operation.op not in ("motion", "run"):
+        found["rows"] = rows
+    world = operation.world
+    if world is not None:
+        places = layout(world.bodies)
+        found |= {"bodies": len(world.bodies), "nq": places.nq, "nv": places.nv}
+        if operation.op == "respond":
+            found["joints"] = len(driven_joints(world))
+    return found
+
+
+# --- the envelope ---------------------------------------------------------------------------------------------------
+
+Seconds = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Name = Annotated[str, Field(max_length=200)]
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Described(Strict):
+    kind: Literal["f8", "i8"]
+    shape: Annotated[list[Count], Field(max_length=4)]
+    stored: bool
+
+
+class Entry(Strict):
+    op: Name
+    load_seconds: Seconds
+    seconds: Seconds
+    log: Annotated[list[Annotated[str, Field(max_length=worker.LINE)]], Field(max_length=worker.LINES)]
+    result: dict[str, Any]
+    arrays: dict[Name, Described]
+
+
+class Result(Strict):
+    schema_: Literal[worker.SCHEMA] = Field(alias="schema")  # type: ignore[valid-type]
+    status: Literal["ok"]
+    engine: Name
+    engine_version: Name | None
+    numpy_version: Name
+    python_version: Name
+    platform: Name
+    machine: Name
+    operations: list[Entry]
+
+
+class Refusal(Strict):
+    schema_: Literal[worker.SCHEMA] = Field(alias="schema")  # type: ignore[valid-type]
+    status: Literal["error"]
+    error: Annotated[str, Field(max_length=worker.MESSAGE)]
+    traceback: Annotated[str, Field(max_length=worker.MESSAGE)]
+
+
+class NotFinite(Strict):
+    step: Count
+    channel: Name
+    place: Annotated[list[Count], Field(max_length=3)]
+
+
+class ControlResult(Strict):
+    joints: list[Name]
+    error: list[Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None]
+    clipped: list[Count | None]
+
+
+class RunResult(Strict):
+    steps: Count
+    step_seconds: Seconds
+    cpu_seconds: Seconds
+    control_seconds: Seconds
+    record_seconds: Seconds
+    run_seconds: Seconds
+    failed: NotFinite | None
+    control: ControlResult | None = None
+
+
+class MotionResult(Strict):
+    steps: Count
+
+
+class Unit(Strict):
+    body: Annotated[int, Field(ge=-1, le=2**31)]
+    shapes: list[Name]
+
+
+class TouchingResult(Strict):
+    units: list[Unit]
+
+
+RESULTS: Mapping[str, type[BaseModel]] = {
+    "run": RunResult,
+    "motion": MotionResult,
+    "touching": TouchingResult,
+}
+"""What an operation's plain result is, where it is more than nothing; ``read_back``'s is a ReadBack."""

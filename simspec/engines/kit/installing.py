@@ -1,0 +1,39 @@
+"""Whether an engine can be installed on this Python, as simspec's own package metadata says."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from simspec.engines.kit.contract import Engine, engines
+
+
+def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> str | None:
+    """Why ``engine`` cannot be installed here: the requirement of its extra whose marker rules this Python out. None when it
+    can be, or when simspec's metadata say nothing of it (an engine of a third party). ``environment`` overrides markers."""
+    found = None
+    for line in importlib.metadata.requires("simspec") or ():
+        requirement = Requirement(line)
+        marker = requirement.marker
+        if canonicalize_name(requirement.name) != canonicalize_name(engine.DISTRIBUTION) or marker is None:
+            continue
+        if f'"{engine.EXTRA}"' not in str(marker):
+            continue
+        if marker.evaluate({**(environment or {}), "extra": engine.EXTRA}):
+            return None
+        version = (environment or {}).get("python_version") or platform.python_version()
+        rule = str(marker).replace(f' and extra == "{engine.EXTRA}"', "")
+        found = f"cannot be installed on Python {version}: {requirement.name} has no wheels but for {rule}"
+    return found
+
+
+def left_out(environment: dict[str, str] | None = None) -> dict[str, str]:
+    """The known engines that are not installed and cannot be on this Python, each with the reason."""
+    return {
+        name: why
+        for name, engine in engines().items()
+        if engine.version() is None and (why := why_not(engine, environment)) is not None
+    }

@@ -1,0 +1,179 @@
+"""Keeper of an engine's process: starts the worker, and ends it and all that it started, when its time has come.
+
+``python keeper.py FOLDER SECONDS BYTES``: forks the worker (``worker.py``, beside this file), and ends with it. Before that it
+ends it when SECONDS have passed, or when the process that started the keeper is gone, however that ended: then its end of the
+pipe that is the keeper's standard input is closed. No file of the worker may become longer than BYTES.
+
+The keeper is a process, not a thread: an engine's own code may hold the interpreter for as long as it likes, and the keeper
+goes on where the starting process is stopped. Nothing but the standard library, and nothing that starts threads: it forks.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import resource
+import select
+import signal
+import stat
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+LOOK_EVERY = 0.5
+"""s between two looks at whether the parent is still there, for where something else holds the other end of the pipe."""
+PATIENCE = 2.0
+"""s for everything to be gone after it was killed."""
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
+"""Of Linux's prctl(2)."""
+
+
+def keep(folder: Path, seconds: float, most: int) -> int:
+    """Start the worker on ``folder`` and see it through; its exit code. Ends by the signal that ended the worker."""
+    ends = time.monotonic() + seconds
+    parent, keeper = os.getppid(), os.getpid()
+    _prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the engine starts and leaves behind becomes the keeper's
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    heard, told = os.pipe()
+    alive, held = os.pipe()
+    os.set_blocking(told, False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(told)
+    child = os.fork()
+    if child == 0:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for descriptor in (heard, told, held):
+            os.close(descriptor)
+        _begin(keeper, alive, most)
+        _work(folder)
+    os.close(alive)
+    watched = [heard, *([0] if stat.S_ISFIFO(os.fstat(0).st_mode) else [])]
+    status = None
+    try:
+        while status is None:
+            done, found = os.waitpid(child, os.WNOHANG)
+            if done:
+                status = found
+                break
+            left = ends - time.monotonic()
+            if left <= 0.0 or os.getppid() != parent:
+                break
+            readable = select.select(watched, [], [], min(left, LOOK_EVERY))[0]
+            if 0 in readable and not os.read(0, 4096):
+                break
+            if heard in readable:
+                os.read(heard, 4096)
+    finally:
+        _end(child, status is not None)
+    if status is None:
+        return 128 + signal.SIGKILL
+    if os.WIFSIGNALED(status):
+        number = os.WTERMSIG(status)
+        if number != signal.SIGKILL:
+            signal.signal(number, signal.SIG_DFL)
+        os.kill(keeper, number)
+    return os.waitstatus_to_exitcode(status)
+
+
+def _begin(keeper: int, alive: int, most: int) -> None:
+    """What the worker's process does first: a process group of its own, no input, an end with its keeper."""
+    os.setpgid(0, 0)
+    if not _prctl(PR_SET_PDEATHSIG, signal.SIGKILL):
+        threading.Thread(target=_end_with, args=(alive,), daemon=True).start()
+    if os.getppid() != keeper:  # it went before it was asked to be told
+        os._exit(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (allowed, hard))
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # writing more is then an error that says so
+
+
+def _end_with(alive: int) -> None:
+    """Where the system has no signal for it: end when the keeper's end of the pipe is closed."""
+    os.read(alive, 1)
+    os.killpg(0, signal.SIGKILL)
+
+
+def _work(folder: Path) -> None:
+    """Run the worker; never returns."""
+    code = 1
+    try:
+        code = _worker().main(folder)
+    except BaseException:  # whatever it is, it ends this process and no other
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        with contextlib.suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)  # engines' own exit handlers have been seen to crash after all work was done
+
+
+def _worker() -> Any:
+    place = Path(__file__).with_name("worker.py")
+    spec = importlib.util.spec_from_file_location("simspec_worker", place)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"no module at {place}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _end(child: int, ended: bool) -> None:
+    """Kill the worker and everything that it started, and collect them."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(child, signal.SIGKILL)
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        try:
+            done, _ = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return  # nobody is left
+        if not done:
+            # those that left the process group and lost their parent: they are the keeper's now
+            for pid in _children():
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.005)
+
+
+def _children() -> list[int]:
+    """The keeper's children, where the system says."""
+    own, found = os.getpid(), []
+    if not sys.platform.startswith("linux"):
+        return found
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            try:
+                with open(f"/proc/{name}/stat", "rb") as file:
+                    fields = file.read().rpartition(b")")[2].split()
+            except OSError:
+                continue  # ended meanwhile
+            if int(fields[1]) == own:
+                found.append(int(name))
+    return found
+
+
+def _prctl(option: int, value: int) -> bool:
+    """Whether the system has the option and took it."""
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        import ctypes
+
+        return ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0) == 0
+    except (ImportError, OSError, AttributeError):
+        return False  # a Python without ctypes, a C library without prctl
+
+
+if __name__ == "__main__":
+    sys.path.pop(0)  # this script's own folder, which would shadow engines' packages (engines/mujoco/engine.py)
+    sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])))

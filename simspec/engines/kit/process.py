@@ -1,0 +1,285 @@
+"""simspec's side of the folder contract: an engine at work in a process of its own, under a deadline.
+
+A crash, a hang, an answer to something else (``answers.py`` reads them all): each becomes an :class:`EngineError` that says so,
+with the end of the engine's own output, and is nobody else's problem. Nothing that such a process does is an exception of any
+other kind here, and nothing of it is left when the block is left, or when this process ends, however it does (``keeper.py``).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from simspec.ending import end_if_told
+from simspec.engines.kit import keeper, worker
+from simspec.engines.kit.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
+from simspec.engines.kit.contract import find_engine
+from simspec.errors import EngineError, clipped, visible
+from simspec.reading import read_bytes
+from simspec.scratch import scratch_folder
+
+DEADLINE = 600.0
+"""Seconds that one engine process may take when the caller does not say: ten minutes, more than any library scenario."""
+PROGRESS_FILE = "progress.txt"
+"""Where an operation may write the share of its work that is done, in the process's own folder."""
+LOOK_EVERY = 0.5
+"""s between two looks at it; it is written half as often."""
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
+BLAS changes sums from run to run (and DART is 2 to 5 % slower beside its idle threads: measured)."""
+GRACE = 2.0
+"""s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
+LOG_TAIL = 2000
+"""Characters of the engine's own output that an error quotes."""
+LOG_BYTES = 100_000
+"""Of the beginning and of the end of the engine's own output, that are kept."""
+LOG_PATIENCE = 1.0
+"""s to wait for the end of that output when the process has ended: something else may hold the pipe open."""
+_at_work: set[Running] = set()
+"""Every engine process that this process has started and not yet collected."""
+_given_up = threading.Event()
+"""Set while threads are being ended (``side_by_side``): no engine is started then."""
+
+
+@contextmanager
+def side_by_side(count: int) -> Iterator[ThreadPoolExecutor]:
+    """``count`` threads that call engines. Leaving the block by an exception (a signal, an error of one of them) ends what
+    the others wait for: their engines are killed, and they can start no more (CancelledError)."""
+    with ThreadPoolExecutor(count) as pool:
+        try:
+            yield pool
+        except BaseException:
+            _given_up.set()
+            try:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for running in list(_at_work):
+                    running.kill()
+                pool.shutdown(wait=True)
+            finally:
+                _given_up.clear()
+            raise
+
+
+@dataclass(frozen=True)
+class Reply:
+    """All answers of one process, with versions (``engine_version``, ``python_version``, ``numpy_version``,
+    ``platform``, ``machine``), the wall time from start to end, and the engine's own output."""
+
+    answers: list[Answer]
+    versions: dict[str, str]
+    wall_seconds: float
+    output: str
+
+
+def call(
+    engine: str,
+    artifacts: Path,
+    operations: Sequence[Operation],
+    *,
+    python: str | None = None,
+    deadline: float = DEADLINE,
+) -> Reply:
+    """Load ``artifacts`` in ``engine``, in a new process, and do the ``operations`` (a fresh load for each).
+
+    ``python`` is the interpreter to use (default: this one); it needs numpy and the engine, not simspec.
+    Raises EngineError when the engine is missing, refuses, crashes, or exceeds ``deadline`` (s).
+    """
+    with start(engine, artifacts, operations, python=python, deadline=deadline) as running:
+        return running.wait()
+
+
+@contextmanager
+def start(
+    engine: str,
+    artifacts: Path,
+    operations: Sequence[Operation],
+    *,
+    python: str | None = None,
+    deadline: float = DEADLINE,
+) -> Iterator[Running]:
+    """As :func:`call`, but not waiting: several engines may work side by side. Leaving the block kills what still runs."""
+    engine_class = find_engine(engine)
+    if python is None and engine_class.version() is None:
+        raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
+    with scratch_folder(engine) as folder:
+        request = {
+            "schema": worker.SCHEMA,
+            "engine": f"{engine_class.__module__}:{engine_class.__qualname__}",
+            "artifacts": str(Path(artifacts).resolve()),
+            "operations": [{"op": operation.op, **operation.parameters} for operation in operations],
+        }
+        (folder / "request.json").write_text(json.dumps(request), encoding="utf-8")
+        arrays = {
+            f"{index}.{key}": np.asarray(value)
+            for index, operation in enumerate(operations)
+            for key, value in operation.arrays.items()
+        }
+        if arrays:
+            np.savez(folder / "request.npz", **arrays)  # type: ignore[arg-type]
+        end_if_told()
+        running = Running(engine, folder, operations, python or sys.executable, deadline)
+        _at_work.add(running)
+        try:
+            if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
+                raise CancelledError(f"{engine}: what asked for it has ended")
+            yield running
+        finally:
+            running.kill()
+            _at_work.discard(running)
+
+
+class Running:
+    """An engine process at work: a keeper (``keeper.py``), and below it whatever the engine makes of it."""
+
+    def __init__(self, engine: str, folder: Path, operations: Sequence[Operation], python: str, deadline: float):
+        self.engine = engine
+        self._folder = folder
+        self._operations = tuple(operations)
+        self._started = time.perf_counter()
+        self._ends = self._started + deadline
+        self._deadline = deadline
+        environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
+        # a name alone is sought on the path, as a shell does; the process itself starts in its own folder
+        program = os.path.abspath(python) if os.sep in python else shutil.which(python) or python
+        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES)]
+        try:
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,  # never written: it closes when this process ends, which the keeper notices
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                cwd=folder,
+                env=environment,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise EngineError(engine, f"{python} cannot be started: {reason}") from None
+        self._log = _Log(self._process.stdout)
+
+    def wait(self, progress: Callable[[float], None] | None = None) -> Reply:
+        """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``).
+        Raises EngineError, whatever came back or did not."""
+        while progress is not None and self._ends - time.perf_counter() > LOOK_EVERY:
+            try:
+                self._process.wait(timeout=LOOK_EVERY)
+                break
+            except subprocess.TimeoutExpired:
+                self._tell(progress)
+        try:
+            code = self._process.wait(timeout=max(0.0, self._ends - time.perf_counter()))
+        except subprocess.TimeoutExpired:
+            self.kill()
+            at, told = self._at_work()
+            raise EngineError(
+                self.engine, f"no result within its deadline of {self._deadline:g} s{told}; killed{self._tail()}", at
+            ) from None
+        wall = time.perf_counter() - self._started
+        self.kill()  # what it left behind must not change what is read now
+        try:
+            answers, versions, refused = read_answers(self._folder, self._operations)
+        except FileNotFoundError:
+            at, told = self._at_work()
+            raise EngineError(
+                self.engine, f"the process {_ending(code)} without a result{told}{self._tail()}", at
+            ) from None
+        except BadAnswerError as error:
+            raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
+        if refused is not None:
+            raise EngineError(self.engine, clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL))
+        return Reply(answers, versions, wall, self._log.text())
+
+    def _tell(self, progress: Callable[[float], None]) -> None:
+        """Pass on the share that is done. It is a courtesy: what says nothing sensible says nothing."""
+        try:
+            share = float(read_bytes(self._folder / PROGRESS_FILE, 64))
+        except (OSError, ValueError):
+            return  # nothing said yet: the next look will find it
+        if 0.0 <= share <= 1.0:
+            progress(share)
+
+    def kill(self) -> None:
+        """End the process and everything it started, if anything is left of it."""
+        process = self._process
+        if process.stdin is not None and not process.stdin.closed:
+            process.stdin.close()  # the keeper ends all that the engine started, also what left its process group
+        if process.poll() is None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=keeper.PATIENCE)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        self._log.end()
+
+    def _at_work(self) -> tuple[int | None, str]:
+        """The number of the operation that the process was at, and words for it; None and none where it does not say."""
+        try:
+            at = int(read_bytes(self._folder / worker.AT_WORK, 64))
+        except (OSError, ValueError):
+            return None, ""
+        if not 0 <= at < len(self._operations):
+            return None, ""
+        return at, f", at work on '{self._operations[at].op}' (operation {at + 1} of {len(self._operations)})"
+
+    def _tail(self) -> str:
+        output = visible(self._log.text().strip(), lines=True)  # what cannot be seen takes more room when it is told
+        return f"; its last output: {output[-LOG_TAIL:]}" if output else ""
+
+
+class _Log:
+    """An engine's own output: read while it runs, whatever its length; the beginning and the end are kept."""
+
+    def __init__(self, pipe: IO[bytes] | None):
+        self._first, self._last, self._left_out = b"", b"", 0
+        self._pipe = pipe
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        pipe = self._pipe
+        if pipe is None:
+            return
+        while block := os.read(pipe.fileno(), 65536):
+            if len(self._first) < LOG_BYTES:
+                self._first += block
+                continue
+            self._last += block
+            if len(self._last) > 2 * LOG_BYTES:
+                self._left_out += len(self._last) - LOG_BYTES
+                self._last = self._last[-LOG_BYTES:]
+
+    def end(self) -> None:
+        """All who could write are gone, or are given up: wait for the rest of what they wrote."""
+        self._thread.join(LOG_PATIENCE)
+        if not self._thread.is_alive() and self._pipe is not None:
+            self._pipe.close()
+
+    def text(self) -> str:
+        """What was kept."""
+        gap = f"\n… {self._left_out:,} bytes left out …\n".encode() if self._left_out else b""
+        return (self._first + gap + self._last).decode("utf-8", errors="replace")
+
+
+def _ending(code: int) -> str:
+    if code < 0:
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = "a real-time signal"
+        return f"was ended by signal {-code} ({name})"
+    return f"ended with code {code}"

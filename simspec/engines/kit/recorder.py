@@ -1,0 +1,302 @@
+"""One run inside an engine's process: step, under the world's controllers if there are any, record, and time the stepping."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.control.law import Control
+from simspec.control.native import Servos
+from simspec.control.request import from_request
+from simspec.engines.kit.contract import CONTACT_FIELDS, Actuation, Engine
+from simspec.errors import EngineError
+
+
+class Stepper:
+    """Steps an engine, with the controllers at work between the steps.
+
+    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and wall time of the
+    laws and of passing states and efforts (``control``).
+    """
+
+    def __init__(self, engine: Engine, control: Control | None):
+        self._engine, self.control = engine, control
+        self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0} if control is None else control.seconds
+        self._joints: Actuation | None = None
+        self._servos: Servos | None = None
+        if control is not None:
+            self._joints = engine.actuate(control.q_places, control.v_places)
+            own, at = control.native, control.native_places
+            if own is not None:
+                places = control.q_places[at], control.v_places[at]
+                self._servos = engine.track(*places, own.stiffness, own.damping, own.limit)
+
+    def advance(self, done: int, count: int) -> None:
+        """Do steps ``done`` … ``done + count − 1`` of the run."""
+        if self.control is not None and self._joints is not None:
+            self.control.advance(self._joints, done, count, self._servos)
+            return
+        cpu = time.process_time()
+        wall = time.perf_counter()
+        self._engine.step(count)
+        self.seconds["step"] += time.perf_counter() - wall
+        self.seconds["cpu"] += time.process_time() - cpu
+
+
+CHUNK_BYTES = 1_000_000
+"""Size of the buffer that rows are collected in before they are written."""
+CONTACT_CHUNK = 20_000
+"""Contacts that are collected before they are written."""
+MOST_BYTES = 16 * 2**30
+"""Where a request does not say how much may be recorded."""
+
+
+class _Columns:
+    """Rows of float64 of several channels, side by side in one buffer that is written when it is full: one file for each
+    channel. Memory does not grow with the number of rows."""
+
+    def __init__(self, shapes: dict[str, tuple[int, ...]], place: Path):
+        sizes = {name: int(np.prod(shape, dtype=int)) for name, shape in shapes.items()}
+        width = sum(sizes.values())
+        self._rows = max(1, CHUNK_BYTES // max(1, 8 * width))
+        self._block = np.empty((self._rows, width))
+        self.views: dict[str, np.ndarray] = {}
+        """The buffer of each channel (rows, ...)."""
+        self.ends: dict[str, int] = {}
+        """The column after each channel's last."""
+        self._shapes, self._files = shapes, {}
+        first = 0
+        for name, shape in shapes.items():
+            last = first + sizes[name]
+            self.views[name] = self._block[:, first:last].reshape(self._rows, *shape)
+            self.ends[name] = first = last
+            self._files[name] = open(f"{place}{name}.bin", "wb")  # noqa: SIM115 (closed in close())
+        self.at = 0
+        """The row to be filled."""
+        self._written = 0
+
+    def row(self) -> np.ndarray:
+        """The row that is being filled, all channels."""
+        return self._block[self.at]
+
+    def done(self) -> int:
+        """The row is filled. Returns the bytes that were written because of it."""
+        self.at += 1
+        return self.write() if self.at == self._rows else 0
+
+    def write(self) -> int:
+        """Write what is collected; returns its size in bytes."""
+        for name, file in self._files.items():
+            file.write(np.ascontiguousarray(self.views[name][: self.at], dtype="<f8").data)
+        size = self.at * self._block.shape[1] * 8
+        self._written += self.at
+        self.at = 0
+        return size
+
+    def close(self) -> dict[str, dict[str, Any]]:
+        """Write the rest; returns kind and shape of each channel's array."""
+        self.write()
+        for file in self._files.values():
+            file.close()
+        return {name: {"kind": "f8", "shape": [self._written, *shape]} for name, shape in self._shapes.items()}
+
+
+class _Contacts:
+    """Ragged contacts, written as :class:`_Columns` are."""
+
+    def __init__(self, place: Path):
+        self._shapes = {"row": (), **CONTACT_FIELDS}
+        self._kinds = {name: "i8" if name in ("row", "body") else "f8" for name in self._shapes}
+        self._files = {
+            name: open(f"{place}contact.{name}.bin", "wb")  # noqa: SIM115 (closed in close())
+            for name in self._shapes
+        }
+        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in self._shapes}
+        self._collected = self._written = 0
+
+    def add(self, row: int, found: dict[str, np.ndarray]) -> int:
+        """Add the contacts of a row. Returns the bytes that were written because of it."""
+        count = len(found["distance"])
+        if not count:
+            return 0
+        self._blocks["row"].append(np.full(count, row, dtype=np.int64))
+        for name, shape in CONTACT_FIELDS.items():
+            self._blocks[name].append(np.asarray(found[name]).reshape(count, *shape))
+        self._collected += count
+        return self.write() if self._collected >= CONTACT_CHUNK else 0
+
+    def write(self) -> int:
+        """Write what is collected; returns its size in bytes."""
+        size = 0
+        for name, blocks in self._blocks.items():
+            if blocks:
+                whole = np.ascontiguousarray(np.concatenate(blocks), dtype=f"<{self._kinds[name]}")
+                self._files[name].write(whole.data)
+                size += whole.nbytes
+                blocks.clear()
+        self._written += self._collected
+        self._collected = 0
+        return size
+
+    def close(self) -> dict[str, dict[str, Any]]:
+        """Write the rest; returns kind and shape of each array."""
+        self.write()
+        for file in self._files.values():
+            file.close()
+        return {
+            f"contact.{name}": {"kind": self._kinds[name], "shape": [self._written, *shape]}
+            for name, shape in self._shapes.items()
+        }
+
+
+class Recording:
+    """What a run leaves behind: rows of the named channels, taken one by one into files ``<place><channel>.bin``; see
+    :func:`record` for their meaning. Raises EngineError when that becomes more than ``most`` bytes."""
+
+    def __init__(self, engine: Engine, channels: Iterable[str], control: Control | None, place: Path | str, most: int):
+        self._engine, self._control, self._place = engine, control, Path(place)
+        channels = frozenset(channels)
+        self._energy = "energy" in channels
+        self._contacts = _Contacts(self._place) if "contacts" in channels else None
+        self._columns: _Columns | None = None
+        self._own: np.ndarray | None = None
+        """Columns of efforts that only the engine knows, where it has controllers of its own."""
+        self._most, self._bytes = most, 0
+        self._row = 0
+        self.failed: dict[str, Any] | None = None
+        """The first number that was not finite: ``step``, ``channel``, and ``place`` in the channel's row."""
+        self.seconds = 0.0
+        """Wall time of all rows."""
+
+    def take(self, done: int) -> bool:
+        """Add a row, after ``done`` steps. Returns whether all of it is finite."""
+        started = time.perf_counter()
+        engine, control = self._engine, self._control
+        pose, velocity = engine.body_states()
+        q, v = engine.get_state()
+        row: dict[str, Any] = {"step": done, "q": q, "v": v, "pose": pose, "velocity": velocity}
+        if self._energy:
+            row["energy"] = engine.energy()
+        if control is not None:
+            row["control.target"] = control.target if done else q[control.q_places]
+            row["control.effort"] = control.applied
+        columns = self._columns
+        if columns is None:
+            columns = self._columns = self._begin(row)
+        views, at = columns.views, columns.at
+        for name, value in row.items():
+            views[name][at] = value
+        if not (np.isfinite(columns.row()).all() if self._own is None else np.isfinite(columns.row()[self._own]).all()):
+            self.failed = self._which(row, done)
+        self._bytes += columns.done()
+        if self._contacts is not None and done:
+            found = engine.contacts()
+            if len(found["distance"]) and self.failed is None:
+                self.failed = _which_contact(found, done)
+            self._bytes += self._contacts.add(self._row, found)
+        if self._bytes > self._most:
+            raise EngineError(engine.NAME, f"more than {self._most:,} bytes are recorded; record less often, or less")
+        self._row += 1
+        self.seconds += time.perf_counter() - started
+        return self.failed is None
+
+    def _begin(self, row: dict[str, Any]) -> _Columns:
+        columns = _Columns({name: np.shape(value) for name, value in row.items()}, self._place)
+        native = () if self._control is None else self._control.native_places
+        if len(native):
+            known = np.ones(len(columns.row()), dtype=bool)
+            first = columns.ends["control.effort"] - np.size(row["control.effort"])
+            known[first + np.asarray(native)] = False
+            self._own = known
+        return columns
+
+    def _which(self, row: dict[str, Any], done: int) -> dict[str, Any] | None:
+        for name, value in row.items():
+            bad = ~np.isfinite(np.asarray(value, dtype=float))
+            if name == "control.effort" and self._control is not None:
+                bad[self._control.native_places] = False
+            if bad.any():
+                return {"step": done, "channel": name, "place": [int(k) for k in np.argwhere(bad)[0]]}
+        return None
+
+    def arrays(self) -> dict[str, dict[str, Any]]:
+        """Close the files; returns kind and shape of every array."""
+        found = self._columns.close() if self._columns is not None else {}
+        return found | (self._contacts.close() if self._contacts is not None else {})
+
+
+def _which_contact(found: dict[str, np.ndarray], done: int) -> dict[str, Any] | None:
+    for name in ("distance", "normal_force", "position", "normal"):
+        bad = ~np.isfinite(found[name])
+        if bad.any():
+            return {"step": done, "channel": f"contact.{name}", "place": [int(k) for k in np.argwhere(bad)[0]]}
+    return None
+
+
+def _tell(place: Path, share: float) -> None:
+    """Write the share that is done, whole: who looks meanwhile must not see half a number."""
+    beside = place.with_name(f"{place.name}.new")
+    beside.write_text(f"{share:.6f}", encoding="ascii")
+    beside.replace(place)
+
+
+def record(
+    engine: Engine, arrays: dict[str, np.ndarray], operation: dict[str, Any], place: Path | str
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Run ``operation["steps"]`` steps, recording every ``operation["every"]`` into the named ``channels``, of at most
+    ``operation["most"]`` bytes, in files ``<place><channel>.bin``: little-endian numbers, row after row.
+
+    ``arrays`` may hold q and v (another initial state), and with ``operation["control"]`` the references of the controllers
+    (see ``control/request.py``). Row k of every array is the state *after* step ``step[k]``, the initial state first. Contacts
+    are ragged: ``contact.row`` says to which row each belongs. ``control.target`` and ``control.effort`` (rows, joints): q* at
+    the row's time, and the efforts of the step before it (zero in the first row; NaN for what the engine's own controllers
+    drive), of the result's ``control.joints``.
+
+    ``operation["progress"]`` may name a ``file``, to which the share that is done is written ``every`` so many seconds.
+
+    Returns ``steps`` done, ``step_seconds`` (wall time inside the step calls alone, as the seed paper defines the
+    real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
+    ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
+    ``failed``: None, or the first number of any channel that was not finite: after which ``step``, in which ``channel``, at
+    which ``place`` of the channel's row; there the run ended. And kind and shape of the arrays.
+    """
+    if "q" in arrays:
+        engine.set_state(arrays["q"], arrays["v"])
+    stepper = Stepper(engine, from_request(operation, arrays))
+    control = stepper.control
+    recording = Recording(engine, operation["channels"], control, place, operation.get("most", MOST_BYTES))
+    steps, every = operation["steps"], operation["every"]
+    done = 0
+    begun = time.perf_counter()
+    progress = operation.get("progress")
+    told = begun
+    while True:
+        if not recording.take(done) or done >= steps:
+            break
+        if progress is not None and time.perf_counter() - told >= progress["every"]:
+            told = time.perf_counter()
+            _tell(Path(progress["file"]), done / steps)
+        count = min(every, steps - done)
+        stepper.advance(done, count)
+        done += count
+    result: dict[str, Any] = {
+        "steps": done,
+        "step_seconds": stepper.seconds["step"],
+        "cpu_seconds": stepper.seconds["cpu"],
+        "control_seconds": stepper.seconds["control"],
+        "record_seconds": recording.seconds,
+        "run_seconds": time.perf_counter() - begun,
+        "failed": recording.failed,
+    }
+    if control is not None:
+        native = np.isin(np.arange(len(control.joints)), control.native_places)
+        result["control"] = {
+            "joints": control.joints,
+            "error": [float(value) if np.isfinite(value) else None for value in control.error],
+            "clipped": [None if own else int(count) for own, count in zip(native, control.clipped, strict=True)],
+        }
+    return result, recording.arrays()

@@ -1,0 +1,1 @@
+"""MuJoCo: settings and support, simulation, read-back; ``engine.py`` is what the others are used by."""

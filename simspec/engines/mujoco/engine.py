@@ -1,0 +1,479 @@
+"""MuJoCo: an MJCF file in, arrays out.
+
+Only stepping touches the simulation's own data; every question (poses, mass matrix, contacts at a state) is answered from
+a second ``mjData`` of the same model, so that asking cannot change the motion by a single bit. Facts marked *measured*
+were obtained with MuJoCo 4.0.0 and hold in 3.3.7.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.control.native import Servos
+from simspec.engines.kit.contract import (
+    Actuation,
+    CollisionUnit,
+    Deviation,
+    Engine,
+    Setting,
+    empty_contacts,
+    resolve_settings,
+    restore_velocities,
+    sorted_pairs,
+)
+from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
+from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold
+from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
+from simspec.engines.mujoco.coulomb import Coulomb
+from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
+from simspec.engines.vectors import cross
+from simspec.errors import EngineError
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
+from simspec.formats.contact_plan import Rules
+from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
+from simspec.formats.mjcf_contact import COULOMB, NATIVE
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
+
+DISTRIBUTIONS = ("mujoco-core", "mujoco")
+"""Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
+NO_EXPLICIT_PAIRS = (
+    "more shapes may touch with friction than explicit_pairs_limit allows to list: a body that slides is lifted (at μ = 0.5 by "
+    "8 mm at 1 m/s, measured)"
+)
+
+
+class MuJoCo(Engine):
+    """MuJoCo's semi-implicit Euler in generalised coordinates, with its convex contact solver.
+
+    Every quantity of two shapes is the larger of their numbers; explicit pairs of shapes override both. Contact is one
+    constraint law for all pairs (see :class:`simspec.formats.mjcf.Mjcf`). MuJoCo's friction cone is associated (convex): what
+    slides is lifted. On the cushion of frictional pairs that lift stays below 0.1 mm at 1 m/s and μ = 0.5; at 5 m/s and
+    μ = 1 bodies hop by 3 to 4 mm. A body at rest under load creeps, 1.7e-6 m/s at 60 % of the limit, and of an impact's
+    friction 80 to 90 % is missing (measured). The setting ``friction: coulomb`` has neither (``mujoco_coulomb.py``).
+    """
+
+    NAME: ClassVar[str] = "mujoco"
+    FORMAT: ClassVar[str] = "mjcf"
+    DISTRIBUTION: ClassVar[str] = "mujoco-core"
+    EXTRA: ClassVar[str] = "mujoco"
+    RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
+    LAYERS: ClassVar[bool] = False
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.LIMIT_POSITION: approximate(
+            "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
+            "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",
+            short="a joint passes its limit by up to one step's way before it stops",
+        ),
+        Feature.DRY_FRICTION: approximate(
+            "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",
+            short="a joint held by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
+        ),
+        Feature.TREE_DEPTH: unsupported(
+            "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
+        ),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, explicit_servos_hold),
+        **CONTACT_SUPPORT,
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "solver": Setting(
+            "newton",
+            "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg and pgs "
+            "approach it.",
+            ("newton", "cg", "pgs"),
+        ),
+        "iterations": Setting(
+            100, "Most iterations of the solver in a step; Newton stays far below. MuJoCo's own number.", minimum=1
+        ),
+        "ls_iterations": Setting(
+            50,
+            "Most iterations of the solver's line search. MuJoCo's own number.",
+            minimum=1,
+            needs=("solver", ("newton", "cg")),
+        ),
+        "tolerance": Setting(
+            1e-8, "The solver ends when it improves by less than this. MuJoCo's own number.", minimum=0.0
+        ),
+        "ls_tolerance": Setting(
+            0.01,
+            "The line search ends below this part of the gradient. MuJoCo's own number.",
+            minimum=0.0,
+            needs=("solver", ("newton", "cg")),
+        ),
+        "friction": Setting(
+            NATIVE,
+            "native: MuJoCo's own friction, which slides, holds and rolls right but leaves out most of the friction of an "
+            "impact (80 to 90 % at 1 ms): slip is taken back at friction_rate, and an impact lasts one step. To be accepted by "
+            "name (contact.friction.impact). coulomb: impacts too, within 2 %, by a short loop around MuJoCo's solver; "
+            "nothing hops, and nothing lies on a cushion. It costs 15 µs a step of a body at rest, 40 of one that slides or "
+            "lands, and two to four times the solver's own time in piles, where a twentieth of the steps ends unconverged, "
+            "which the run counts and says (measured, 1 ms). friction_rate, friction_share and friction_cushion are native's.",
+            (NATIVE, COULOMB),
+        ),
+        "impratio": Setting(
+            1000.0,
+            "How much harder friction is than the normal direction, which friction_cushion makes soft. A box at 60 % of the "
+            "limit creeps 1.7e-6 m/s (measured, 1 ms), at MuJoCo's own 1 a thousand times as fast.",
+            minimum=1e-6,
+        ),
+        "high_impratio": Setting(
+            1e7,
+            "impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: MuJoCo "
+            "makes friction as soft as its contact, and moments softer by (μ/c)². At an impratio of 10 a box on springs "
+            "creeps 8e-3 m/s at 60 % of the limit, at 1e7 7e-6; at 1000 a ball of μ = 1 and c = 0.33 mm stops rolling 57 % "
+            "late at 0.5 ms, at 1e5 and 1e7 within 2 % (measured). Not for all worlds: heaps then jitter at 2e-4 m/s.",
+            minimum=1e-6,
+        ),
+        "noslip_iterations": Setting(
+            0,
+            "Sweeps after the solver that take away slow slip. None: the creep left is 1e-6 m/s, and the sweeps break the "
+            "solver's own optimum.",
+            minimum=0,
+        ),
+        "multiccd": Setting(
+            True, "Several contact points between shapes that meet in a face (MuJoCo 4's own choice, off in MuJoCo 3)."
+        ),
+        "warmstart": Setting(True, "Begin each solve at the last step's solution."),
+        "island": Setting(
+            False,
+            "Solve groups of bodies that do not touch each other apart. Off: MuJoCo versions differ in what they make of it.",
+            needs=("sleeping", (False,)),
+        ),
+        "sleeping": Setting(
+            False,
+            "Take free rigid bodies that rest out of the simulation until something touches them (MuJoCo 4; switches island "
+            "on).",
+            only_with="sleeping",
+        ),
+        "sleep_tolerance": Setting(
+            1e-5,
+            "With sleeping: the speed (m/s, angular times length) below which a body falls asleep after ten steps.",
+            minimum=0.0,
+            only_with="sleeping",
+            needs=("sleeping", (True,)),
+        ),
+        "contact_error_reduction": Setting(
+            0.01,
+            "Share β of an overlap that is taken back in each step: the law that the core engines can share. Higher values "
+            "throw overlapping bodies apart at β times overlap over timestep.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "contact_impedance": Setting(
+            0.999,
+            "Share of its reference acceleration that a contact reaches; 0.999 leaves a cube at rest 0.25 µm deep at 1 ms "
+            "(measured), and higher ones solve worse.",
+            minimum=1e-4,
+            maximum=0.9999,
+        ),
+        "friction_rate": Setting(
+            100.0,
+            "Rate (1/s) at which friction takes back slip that it could stop at once, at most friction_share a step. Higher: "
+            "sliders are thrown up (at μ = 1 and 5 m/s by 3.6 mm at 100, 29 mm at 300; 1 ms); lower: they stop too late (at "
+            "30 by 13 % of a 50 mm slide; at 100 by 1 %).",
+            minimum=1e-3,
+            needs=("friction", (NATIVE,)),
+        ),
+        "friction_share": Setting(
+            0.3,
+            "Most of a slip that friction takes back in one step. MuJoCo's cone is associated: where friction cannot stop a "
+            "slip, the normal velocity rises by μ times what was asked for. At 1, which stops a slip at once, a box of μ = 1 "
+            "that slides at 5 m/s hops 319 mm; at 0.3, 29 mm; at 0.1, 3.6 mm. What is held and carried, and never slides, "
+            "slips the less the higher it is: a hand that turns asks for a new direction in every step (measured).",
+            minimum=1e-3,
+            maximum=1.0,
+            needs=("friction", (NATIVE,)),
+        ),
+        "friction_cushion": Setting(
+            1e-4,
+            "Depth (m) over which a frictional contact that does not bounce becomes rigid. MuJoCo's friction lifts what "
+            "slides; on a cushion the lift finds its balance: to 1 m/s and μ = 0.5 nothing hops and pushing gives μ within "
+            "0.02 %; without, a box hops every 10 ms and the friction of 60 ms is up to 10 % off (measured, 1 ms). Price: "
+            "what rests is 70 to 100 µm deep, not 0.3. 0: none.",
+            minimum=0.0,
+            maximum=0.1,
+            needs=("friction", (NATIVE,)),
+        ),
+        "explicit_pairs_limit": Setting(
+            5000,
+            "Pairs of shapes with friction that are listed one by one, which alone have a friction_rate. 5000 are 100 bodies, "
+            "and cost 20 % of a step (measured); beyond the limit no pair is listed, and sliding bodies hop.",
+            minimum=0,
+        ),
+        "limit_error_reduction": Setting(
+            0.01,
+            "Share of a passed joint limit that is taken back in each step; as for contact, so that a stop does not bounce.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "limit_impedance": Setting(0.999, "As contact_impedance, for joint limits.", minimum=1e-4, maximum=0.9999),
+        "dry_friction_impedance": Setting(
+            0.9999,
+            "As contact_impedance, for dry friction in joints, which creeps the less the higher it is: 9e-8 m/s at 90 % of "
+            "its limit, 1 kg and 1 ms (measured; 9e-7 at 0.999).",
+            minimum=1e-4,
+            maximum=0.9999,
+        ),
+    }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
+    DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
+    # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)
+    UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
+
+    def __init__(self) -> None:
+        self._log: list[str] = []
+        self._mujoco: Any = None
+        self._coulomb: Coulomb | None = None
+        self._pushed = False
+
+    @classmethod
+    def version(cls) -> str | None:
+        for name in DISTRIBUTIONS:
+            try:
+                return importlib.metadata.version(name)
+            except importlib.metadata.PackageNotFoundError:
+                continue
+        return None
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        return expected_inventory(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
+
+    # --- life -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def prepare(cls) -> None:
+        _import()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._mujoco = mujoco = _import()
+        mujoco.set_mju_user_warning(self._log.append)
+        try:
+            self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
+        except (ValueError, mujoco.FatalError) as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+        self._sidecar = sidecar
+        self._check_flags()
+        self._disabled_by_file = int(self.model.opt.disableflags)
+        # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        self.data = mujoco.MjData(self.model)
+        self._probe = mujoco.MjData(self.model)
+        self._coulomb = Coulomb(mujoco, self.model, self.data) if sidecar["settings"]["friction"] == COULOMB else None
+        self._index(sidecar["bodies"])
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
+        if key < 0:
+            raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
+        mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+
+    def _check_flags(self) -> None:
+        """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
+        bits = self._mujoco.mjtEnableBit.__members__
+        asked = {f"mjENBL_{name.upper()}" for name, value in FLAGS if value == "enable"} | {"mjENBL_MULTICCD"}
+        if self._sidecar["settings"].get("sleeping", False):  # not there when off
+            asked.add("mjENBL_SLEEP")
+        on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
+        if on:
+            raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")
+
+    def _index(self, entries: list[dict[str, Any]]) -> None:
+        mujoco, model = self._mujoco, self.model
+        bodies, positions, velocities = [], [], []
+        for entry in entries:
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry["name"]))
+            if body < 0:
+                raise EngineError(self.NAME, f"{MODEL} has no body {entry['name']!r}")
+            bodies.append(body)
+            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+                kind = JOINT_KINDS[int(model.jnt_type[joint])]
+                start, first = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+                positions.extend(range(start, start + POSITION_SIZE[kind]))
+                velocities.extend(range(first, first + VELOCITY_SIZE[kind]))
+        if model.nbody != len(bodies) + 1 or len(positions) != model.nq:
+            raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(bodies)}")
+        self._bodies = np.array(bodies, dtype=np.intp)
+        self._q = np.array(positions, dtype=np.intp)
+        self._v = np.array(velocities, dtype=np.intp)
+        self._world_index = np.full(model.nbody, -1, dtype=np.int64)
+        self._world_index[self._bodies] = np.arange(len(bodies))
+        self._offsets = np.array([entry["frame_offset"] for entry in entries]).reshape(-1, 3)
+
+    def read_back(self) -> ReadBack:
+        return read_back(self._mujoco, self.model, self._sidecar, self._disabled_by_file)
+
+    def log(self) -> list[str]:
+        found = list(self._log)
+        if self._mujoco is not None and not self._sidecar["explicit_pairs"]:
+            found.append(NO_EXPLICIT_PAIRS)
+        if self._coulomb is not None:
+            found += self._coulomb.log()
+        if self._mujoco is not None:
+            kinds = self._mujoco.mjtWarning.__members__
+            for name, kind in kinds.items():
+                if name.startswith("mjWARN_") and self.data.warning[int(kind)].number:
+                    found.append(f"{name.removeprefix('mjWARN_').lower()}: {self.data.warning[int(kind)].number} times")
+        return found
+
+    def close(self) -> None:
+        if self._mujoco is not None:
+            self._mujoco.set_mju_user_warning(None)
+            self._mujoco = self._coulomb = None
+            for name in ("data", "_probe", "model"):  # of which a refused file leaves some unmade
+                self.__dict__.pop(name, None)
+        self._log.clear()
+
+    # --- state ----------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._q] = q
+        self.data.qvel[self._v] = v
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.data.qpos[self._q], self.data.qvel[self._v]
+
+    def _at_state(self) -> Any:
+        """The probe's data with kinematics at the present state."""
+        mujoco, probe = self._mujoco, self._probe
+        probe.qpos[:] = self.data.qpos
+        probe.qvel[:] = self.data.qvel
+        mujoco.mj_kinematics(self.model, probe)
+        mujoco.mj_comPos(self.model, probe)
+        return probe
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        probe, bodies = self._at_state(), self._bodies
+        self._mujoco.mj_comVel(self.model, probe)
+        poses = np.concatenate([probe.xpos[bodies], probe.xquat[bodies]], axis=1)
+        angular, central = probe.cvel[bodies, :3], probe.cvel[bodies, 3:]
+        # cvel is the velocity of the point of the body at its tree's centre of mass
+        lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
+        velocities = np.concatenate([central + cross(angular, lever), angular], axis=1)
+        return restore_velocities(poses, velocities, self._offsets)
+
+    # --- dynamics -------------------------------------------------------------------------------------------------
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        mujoco, model = self._mujoco, self.model
+        probe = self._at_state()
+        _composite_inertia(mujoco, model, probe)
+        if hasattr(probe, "qM"):  # before MuJoCo 4
+            full = np.zeros((model.nv, model.nv))
+            mujoco.mj_fullM(model, full, probe.qM)
+            return [full[np.ix_(self._v[block], self._v[block])] for block in blocks]
+        return [self._block(probe.M, self._v[block]) for block in blocks]
+
+    def _block(self, values: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+        """The part of M for some degrees of freedom. MuJoCo 4 keeps M's lower half by rows, and only what can be non-zero."""
+        model = self.model
+        found = np.zeros((len(dofs), len(dofs)))
+        place = {int(dof): index for index, dof in enumerate(dofs)}
+        for dof, row in place.items():
+            start = int(model.M_rowadr[dof])
+            entries = slice(start, start + int(model.M_rownnz[dof]))
+            for other, value in zip(model.M_colind[entries].tolist(), values[entries].tolist(), strict=True):
+                if other in place:
+                    found[row, place[other]] = found[place[other], row] = value
+        return found
+
+    def bias_force(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_comVel(self.model, probe)
+        bias = np.zeros(self.model.nv)
+        self._mujoco.mj_rne(self.model, probe, 0, bias)
+        return bias[self._v]
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if effort is not None:
+            self.data.qfrc_applied[self._v] = effort
+            self._pushed = True
+        elif self._pushed:
+            self.data.qfrc_applied[:] = 0.0
+            self._pushed = False
+        if self._coulomb is not None:
+            self._coulomb.advance(count)
+        else:
+            self._mujoco.mj_step(self.model, self.data, nstep=count)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        self._pushed = True  # what is given there must not be left behind for steps without effort
+        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._coulomb, self._q[q], self._v[v])
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        self.model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        return Drive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
+
+    def energy(self) -> tuple[float, float]:
+        mujoco, probe = self._mujoco, self._at_state()
+        _composite_inertia(mujoco, self.model, probe)
+        mujoco.mj_comVel(self.model, probe)
+        mujoco.mj_energyPos(self.model, probe)
+        mujoco.mj_energyVel(self.model, probe)
+        return float(probe.energy[1]), float(probe.energy[0])
+
+    # --- contact --------------------------------------------------------------------------------------------------
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        data = self.data
+        if data.ncon == 0:
+            return empty_contacts()
+        held = data.contact
+        return {
+            "body": self._world_index[self.model.geom_bodyid[held.geom]],
+            "position": held.pos.copy(),
+            "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
+            "distance": held.dist.copy(),
+            "normal_force": self._normal_forces(held.efc_address, held.dim),
+        }
+
+    def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:
+        """As ``mj_contactForce``: the first row of an elliptic contact, the sum over a pyramid's edges."""
+        force = np.append(self.data.efc_force, 0.0)
+        first = np.where(address >= 0, address, len(force) - 1)
+        if self.model.opt.cone == self._mujoco.mjtCone.mjCONE_ELLIPTIC:
+            return force[first]
+        rows = np.where(dim > 1, 2 * (dim - 1), 1)
+        return np.array([force[start : start + count].sum() for start, count in zip(first, rows, strict=True)])
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        mujoco, model = self._mujoco, self.model
+        return [
+            CollisionUnit(
+                int(self._world_index[model.geom_bodyid[geom]]),
+                (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "",),
+            )
+            for geom in range(model.ngeom)
+        ]
+
+    def detect_units(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_collision(self.model, probe)
+        return sorted_pairs(probe.contact.geom[probe.contact.dist <= 0.0])
+
+    def disable_contact(self) -> None:
+        self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self.model.dof_frictionloss[self._v[v]] = 0.0
+
+
+def _import() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise EngineError(MuJoCo.NAME, f"not installed: pip install 'simspec[{MuJoCo.EXTRA}]' ({error})") from error
+    return mujoco
+
+
+def _composite_inertia(mujoco: Any, model: Any, data: Any) -> None:
+    """The mass matrix, armature included; ``mj_makeM`` where it exists."""
+    getattr(mujoco, "mj_makeM", mujoco.mj_crb)(model, data)

@@ -1,0 +1,411 @@
+"""What a loaded ``mjModel`` must hold beside the fields of a read-back, from the world and the settings resolved from it.
+
+This states MuJoCo's numbers a second time, from the law: it shares no code with what writes them (``formats/mjcf*.py``). Only
+the plan of which numbers materials get (``formats/contact_plan.py``) is common to all sides.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from simspec.control.native import natives
+from simspec.engines.mujoco.fields import NEUTRAL
+from simspec.formats.base import flat
+from simspec.formats.contact_plan import Pair, Rules, contact_plan, meeting_laws, shape_pairs
+from simspec.world import frames
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import free_rigid, rigid_groups
+from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Surface, World
+
+SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}
+CONES = {"pyramid-inscribed": 0, "elliptic": 1}
+EULER, AUTO = 0, 2
+BY_POSITION, BY_VELOCITY = 1, 2
+"""What an actuator's input is, where MuJoCo says it."""
+"""MuJoCo's numbers of the integrator and of the choice of Jacobian."""
+SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
+"""Flags that are always set. Others are never, but for those that settings switch."""
+CLASSES_OF_MASKS = 30
+"""Classes of shapes beside the common one that a mask's bits tell apart."""
+SOFT, CUSHION = 1e-4, 0.01
+"""Impedance of springs, and of a frictional contact at first touch."""
+DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+COMPLIANT = ("time-constant", "stiffness")
+GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
+"""Of (solid, visible)."""
+
+
+def expected_inventory(
+    world: World, settings: Mapping[str, Any], neutral: Mapping[str, Any], rules: Rules, layers: bool
+) -> dict[str, Any]:
+    """The inventory that ``world`` makes with all settings (resolved, with defaults) in force."""
+    return _Expected(world, settings, neutral, rules, layers).whole()
+
+
+def _flat_impedance(value: float) -> tuple[float, ...]:
+    return (value, value, 0.001, 0.5, 2.0)
+
+
+class _Expected:
+    def __init__(
+        self, world: World, settings: Mapping[str, Any], neutral: Mapping[str, Any], rules: Rules, layers: bool
+    ):
+        self.world, self.settings, self.neutral = world, settings, neutral
+        self.plan = contact_plan(world, rules, layers)
+        self.laws = meeting_laws(world)
+        self.dt = world.physics.timestep
+        self.groups = rigid_groups(world)
+        self._owner = {shape.name: body for body in world.bodies for shape in body.shapes}
+        self.solid = {body.name: [shape for shape in body.shapes if shape.collision] for body in world.bodies}
+
+    def whole(self) -> dict[str, Any]:
+        found = flat(self._sidecar(), "sidecar")
+        found |= self._options() | self._flags() | self._counts()
+        # fields that this version does not have are not there on the other side either, and have no neutral value
+        found |= {name.replace("_", ".", 1): "neutral" for name in NEUTRAL if self.neutral.get(f"has.{name}", False)}
+        for body in self.world.bodies:
+            found |= self._joint(body)
+        for body in self.world.bodies:
+            for shape in body.shapes:
+                found |= self._geom(shape)
+        pairs, _ = self._explicit
+        for pair, one, two in pairs:
+            found |= self._pair(self.laws[pair], one, two)
+        found |= self._masks()
+        found |= {f"exclude.{one},{two}": True for one, two in self._excluded()}
+        found["body.world.mass"] = 0.0
+        found |= {f"body.{body.name}.mass": body.inertial.mass for body in self.world.bodies}
+        if self.neutral.get("has.actuator_ctrlspec", False):
+            for one in natives(self.world):
+                for joint, kp in zip(one.joints, one.kp, strict=True):
+                    found[f"actuator.{joint}.ctrlspec"] = BY_POSITION if kp else BY_VELOCITY
+        found["key.initial.ctrl"] = (0.0,) if natives(self.world) else ()
+        found |= self._sleep()
+        found["stat.meaninertia"] = self.neutral["stat.meaninertia"]
+        return found
+
+    # --- options and counts ---------------------------------------------------------------------------------------
+
+    @property
+    def _sleeping(self) -> bool:
+        return bool(self.settings["sleeping"])
+
+    @property
+    def _coulomb(self) -> bool:
+        """Whether friction obeys Coulomb's law, which needs neither a cushion nor a rate."""
+        return self.settings["friction"] == "coulomb"
+
+    def _impratio(self) -> float:
+        soft = any(
+            law.torsional_friction or law.rolling_friction or (law.friction and law.hardness.kind in COMPLIANT)
+            for law in self.laws.values()
+        )
+        return float(self.settings["high_impratio" if soft else "impratio"])
+
+    def _options(self) -> dict[str, Any]:
+        """What simspec says; all else is MuJoCo's own, and without effect (``o_*`` without override) or off."""
+        settings = self.settings
+        said: dict[str, Any] = {
+            "timestep": self.dt,
+            "gravity": self.world.physics.gravity,
+            "cone": CONES[self.world.contact.friction_cone],
+            "solver": SOLVERS[settings["solver"]],
+            "impratio": self._impratio(),
+            "integrator": EULER,
+            "jacobian": AUTO,
+            "density": 0.0,
+            "viscosity": 0.0,
+            "wind": (0.0, 0.0, 0.0),
+            "magnetic": (0.0, 0.0, 0.0),
+            "noslip_tolerance": 1e-6,
+            "ccd_iterations": 50,
+            "ccd_tolerance": 1e-6,
+        }
+        for name in ("iterations", "tolerance", "ls_iterations", "ls_tolerance", "noslip_iterations"):
+            said[name] = settings[name]
+        if self._sleeping:
+            said["sleep_tolerance"] = float(settings["sleep_tolerance"])
+        own = {name: value for name, value in self.neutral.items() if name.startswith("opt.")}
+        return {name: said.get(name.removeprefix("opt."), value) for name, value in own.items()}
+
+    def _flags(self) -> dict[str, bool]:
+        on = set(SET_FLAGS)
+        on |= {f"disable_{name}" for name in ("warmstart",) if not self.settings[name]}
+        if self._sleeping:
+            on.add("enable_sleep")
+        # since MuJoCo 4 these two are on unless they are disabled, before they were off unless enabled
+        for name, wanted in (
+            ("island", self.settings["island"] or self._sleeping),
+            ("multiccd", self.settings["multiccd"]),
+        ):
+            by_default = f"flags.disable_{name}" in self.neutral
+            if by_default != bool(wanted):
+                on.add(f"{'disable' if by_default else 'enable'}_{name}")
+        return {name: name.removeprefix("flags.") in on for name in self.neutral if name.startswith("flags.")}
+
+    def _counts(self) -> dict[str, int]:
+        """Of what the world has; of everything else as many as in an empty model."""
+        moving = [body.joint for body in self.world.bodies if body.joint.kind != "fixed"]
+        servos = sum(len(one.joints) for one in natives(self.world))
+        there = {
+            "nbody": 1 + len(self.world.bodies),
+            "njnt": len(moving),
+            "nv": sum(VELOCITY_SIZE[joint.kind] for joint in moving),
+            "nq": sum(len(joint.position) for joint in moving),
+            "ngeom": sum(len(body.shapes) for body in self.world.bodies),
+            "npair": len(self._explicit[0]),
+            "nexclude": len(self._excluded()),
+            "nu": servos,
+            "nactuator": servos,
+            "nout": servos,
+            "nkey": 1,
+            "nuser_jnt": 2,
+        }
+        own = {name: value for name, value in self.neutral.items() if name.startswith("count.")}
+        return {name: there.get(name.removeprefix("count."), value) for name, value in own.items()}
+
+    # --- joints ---------------------------------------------------------------------------------------------------
+
+    def _joint(self, body: Body) -> dict[str, Any]:
+        joint, dt = body.joint, self.dt
+        if joint.kind == "fixed":
+            return {}
+        dofs = VELOCITY_SIZE[joint.kind]
+        position = self._start(body)
+        straight = joint.kind in ("hinge", "slide")
+        limit, friction = (float(self.settings[f"{name}_impedance"]) for name in ("limit", "dry_friction"))
+        values = {
+            "jnt.{}.solref": (-float(self.settings["limit_error_reduction"]) / dt**2, -1.0 / dt),
+            "jnt.{}.solimp": _flat_impedance(limit),
+            "jnt.{}.stiffness": joint.spring_stiffness,
+            "jnt.{}.range": joint.position_limits or (0.0, 0.0),
+            "jnt.{}.qpos0": (0.0,) if straight else position,
+            "jnt.{}.qpos_spring": (joint.spring_rest,) if straight else position,
+            "dof.{}.solref": (0.0, -1.0 / dt) * dofs,
+            "dof.{}.solimp": _flat_impedance(friction) * dofs,
+            "dof.{}.armature": (joint.armature,) * dofs,
+            "dof.{}.damping": (joint.damping,) * dofs,
+            "dof.{}.frictionloss": (joint.dry_friction,) * dofs,
+        }
+        return {name.format(joint.name): value for name, value in values.items()}
+
+    @staticmethod
+    def _start(body: Body) -> tuple[float, ...]:
+        """Where the joint is before a keyframe is taken: a free body's centre of mass in its place, a ball unturned."""
+        joint: Joint = body.joint
+        if joint.kind != "free":
+            return (1.0, 0.0, 0.0, 0.0)
+        turn = joint.position[3:7]
+        centre = frames.rotate(turn, body.inertial.centre_of_mass)  # type: ignore[arg-type]
+        return (*frames.add(joint.position[:3], centre), *turn)  # type: ignore[arg-type]
+
+    # --- contact numbers ------------------------------------------------------------------------------------------
+
+    def _reference(
+        self, held: Surface, inverse_mass: float, cushion: bool
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """solref and solimp of a law."""
+        hardness = held.hardness or Hardness()
+        high = float(self.settings["contact_impedance"])
+        if hardness.kind == "native":
+            return DEFAULT_REFERENCE, DEFAULT_IMPEDANCE
+        if hardness.kind == "time-constant":
+            return (hardness.time_constant, hardness.damping_ratio), _flat_impedance(SOFT)
+        if hardness.kind == "stiffness":
+            share = (1.0 - SOFT) * inverse_mass
+            return (-hardness.stiffness * share, -hardness.damping * share), _flat_impedance(SOFT)
+        taken_back, bounce = float(self.settings["contact_error_reduction"]), held.restitution or 0.0
+        solref = (-taken_back / self.dt**2, -(1.0 + bounce) / self.dt)
+        depth = float(self.settings["friction_cushion"])
+        cushioned = cushion and not self._coulomb and self.world.contact.friction_cone == "elliptic"
+        soft = cushioned and depth and held.friction and not bounce
+        return solref, ((CUSHION, high, depth, 0.5, 2.0) if soft else _flat_impedance(high))
+
+    @staticmethod
+    def _directions(held: Surface | PairContact) -> int:
+        return 6 if held.rolling_friction else 4 if held.torsional_friction else 3 if held.friction else 1
+
+    def _geom(self, shape: Any) -> dict[str, Any]:
+        held = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
+        solref, solimp = self._reference(held, 1.0, cushion=False)
+        return {
+            f"geom.{shape.name}.condim": self._directions(held),
+            f"geom.{shape.name}.friction": (
+                held.friction or 0.0,
+                held.torsional_friction or 0.0,
+                held.rolling_friction or 0.0,
+            ),
+            f"geom.{shape.name}.solref": solref,
+            f"geom.{shape.name}.solimp": solimp,
+            f"geom.{shape.name}.group": GROUP[shape.collision, shape.visual],
+        }
+
+    @functools.cached_property
+    def _explicit(self) -> tuple[list[tuple[Pair, str, str]], bool]:
+        """The explicit pairs of shapes, with the materials that they are of; and whether all with friction are among them."""
+        elliptic = self.world.contact.friction_cone == "elliptic"
+        must, may = [], []
+        for pair, law in self.laws.items():
+            kind = law.hardness.kind
+            if pair in self.plan.missed or kind == "stiffness":
+                must.append(pair)
+            elif self._coulomb:
+                continue
+            elif law.friction and (kind in COMPLIANT or (law.restitution and elliptic)):
+                must.append(pair)
+            elif elliptic and law.friction and kind != "native":
+                may.append(pair)
+        number: dict[str, int] = {}
+        for shapes in self.solid.values():
+            for shape in shapes:
+                number[shape.material] = number.get(shape.material, 0) + 1
+        most = sum(number[a] * (number[b] if a != b else number[b] / 2) for a, b in (*must, *may))
+        all_there = most <= int(self.settings["explicit_pairs_limit"])
+        chosen = [*must, *may] if all_there else must
+        return [(pair, one, two) for pair in chosen for one, two in shape_pairs(self.world, [pair])], all_there
+
+    def _pair(self, law: PairContact, one: str, two: str) -> dict[str, Any]:
+        held = Surface(law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness)
+        solref, solimp = self._reference(held, self._inverse_mass(one) + self._inverse_mass(two), cushion=True)
+        name = f"pair.{one},{two}"
+        return {
+            f"{name}.dim": self._directions(law),
+            f"{name}.friction": (law.friction,) * 2 + (law.torsional_friction,) + (law.rolling_friction,) * 2,
+            f"{name}.solref": solref,
+            f"{name}.solimp": solimp,
+            f"{name}.solreffriction": (0.0, -self._slip_rate(law.hardness.kind)),
+        }
+
+    def _slip_rate(self, kind: str) -> float:
+        """1/s at which friction takes back slip."""
+        if kind == "native":
+            return 0.0
+        if self._coulomb:
+            return 1.0 / self.dt
+        most = float(self.settings["friction_share"]) / self.dt
+        return most * SOFT if kind in COMPLIANT else min(most, float(self.settings["friction_rate"]))
+
+    def _inverse_mass(self, shape: str) -> float:
+        """Of a single free body; nothing that stiffness is allowed for has another."""
+        owner = self._owner[shape]
+        return 0.0 if self.groups[owner.name] == "world" else 1.0 / owner.inertial.mass
+
+    # --- who touches ----------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _classes(self) -> dict[frozenset, list[tuple[str, str]]]:
+        """Kinds of solid shapes, (collision group, material), by the kinds that they do not touch."""
+        kinds = sorted({(b.collision_group, s.material) for b in self.world.bodies for s in self.solid[b.name]})
+        passing = {frozenset((pair.first, pair.second)) for pair in self.world.contact.pairs if not pair.collide}
+        ignored = {frozenset(groups) for groups in self.world.contact.ignored_groups}
+        found: dict[frozenset, list[tuple[str, str]]] = {}
+        for kind in kinds:
+            apart = frozenset(
+                other
+                for other in kinds
+                if frozenset((kind[0], other[0])) in ignored or frozenset((kind[1], other[1])) in passing
+            )
+            found.setdefault(apart, []).append(kind)
+        return found
+
+    def _by_bodies(self) -> bool:
+        """Whether masks have too few bits, and bodies are excluded pair by pair."""
+        return sum(bool(apart) for apart in self._classes) > CLASSES_OF_MASKS
+
+    def _masks(self) -> dict[str, Any]:
+        names: dict[Any, list[str]] = {}
+        row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
+        by_bodies = self._by_bodies()
+        for body in self.world.bodies:
+            for shape in body.shapes:
+                kind = (body.collision_group, shape.material)
+                own = None if not shape.collision else frozenset() if by_bodies else row[kind]
+                names.setdefault(own, []).append(shape.name)
+        first = {own: min(some) for own, some in names.items()}
+        found: dict[str, Any] = {}
+        for own, some in names.items():
+            apart = own or frozenset()
+            touches = (
+                ()
+                if own is None
+                else (
+                    name
+                    for other, name in first.items()
+                    if other is not None and not self._keeps_apart(apart, other, row)
+                )
+            )
+            found[f"masks.{first[own]}.members"] = tuple(sorted(some))
+            found[f"masks.{first[own]}.touches"] = tuple(sorted(touches))
+        return found
+
+    @staticmethod
+    def _keeps_apart(apart: frozenset, other: frozenset, row: Mapping[tuple[str, str], frozenset]) -> bool:
+        return any(kind in apart for kind, own in row.items() if own == other)
+
+    def _excluded(self) -> set[tuple[str, str]]:
+        """Pairs of solid bodies: named by the world, of one rigid moving group, or kept apart where masks cannot."""
+        bodies = [body for body in self.world.bodies if self.solid[body.name]]
+        names = {body.name for body in bodies}
+        found = {pair for pair in self.world.contact.excluded_bodies if set(pair) <= names}
+        rigid: dict[str, list[str]] = {}
+        for body in bodies:
+            if self.groups[body.name] != "world":
+                rigid.setdefault(self.groups[body.name], []).append(body.name)
+        for members in rigid.values():
+            found |= {(a, b) for a in members for b in members if a < b}
+        if self._by_bodies():
+            row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
+            kinds = {body.name: {(body.collision_group, s.material) for s in self.solid[body.name]} for body in bodies}
+            found |= {
+                (a, b) for a in names for b in names if a < b and all(k in row[j] for j in kinds[a] for k in kinds[b])
+            }
+        return found
+
+    # --- the rest -------------------------------------------------------------------------------------------------
+
+    def _sleep(self) -> dict[str, str]:
+        """Trees that are not one free rigid body stay awake, where anything sleeps at all."""
+        if not self.neutral.get("has.tree_sleep_policy", False):
+            return {}
+        may_sleep = free_rigid(self.world)
+        found = {}
+        for body in self._tree_tops():
+            awake = self._sleeping and body.name not in may_sleep
+            found[f"tree.{body.name}.sleep"] = "never" if awake else "auto"
+        return found
+
+    def _tree_tops(self) -> Iterator[Body]:
+        """The topmost moving body of each of MuJoCo's trees."""
+        for body in self.world.bodies:
+            parent = body.joint.parent
+            if body.joint.kind != "fixed" and (parent is None or self.groups[parent] == "world"):
+                yield body
+
+    def _sidecar(self) -> dict[str, Any]:
+        settings = {**self.settings, "impratio": self._impratio()}
+        if self._sleeping:
+            settings["island"] = True
+        else:
+            del (
+                settings["sleeping"],
+                settings["sleep_tolerance"],
+            )  # means nothing without its switch, and is not written
+        bodies = self.world.bodies
+        free = {body.name: body.inertial.centre_of_mass for body in bodies if body.joint.kind == "free"}
+        return {
+            "schema": 1,
+            "format": "mjcf",
+            "engine": "mujoco",
+            "world": sha256(self.world),
+            "settings": settings,
+            "bodies": [
+                {"name": body.name, "kind": body.joint.kind, "frame_offset": free.get(body.name, (0.0, 0.0, 0.0))}
+                for body in bodies
+            ],
+            "friction_cone": self.world.contact.friction_cone,
+            "explicit_pairs": self._explicit[1],
+            "models": [body.model for body in bodies],
+            "fixed_joints": {body.name: body.joint.name for body in bodies if body.joint.kind == "fixed"},
+        }

@@ -1,0 +1,239 @@
+"""What MuJoCo says it holds (``mjModel``), in the world's frames and order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.mujoco.inventory import inventory
+from simspec.errors import EngineError
+from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
+from simspec.formats.mjcf_surface import CommonLaw, surface
+from simspec.formats.passes import restore_frames, tensor
+from simspec.world import frames
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    HeldPair,
+    HeldServo,
+    Inertial,
+    Joint,
+    Pose,
+    ReadBack,
+    Shape,
+    Surface,
+    Vector3,
+)
+
+UNREADABLE = {
+    "collision_group": "MuJoCo keeps bit masks and excluded pairs, not the names of groups; the filter is probed"
+}
+
+JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
+"""MuJoCo's mjtJoint numbers."""
+SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+"""MuJoCo's mjtGeom numbers."""
+HALVED = {
+    "sphere": (False,),
+    "box": (True, True, True),
+    "cylinder": (False, True),
+    "capsule": (False, True),
+    "ellipsoid": (False, False, False),
+    "plane": (),
+}
+"""Which numbers of a geom's size are half lengths."""
+SERVO = (0, 0, 0, 1)
+"""MuJoCo's numbers of an actuator on a joint, without dynamics, with a fixed gain and an affine bias."""
+CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
+"""MuJoCo's mjtCone numbers."""
+VISIBLE_GROUPS = (0, 1, 2)
+"""Groups that MuJoCo's viewers show."""
+
+
+def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int) -> ReadBack:
+    """The model as ``mjModel`` holds it; ``disableflags`` as the file gave them.
+
+    It has no place for the names of models and of rigid joints; these come from the sidecar.
+    """
+    found, neutral = inventory(mujoco, model, sidecar, disableflags)
+    return dataclasses.replace(_ReadBack(mujoco, model, sidecar).world(), inventory=found, neutral=neutral)
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = values.tolist()
+    return (x + 0.0, y + 0.0, z + 0.0)
+
+
+def _pose(position: Any, quaternion: Any) -> Pose:
+    return Pose(_vector(position), frames.normalise(tuple(quaternion.tolist())))
+
+
+def _single(values: Any) -> tuple[float, ...]:
+    """Numbers that MuJoCo keeps in single precision, as the shortest decimals that give them."""
+    return tuple(float(str(value)) for value in np.asarray(values, dtype=np.float32))
+
+
+class _ReadBack:
+    def __init__(self, mujoco: Any, model: Any, sidecar: Mapping[str, Any]):
+        self._mujoco, self._model, self._sidecar = mujoco, model, sidecar
+        self._names = {kind: self._all_names(kind) for kind in ("BODY", "JOINT", "GEOM", "KEY")}
+        if KEYFRAME not in self._names["KEY"]:
+            raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
+        self._key = self._names["KEY"].index(KEYFRAME)
+        self._law = CommonLaw.of(float(model.opt.timestep), sidecar["settings"])
+
+    def _all_names(self, kind: str) -> list[str]:
+        count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
+        object_type = getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}")
+        return [
+            self._mujoco.mj_id2name(self._model, object_type, index) or ""
+            for index in range(getattr(self._model, count))
+        ]
+
+    def world(self) -> ReadBack:
+        entries = self._sidecar["bodies"]
+        place = {name: index for index, name in enumerate(self._names["BODY"])}
+        bodies = tuple(
+            self._body(place[file_name(entry["name"])], entry["name"], model)
+            for entry, model in zip(entries, self._sidecar["models"], strict=True)
+        )
+        offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in entries if any(entry["frame_offset"])}
+        option = self._model.opt
+        return ReadBack(
+            restore_frames(bodies, offsets),
+            _vector(option.gravity),
+            float(option.timestep),
+            CONE_NAMES[int(option.cone)],
+            dict(UNREADABLE),
+            self._pairs(),
+            self._servos(),
+        )
+
+    def _body(self, index: int, name: str, model_name: str) -> Body:
+        model = self._model
+        moments = _vector(model.body_inertia[index])
+        principal = _pose(model.body_ipos[index], model.body_iquat[index])
+        inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
+        geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
+        return Body(name, model_name, inertial, self._joint(index, name), tuple(map(self._shape, geoms)))
+
+    def _joint(self, body: int, name: str) -> Joint:
+        model = self._model
+        above = int(model.body_parentid[body])
+        parent = world_name(self._names["BODY"][above]) if above else None
+        origin = _pose(model.body_pos[body], model.body_quat[body])
+        count = int(model.body_jntnum[body])
+        if count == 0:
+            return Joint(self._sidecar["fixed_joints"].get(name, ""), "fixed", parent, origin)
+        if count > 1:
+            raise EngineError("mujoco", f"body {name!r} holds {count} joints, not one")
+        joint = int(model.body_jntadr[body])
+        kind = JOINT_KINDS[int(model.jnt_type[joint])]
+        first, start = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        position = tuple(model.key_qpos[self._key][start : start + POSITION_SIZE[kind]].tolist())
+        velocity = tuple(model.key_qvel[self._key][first : first + VELOCITY_SIZE[kind]].tolist())
+        axis, rest = (0.0, 0.0, 0.0), 0.0
+        if kind == "free":
+            position = (*position[:3], *frames.normalise(position[3:]))
+            velocity = (*velocity[:3], *frames.rotate(position[3:], velocity[3:]))
+            origin = Pose()
+        elif kind == "ball":
+            position = frames.normalise(position)
+        else:
+            axis = _vector(model.jnt_axis[joint])
+            rest = float(model.qpos_spring[start]) - float(model.qpos0[start])
+            self._check_zero(joint, start)
+        ratings = (None if rating == NO_RATING else float(rating) for rating in model.jnt_user[joint][:2])
+        lower, upper = model.jnt_range[joint].tolist()
+        return Joint(
+            self._names["JOINT"][joint],
+            kind,
+            parent,
+            origin,
+            axis,
+            (lower, upper) if model.jnt_limited[joint] else None,
+            *ratings,
+            damping=float(model.dof_damping[first]),
+            dry_friction=float(model.dof_frictionloss[first]),
+            armature=float(model.dof_armature[first]),
+            spring_stiffness=float(model.jnt_stiffness[joint]),
+            spring_rest=rest,
+            position=position,
+            velocity=velocity,
+        )
+
+    def _check_zero(self, joint: int, start: int) -> None:
+        if self._model.jnt_pos[joint].any() or self._model.qpos0[start] != 0.0:
+            raise EngineError("mujoco", f"joint {self._names['JOINT'][joint]!r} is not at its body's origin and zero")
+
+    def _shape(self, geom: int) -> Shape:
+        model = self._model
+        kind = SHAPE_KINDS[int(model.geom_type[geom])]
+        size = tuple(
+            2.0 * value if halved else value
+            for value, halved in zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
+        )
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        surfaces: tuple[Surface, ...] = ()
+        if collides:
+            held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
+            margin = float(model.geom_margin[geom])
+            friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
+            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, margin, self._law),)
+        red, green, blue, alpha = _single(model.geom_rgba[geom])
+        return Shape(
+            self._names["GEOM"][geom],
+            kind,
+            size,
+            _pose(model.geom_pos[geom], model.geom_quat[geom]),
+            "",
+            collides,
+            int(model.geom_group[geom]) in VISIBLE_GROUPS,
+            (red, green, blue, alpha),
+            surfaces,
+        )
+
+    def _servos(self) -> tuple[HeldServo, ...]:
+        """The actuators, of which each must be a position or velocity controller of one joint."""
+        model = self._model
+        found = []
+        for index in range(model.nu):
+            joint = self._names["JOINT"][int(model.actuator_trnid[index, 0])]
+            kinds = (model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype, model.actuator_biastype)
+            gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
+            kp, kd = -float(bias[1]) + 0.0, -float(bias[2]) + 0.0
+            plain = (
+                tuple(int(kind[index]) for kind in kinds) == SERVO
+                and model.actuator_gear[index].tolist() == [1.0] + [0.0] * 5
+            )
+            if not plain or model.actuator_ctrllimited[index] or bias[0] or gain[0] != (kp or kd) or gain[1:].any():
+                raise EngineError("mujoco", f"the actuator of {joint!r} is no position or velocity controller")
+            limit = None
+            if model.actuator_forcelimited[index]:
+                lower, limit = model.actuator_forcerange[index].tolist()
+                if lower != -limit:
+                    raise EngineError("mujoco", f"the effort limit of {joint!r}'s actuator is not the same both ways")
+            found.append(HeldServo(joint, kp, kd, limit))
+        return tuple(found)
+
+    def _pairs(self) -> tuple[HeldPair, ...]:
+        """The explicit pairs, sorted; MuJoCo's own inverse masses turn its accelerations back into forces."""
+        model = self._model
+        found = []
+        for pair in range(model.npair):
+            ends = (int(model.pair_geom1[pair]), int(model.pair_geom2[pair]))
+            first, second = sorted(self._names["GEOM"][end] for end in ends)
+            one, two, torsion, roll, other_roll = model.pair_friction[pair].tolist()
+            if one != two or roll != other_roll:
+                raise EngineError("mujoco", f"the explicit pair of {first!r} and {second!r} is not isotropic")
+            inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
+            solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
+            condim = int(model.pair_dim[pair])
+            margin = float(model.pair_margin[pair])
+            held = surface(condim, (one, torsion, roll), solref, solimp, margin, self._law, inverse_mass)
+            found.append(HeldPair(first, second, held))
+        return tuple(sorted(found, key=lambda held: (held.first, held.second)))

@@ -1,0 +1,89 @@
+"""Hinges and slides of a PyBullet simulation, read and driven at every step with as few calls as it allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simspec.engines.kit.contract import Actuation, Engine, motor_limit, motor_rate
+from simspec.engines.pybullet.simulation import UNCLAMPED, Simulation
+from simspec.world.kinematics import natively_driven
+from simspec.world.types import World
+
+NATIVE = (
+    "POSITION_CONTROL with positionGain kp dt/(kd + dt kp) and velocityGain 1, a motor for velocity that makes "
+    "v' = v* + kp/(kd + dt kp) (q* − q) with what effort it takes, up to the limit: errors vanish with the time constant kd/kp "
+    "whatever the inertia, and do not sag under gravity; kp and kd count by their ratio alone"
+)
+
+
+def no_dry_friction(world: World) -> str | None:
+    """None unless a natively driven joint has dry friction."""
+    rough = [body.name for body in world.bodies if body.joint.dry_friction]
+    served = [name for name in natively_driven(world.bodies, world) if name in rough]
+    return f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction" if served else None
+
+
+class JointArrays(Actuation):
+    """One call for each tree to read, and one to drive. For simulations without springs and armature, which need more."""
+
+    def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
+        super().__init__(engine, q, v)
+        self._sim = sim
+        order = {int(place): index for index, place in enumerate(v)}
+        self._trees = []
+        for tree in sim.trees:
+            links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
+            if links:
+                rows = np.array([order[link.v.start] for link in links], dtype=int)
+                whole = len(links) == len(order) and (np.diff(rows) == 1).all()
+                self._trees.append((tree.uid, [link.link for link in links], None if whole else rows))
+        self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        client, ask = self._sim.client, self._sim.bullet.getJointStates
+        positions, velocities = self._positions, self._velocities
+        for uid, links, rows in self._trees:
+            states = ask(uid, links, client)
+            at = slice(None) if rows is None else rows
+            positions[at] = [state[0] for state in states]
+            velocities[at] = [state[1] for state in states]
+        return positions, velocities
+
+    def give(self, effort: np.ndarray) -> None:
+        sim, p = self._sim, self._sim.bullet
+        for uid, links, rows in self._trees:
+            forces = (effort if rows is None else effort[rows]).tolist()
+            p.setJointMotorControlArray(uid, links, p.TORQUE_CONTROL, forces=forces, physicsClientId=sim.client)
+
+    def step(self) -> None:
+        self._sim.advance(1)
+
+
+class JointServos:
+    """Some hinges and slides with PyBullet's own position controller."""
+
+    def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
+        self._sim = sim
+        gain = motor_rate(stiffness, damping, sim.sidecar["timestep"]) * sim.sidecar["timestep"]
+        limit = np.minimum(motor_limit(stiffness, damping, limit), UNCLAMPED)
+        order = {int(place): index for index, place in enumerate(v)}
+        self._trees = []
+        for tree in sim.trees:
+            links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
+            if links:
+                rows = np.array([order[link.v.start] for link in links], dtype=int)
+                fixed = {
+                    "positionGains": gain[rows].tolist(),
+                    "velocityGains": [1.0] * len(links),
+                    "forces": limit[rows].tolist(),
+                    "physicsClientId": sim.client,
+                }
+                self._trees.append((tree.uid, [link.link for link in links], rows, fixed))
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        p = self._sim.bullet
+        for uid, links, rows, fixed in self._trees:
+            where, speed = position[rows].tolist(), velocity[rows].tolist()
+            p.setJointMotorControlArray(
+                uid, links, p.POSITION_CONTROL, targetPositions=where, targetVelocities=speed, **fixed
+            )

@@ -1,0 +1,372 @@
+"""PyBullet: URDF files in, arrays out.
+
+Everything that PyBullet adds of its own is switched off (damping, joint motors, velocity clamps, file cache, collision
+margins, its idea of which links of one body touch), so that what is left is the world. Facts marked *measured* were
+obtained with pybullet 3.2.7.
+
+State. PyBullet keeps a tree at its base's inertial frame (centre of mass, principal axes), and a ball joint between
+inertial axes; ``_Simulation`` turns both into the generalised coordinates of ``world/kinematics.py``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.control.native import Servos
+from simspec.engines.kit.contract import (
+    Actuation,
+    CollisionUnit,
+    Engine,
+    Setting,
+    empty_contacts,
+    expected_labels,
+    pick_blocks,
+    resolve_settings,
+    restore_velocities,
+    sorted_pairs,
+)
+from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
+from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
+from simspec.engines.pybullet.efforts import Efforts
+from simspec.engines.pybullet.expected import expected
+from simspec.engines.pybullet.inventory import inventory, neutral
+from simspec.engines.pybullet.probe import Probe
+from simspec.engines.pybullet.readback import read_back
+from simspec.engines.pybullet.simulation import Simulation, import_pybullet
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.formats.contact_plan import Rules, contact_plan
+from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
+from simspec.world.types import HeldValue, ReadBack, World
+
+_NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
+_COPIES = "further materials, and copies of shapes, on massless links of their own"
+_COMPUTED = "a torque computed from PyBullet's own state before every step"
+
+
+def _armature_covered(world: World) -> str | None:
+    """None when every armature sits in a tree where a computed torque is exact, else the reason why not."""
+    allowed = CollisionFilter(world)
+    groups = rigid_groups(world)
+    for bodies in trees(world).values():
+        armed = [body.name for body in bodies if body.joint.armature]
+        if not armed:
+            continue
+        served = natively_driven(bodies, world)
+        if served:
+            return f"{served[0]!r} has PyBullet's own controller, whose impulses would not feel the armature"
+        kinds = {body.joint.kind for body in bodies}
+        if not kinds <= {"fixed", "hinge", "slide"}:
+            return f"the tree of {armed[0]!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
+        if any(body.joint.dry_friction for body in bodies):
+            return f"the tree of {armed[0]!r} has dry friction, whose impulses would not feel the armature"
+        for body in bodies:
+            for other in world.bodies:
+                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
+                    return f"{body.name!r} may touch {other.name!r}, and contact would not feel the armature"
+    return None
+
+
+class PyBullet(Engine):
+    """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
+
+    NAME: ClassVar[str] = "pybullet"
+    FORMAT: ClassVar[str] = "urdf"
+    DISTRIBUTION: ClassVar[str] = "pybullet"
+    EXTRA: ClassVar[str] = "pybullet"
+    RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
+    LAYERS: ClassVar[bool] = True
+    SUPPORT: ClassVar[Table] = {
+        Feature.JOINT_FIXED: EXACT,
+        Feature.JOINT_HINGE: EXACT,
+        Feature.JOINT_SLIDE: EXACT,
+        Feature.JOINT_BALL: EXACT,
+        Feature.JOINT_FREE: EXACT,
+        Feature.LIMIT_POSITION: approximate(
+            "passes a limit by up to v dt, then comes back at joint_erp of that in each step, and keeps that speed: a "
+            "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature",
+            short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
+        ),
+        Feature.LIMIT_VELOCITY: EXACT,
+        Feature.LIMIT_EFFORT: EXACT,
+        Feature.DAMPING: EXACT,
+        Feature.BALL_DAMPING: EXACT,
+        Feature.DRY_FRICTION: via_api("a velocity motor with target 0 and the friction as its largest force"),
+        Feature.ARMATURE: outside(
+            f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h",
+            _armature_covered,
+            "a joint's armature by a torque before every step",
+        ),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.INITIAL_POSITION: via_api("reset of base and joint states"),
+        Feature.INITIAL_VELOCITY: via_api("reset of base and joint states"),
+        Feature.INERTIA: EXACT,
+        Feature.INERTIA_FULL: EXACT,
+        Feature.TREE_SIZE: unsupported(_NO_LINKS),
+        Feature.TREE_DEPTH: unsupported(_NO_LINKS),
+        Feature.SHAPE_SPHERE: EXACT,
+        Feature.SHAPE_BOX: EXACT,
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
+            "should",
+        ),
+        Feature.SHAPE_CAPSULE: EXACT,
+        Feature.SHAPE_ELLIPSOID: unsupported("PyBullet has no ellipsoid"),
+        Feature.SHAPE_PLANE: Support(
+            Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
+        ),
+        Feature.SHAPE_VISUAL: EXACT,
+        Feature.SHAPES_PER_BODY: EXACT,
+        Feature.MATERIALS_PER_BODY: via_api(_COPIES),
+        Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION: Support(
+            Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
+        ),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION_THRESHOLD: via_api("restitutionVelocityThreshold: one for all pairs that bounce"),
+        Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.ROLLING_FRICTION: Support(Level.EXACT, "rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.HARDNESS_COMMON: via_api("contactERP, contactSlop, no speculative contact"),
+        Feature.HARDNESS_TIME_CONSTANT: unsupported(
+            "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
+        ),
+        Feature.HARDNESS_STIFFNESS: Support(
+            Level.EXACT, "a spring and a damper at each point of contact, implicit in time"
+        ),
+        Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
+        Feature.HARDNESS_PAIRS: via_api(_COPIES),
+        Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
+        Feature.IMPACT_FRICTION: EXACT,
+        Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported(
+            "PyBullet has the elliptic cone and the circumscribed pyramid only"
+        ),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_dry_friction),
+        Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
+        Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
+        Feature.GRAVITY: via_api("setGravity"),
+        Feature.TIMESTEP: via_api("setTimeStep"),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "iterations": Setting(
+            200,
+            "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
+            "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19.",
+            minimum=1,
+        ),
+        "residual_threshold": Setting(
+            0.0,
+            "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 a body at "
+            "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
+            "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0.",
+            minimum=0.0,
+        ),
+        "contact_erp": Setting(
+            0.01,
+            "Share of an overlap of two bodies that is taken back in each step; 0.01 is what all core engines can do.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "friction_erp": Setting(
+            0.0,
+            "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
+            "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law "
+            "has it. What is carried slips by a little in every step, and the anchor takes that back: at 16 ms a stack of "
+            "cylinders ends 1 mm off, not 10 (measured).",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "joint_erp": Setting(
+            0.01,
+            "Share of a passed joint limit that is taken back in each step. The speed gained by that stays, so that a stop "
+            "rebounds by as much (measured); PyBullet's own 0.2 would make 20 %.",
+            minimum=0.0,
+            maximum=1.0,
+        ),
+        "contact_slop": Setting(0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0),
+        "contact_processing_threshold": Setting(
+            0.0,
+            "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
+            "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
+            "off each other as they should all the same.",
+            minimum=0.0,
+        ),
+        "contact_breaking_threshold": Setting(
+            0.02, "Contact points are kept up to this gap (m); PyBullet's default.", minimum=0.0
+        ),
+        "collision_margin": Setting(
+            0.0,
+            "Added around convex shapes (m); PyBullet's own 0.001 makes meshes bigger. PyBullet takes it for base links only "
+            "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
+            minimum=0.0,
+        ),
+        "sleeping": Setting(
+            False,
+            "Take free rigid bodies that rest (below 1 mm/s for PyBullet's 2 s) out of the simulation until something moving "
+            "touches them.",
+            only_with="sleeping",
+        ),
+        "deterministic_pairs": Setting(
+            True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
+        ),
+    }
+    CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
+    UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "friction_cone": "PyBullet does not give back its contact settings",
+        "shape.name": "PyBullet does not keep the names of shapes",
+        "shape.colour": "PyBullet keeps colours in single precision",
+        "control.native": "PyBullet's own controllers are switched on when a run begins",
+        "collision_group": "PyBullet does not give back its collision masks; the filter is probed instead",
+    }
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        found = expected(world, resolve_settings(cls, world), contact_plan(world, cls.RULES, cls.LAYERS), neutral)
+        return found | expected_labels(cls, world)
+
+    def __init__(self) -> None:
+        self._sim: Simulation | None = None
+        self._efforts: Efforts | None = None
+        self._probe: tuple[Simulation, Probe] | None = None
+        self._source: tuple[Path, Mapping[str, Any]] | None = None
+
+    @property
+    def client(self) -> int:
+        """The number of PyBullet's physics client."""
+        return self._simulation.client
+
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise RuntimeError("load first")
+        return self._sim
+
+    @property
+    def _outside(self) -> Efforts:
+        if self._efforts is None:
+            raise RuntimeError("load first")
+        return self._efforts
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_pybullet()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._source = (folder, sidecar)
+        self._sim = Simulation(folder, sidecar)
+        self._efforts = Efforts(self._sim, sidecar["springs"], sidecar["armature"])
+        self._sim.set_state(*self._sim.initial_state)
+
+    def read_back(self) -> ReadBack:
+        sim = self._simulation
+        return dataclasses.replace(
+            read_back(sim, self._outside),
+            unreadable=dict(self.UNREADABLE),
+            inventory=inventory(sim),
+            neutral=neutral(sim),
+        )
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.set_state(q, v)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._simulation.get_state()
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        sim = self._simulation
+        return restore_velocities(*sim.file_frames(), sim.offsets)
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        q, _ = self._simulation.get_state()
+        parts = pick_blocks(blocks, self._probing().masses(q))
+        return [part + np.diag(self._outside.armature[block]) for block, part in zip(blocks, parts, strict=True)]
+
+    def bias_force(self) -> np.ndarray:
+        q, v = self._simulation.get_state()
+        return self._probing().bias_force(q, v)
+
+    def _probing(self) -> Probe:
+        """A second simulation of the same files in which nothing but the tree dynamics acts."""
+        if self._probe is None:
+            if self._source is None:
+                raise RuntimeError("load first")
+            sim = Simulation(*self._source)
+            self._probe = (sim, Probe(sim))
+        return self._probe[1]
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        sim, efforts = self._simulation, self._outside
+        if effort is None and not efforts.needed:
+            sim.advance(count)
+            return
+        given = np.zeros(sim.nv) if effort is None else np.asarray(effort, dtype=float)
+        for _ in range(count):  # PyBullet forgets applied efforts after each step
+            efforts.apply(efforts.total(given))
+            sim.advance(1)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        quick = not self._outside.needed
+        return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        return JointServos(self._simulation, v, stiffness, damping, limit)
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        sim = self._simulation
+        reach = sim.settings["contact_processing_threshold"]
+        points = [point for point in sim.bullet.getContactPoints(physicsClientId=sim.client) if point[8] <= reach]
+        if not points:
+            return empty_contacts()
+        index = sim.body_index
+        return {
+            "body": np.array([(index[p[1], p[3]], index[p[2], p[4]]) for p in points], dtype=np.int64),
+            "position": (np.array([p[5] for p in points]) + np.array([p[6] for p in points])) / 2.0,
+            "normal": np.array([p[7] for p in points]),
+            "distance": np.array([p[8] for p in points]),
+            "normal_force": np.array([p[9] for p in points]),
+        }
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        """Links: a point of contact does not tell which of a link's shapes it belongs to."""
+        return [CollisionUnit(body, shapes) for body, shapes in self._simulation.carriers.values()]
+
+    def detect_units(self) -> np.ndarray:
+        sim = self._simulation
+        unit = {link: number for number, link in enumerate(sim.carriers)}
+        found = {
+            (unit[point[1], point[3]], unit[point[2], point[4]]) for point in sim.detect_contacts() if point[8] <= 0.0
+        }
+        return sorted_pairs(np.array(sorted(found), dtype=np.int64))
+
+    def disable_contact(self) -> None:
+        self._simulation.disable_contact()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(set(v.tolist()))
+
+    def energy(self) -> tuple[float, float]:
+        kinetic, potential = self._simulation.energy()
+        more_kinetic, more_potential = self._outside.energy()
+        return kinetic + more_kinetic, potential + more_potential
+
+    def log(self) -> list[str]:
+        return list(self._simulation.log)
+
+    def close(self) -> None:
+        if self._probe is not None:
+            self._probe[0].close()
+        if self._sim is not None:
+            self._sim.close()
+        self._sim = self._efforts = self._probe = None

@@ -1,0 +1,252 @@
+"""What PyBullet says it holds, in the world's frames."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.pybullet.carriers import own_solid
+from simspec.engines.pybullet.efforts import Efforts
+from simspec.engines.pybullet.simulation import JOINT_KINDS, Link, Simulation, Tree
+from simspec.engines.pybullet.turns import from_xyzw
+from simspec.errors import EngineError
+from simspec.formats.passes import restore_frames, tensor
+from simspec.world import frames
+from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack, Shape, Surface
+
+SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
+"""PyBullet's GEOM_ numbers."""
+
+UP = (0.0, 0.0, 1.0)
+"""Normal of a plane in its own frame; the world has no other, and turns the frame."""
+
+SAME_SHAPE = 1e-9
+"""Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
+printed from one, so that only round-off (1e-15) can stand between them."""
+
+
+def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
+    """The model and its present state as PyBullet holds them."""
+    q, v = sim.get_state()
+    bodies: list[Body | None] = [None] * len(sim.names)
+    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
+        frames_in_tree = _inertial_frames(sim, tree)
+        by_link = {link.link: link for link in tree.links}
+        visuals = _visual_shapes(sim, tree)
+        for position, link in enumerate(tree.links):
+            joint = _joint(sim, tree, link, frames_in_tree, by_link, efforts)
+            joint = dataclasses.replace(
+                joint,
+                name=instance["joints"][position],
+                position=tuple(q[link.q].tolist()),
+                velocity=tuple(v[link.v].tolist()),
+            )
+            if link.kind == "free":
+                joint = _free_state(joint, frames_in_tree[link.link])
+            moments = tuple(sim.moments[link.index].tolist())
+            centre = tuple(sim.centre[link.index].tolist())
+            bodies[link.index] = Body(
+                sim.names[link.index],
+                instance["model"],
+                Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
+                joint,
+                _body_shapes(sim, tree, instance, position, visuals.get(link.link, [])),
+            )
+    offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
+    held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
+    return ReadBack(
+        restore_frames(tuple(bodies), offsets),
+        tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+        held["fixedTimeStep"],
+        sim.sidecar["friction_cone"],
+    )
+
+
+def _free_state(joint: Joint, inertial: Pose) -> Joint:
+    """From generalised coordinates (centre of mass; ω in body axes) to those of the file's body frame."""
+    turn = joint.position[3:7]
+    lever = frames.rotate(turn, inertial.position)
+    angular = frames.rotate(turn, joint.velocity[3:])
+    linear = frames.subtract(joint.velocity[:3], frames.cross(angular, lever))
+    return dataclasses.replace(
+        joint,
+        position=(*frames.subtract(joint.position[:3], lever), *turn),
+        velocity=(*linear, *angular),
+    )
+
+
+def _inertial_frames(sim: Simulation, tree: Tree) -> dict[int, Pose]:
+    """The inertial frame of every link, the base included, in the link's own frame."""
+    found = {}
+    for link in range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client)):
+        info = sim.bullet.getDynamicsInfo(tree.uid, link, physicsClientId=sim.client)
+        found[link] = Pose(tuple(info[3]), from_xyzw(info[4]))
+    return found
+
+
+def _base_pose(sim: Simulation, tree: Tree, inertial: Pose) -> Pose:
+    at, raw = sim.bullet.getBasePositionAndOrientation(tree.uid, physicsClientId=sim.client)
+    return frames.compose(Pose(tuple(at), from_xyzw(raw)), frames.inverse(inertial))
+
+
+def _joint(
+    sim: Simulation, tree: Tree, link: Link, inertials: dict[int, Pose], by_link: dict[int, Link], efforts: Efforts
+) -> Joint:
+    if link.link < 0:
+        if tree.root == "free":
+            return Joint("", "free")
+        return Joint("", "fixed", None, _base_pose(sim, tree, inertials[-1]))
+    info: tuple[Any, ...] = sim.bullet.getJointInfo(tree.uid, link.link, physicsClientId=sim.client)
+    above = info[16]
+    kind = JOINT_KINDS[info[2]]  # as the sidecar says it: checked while loading
+    # PyBullet gives the joint's place in the parent's inertial frame, and the rotation from there to the child's inertial
+    # axes, inverted (measured)
+    parent, own = inertials[above], inertials[link.link]
+    turn = frames.multiply(
+        frames.multiply(parent.quaternion, frames.conjugate(from_xyzw(info[15]))), frames.conjugate(own.quaternion)
+    )
+    place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
+    origin = Pose(place, turn)
+    if above not in by_link:
+        origin = frames.compose(_base_pose(sim, tree, parent), origin)
+    stiffness, rest = efforts.springs.get(link.index, (0.0, 0.0))
+    moves = kind in ("hinge", "slide")
+    lower, upper, effort, velocity = info[8:12]
+    return Joint(
+        "",
+        kind,
+        sim.names[by_link[above].index] if above in by_link else None,
+        origin,
+        frames.rotate(own.quaternion, tuple(info[13])) if moves else (0.0, 0.0, 0.0),
+        (lower, upper) if moves and lower <= upper else None,
+        velocity if moves and velocity > 0.0 else None,
+        effort if moves and effort > 0.0 else None,
+        damping=info[6] if kind != "fixed" else 0.0,
+        dry_friction=info[7] if moves else 0.0,
+        armature=float(efforts.armature[link.v][0]) if moves else 0.0,
+        spring_stiffness=stiffness,
+        spring_rest=rest,
+    )
+
+
+def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
+    if kind == "sphere":
+        return (dimensions[0],)
+    if kind == "box":
+        return tuple(dimensions[:3])
+    if kind == "plane":
+        return ()
+    return (dimensions[1], dimensions[0])  # cylinder and capsule: PyBullet has the length first
+
+
+def _body_shapes(
+    sim: Simulation, tree: Tree, instance: dict[str, Any], position: int, visuals: list[Shape]
+) -> tuple[Shape, ...]:
+    """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
+    every copy, in the order of layers."""
+    names, visual_only = instance["shapes"][position], instance["visual_only"][position]
+    carried = [
+        (copy["layer"], copy["shapes"], _solid(sim, tree, link))
+        for (link, _), copy in zip(tree.copies, instance["copies"], strict=True)
+        if copy["body"] == instance["bodies"][position]
+    ]
+    others = {name for _, some, _ in carried for name in some}
+    own = _solid(sim, tree, tree.links[position].link)
+    solid = [name for index, name in enumerate(names) if index not in visual_only]
+    layer = instance["layers"][position] if carried else 0
+    copies = [(layer, own_solid(instance, position), own), *carried]
+    if any(len(some) != len(held) for _, some, held in copies) or not others <= set(solid):
+        return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals))
+    found: dict[str, Shape] = {}
+    for _, some, held in sorted(copies, key=lambda copy: copy[0]):
+        for name, shape in zip(some, held, strict=True):
+            known = found.get(name)
+            if known is None:
+                found[name] = dataclasses.replace(shape, name=name)
+            elif not _same(known, shape):
+                raise EngineError("pybullet", f"holds a copy of shape {name!r} that is unlike the shape")
+            else:
+                found[name] = dataclasses.replace(known, surfaces=(*known.surfaces, *shape.surfaces))
+    shapes = _with_visuals([found[name] for name in solid], visuals)
+    return _named(tuple(shapes), names, visual_only)
+
+
+def _solid(sim: Simulation, tree: Tree, link: int) -> list[Shape]:
+    """The collision shapes of one link, without names, with the link's surface."""
+    p, client = sim.bullet, sim.client
+    info = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
+    inertial = Pose(tuple(info[3]), from_xyzw(info[4]))
+    surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
+    found = []
+    for entry in p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
+        kind = _kind(entry[2])
+        if kind == "plane" and tuple(entry[3]) != UP:
+            raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
+        pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
+        found.append(Shape("", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(surface,)))
+    return found
+
+
+def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
+    """What two links of this kind make together: springs in series, dampers in sum."""
+    if stiffness > 0.0:
+        return Hardness("stiffness", stiffness=stiffness / 2.0, damping=2.0 * damping)
+    return Hardness("native") if sim.sidecar["native_contact"] else Hardness()
+
+
+def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
+    """Collision shapes that are also seen, and after them shapes that only are seen."""
+    rest = list(visuals)
+    found = []
+    for shape in solid:
+        same = next((visual for visual in rest if _same(shape, visual)), None)
+        if same is not None:
+            rest.remove(same)
+            shape = dataclasses.replace(shape, visual=True, colour=same.colour)
+        found.append(shape)
+    return [*found, *rest]
+
+
+def _named(shapes: tuple[Shape, ...], names: list[str], visual_only: list[int]) -> tuple[Shape, ...]:
+    """Shapes in the world's order, under the world's names, which PyBullet does not keep.
+
+    A count that differs from the sidecar's leaves them as they came, without names.
+    """
+    solid = [shape for shape in shapes if shape.collision]
+    seen = [shape for shape in shapes if not shape.collision]
+    if len(shapes) != len(names) or len(seen) != len(visual_only):
+        return shapes
+    ordered = [seen.pop(0) if place in visual_only else solid.pop(0) for place in range(len(names))]
+    return tuple(dataclasses.replace(shape, name=name) for shape, name in zip(ordered, names, strict=True))
+
+
+def _kind(number: int) -> str:
+    if number not in SHAPE_KINDS:
+        raise EngineError("pybullet", f"holds a shape of its type {number}, unknown here")
+    return SHAPE_KINDS[number]
+
+
+def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
+    found: dict[int, list[Shape]] = {}
+    for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
+        kind = _kind(entry[2])
+        pose = Pose(tuple(entry[5]), from_xyzw(entry[6]))
+        size = _size(kind, entry[3])
+        if kind != "plane" and not any(size):
+            continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes
+        shape = Shape("", kind, size, pose, collision=False, colour=tuple(entry[7]))
+        found.setdefault(entry[1], []).append(shape)
+    return found
+
+
+def _same(one: Shape, other: Shape) -> bool:
+    return one.kind == other.kind and bool(
+        np.allclose(
+            (*one.size, *one.pose.position, *np.abs(one.pose.quaternion)),
+            (*other.size, *other.pose.position, *np.abs(other.pose.quaternion)),
+            rtol=SAME_SHAPE,
+            atol=SAME_SHAPE,
+        )
+    )

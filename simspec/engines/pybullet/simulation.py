@@ -1,0 +1,495 @@
+"""One PyBullet client with a world loaded: loading, state in and out, efforts, and the probes of its dynamics."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.pybullet.calls import Called, Recording
+from simspec.engines.pybullet.carriers import carriers
+from simspec.engines.pybullet.sleeping import Sleepers
+from simspec.engines.pybullet.turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
+from simspec.engines.vectors import cross
+from simspec.errors import EngineError
+from simspec.formats.urdf_sidecar import check_sidecar
+from simspec.world import frames
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
+
+JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
+"""PyBullet's JOINT_ numbers."""
+UNCLAMPED = 1e30
+"""For PyBullet's velocity clamp (100 by default) and for limits that must never act."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One body of the world in PyBullet: ``index`` in the world, ``link`` in its tree (−1 the base), joint ``kind``,
+    the slices of its coordinates in q and v, and ``turn``, its principal axes in its frame."""
+
+    index: int
+    link: int
+    kind: str
+    q: slice
+    v: slice
+    turn: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """One PyBullet body: its unique id and its links in the order of the file."""
+
+    uid: int
+    root: str
+    links: tuple[Link, ...]
+    movers: tuple[Link, ...]
+    """The links on hinges, slides and balls."""
+    copies: tuple[tuple[int, int], ...] = ()
+    """Links that only carry shapes: (link, index of the body in the world), in the sidecar's order."""
+
+
+@contextlib.contextmanager
+def captured_output(lines: list[str]) -> Iterator[None]:
+    """Catch what C code prints to standard output meanwhile, and add it to ``lines``."""
+    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
+        yield
+        return
+    flush = ctypes.CDLL(None).fflush
+    sys.stdout.flush()
+    flush(None)
+    kept = os.dup(1)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 1)
+        try:
+            yield
+        finally:
+            flush(None)
+            os.dup2(kept, 1)
+            os.close(kept)
+            file.seek(0)
+            text = file.read().decode(errors="replace")
+            lines.extend(line for line in text.splitlines() if line.strip() and "build time" not in line)
+
+
+def import_pybullet() -> Any:
+    """PyBullet's module. Raises EngineError where it is not installed."""
+    try:
+        import pybullet
+    except ImportError as error:
+        raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
+    return pybullet
+
+
+class Simulation:
+    """A PyBullet client holding the artifacts of ``folder``."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        self.log: list[str] = []
+        self.calls: list[Called] = []
+        """What PyBullet was told while loading."""
+        self.client = -1
+        try:
+            with captured_output(self.log):
+                module = self._connect()
+                self.bullet = recording = Recording(module)
+                self._load(folder, sidecar)
+                self.bullet, self.calls = module, recording.calls
+        except EngineError as error:
+            self.close()
+            raise EngineError("pybullet", "; ".join([str(error).removeprefix("pybullet: "), *self.log])) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> Any:
+        """PyBullet's module, with a client made."""
+        self.bullet: Any = (pybullet := import_pybullet())
+        self.client = pybullet.connect(pybullet.DIRECT)
+        if self.client < 0:
+            raise EngineError("pybullet", "no physics client could be made")
+        return pybullet
+
+    # --- loading ----------------------------------------------------------------------------------------------
+
+    def _load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        try:
+            check_sidecar(sidecar)
+        except ValueError as error:
+            raise EngineError("pybullet", str(error)) from error
+        self.settings = sidecar["settings"]
+        self.sidecar = sidecar
+        self.names = [body["name"] for body in sidecar["bodies"]]
+        self.place = {name: index for index, name in enumerate(self.names)}
+        self.kinds = [body["kind"] for body in sidecar["bodies"]]
+        self.offsets = np.array([body["frame_offset"] for body in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self._lay_out()
+        self._set_parameters(sidecar)
+        self._file_links: dict[str, list[str]] = {}
+        self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
+        self.carriers = carriers(self.trees, sidecar["instances"])
+        self.body_index = {link: body for link, (body, _) in self.carriers.items()}
+        self._layered = any(tree.copies for tree in self.trees)
+        self.layer: dict[tuple[int, int], int] = {}
+        for tree, instance in zip(self.trees, sidecar["instances"], strict=True):
+            own = zip(tree.links, instance["layers"], strict=True)
+            self.layer.update(((tree.uid, link.link), layer) for link, layer in own)
+            carried = zip(tree.copies, instance["copies"], strict=True)
+            self.layer.update(((tree.uid, link), copy["layer"]) for (link, _), copy in carried)
+        self._collect()
+        free = [tree.links[0] for tree in self.trees if tree.root == "free"]
+        self._free = np.array([link.index for link in free], dtype=int)
+        self._free_q = np.array([range(link.q.start, link.q.stop) for link in free], dtype=int)
+        self._free_v = np.array([range(link.v.start, link.v.stop) for link in free], dtype=int)
+        self._seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        # the sidecar names no sleepers when the setting is off
+        may_sleep = set(sidecar.get("sleepers", ()))
+        self._sleepers = Sleepers(
+            self,
+            (tree.uid for tree in self.trees if self.names[tree.links[0].index] in may_sleep),
+        )
+        self._set_filter(sidecar["collision_filter"])
+
+    def _lay_out(self) -> None:
+        self._q, self._v, self.nq, self.nv = [], [], 0, 0
+        for kind in self.kinds:
+            self._q.append(slice(self.nq, self.nq + POSITION_SIZE[kind]))
+            self._v.append(slice(self.nv, self.nv + VELOCITY_SIZE[kind]))
+            self.nq, self.nv = self._q[-1].stop, self._v[-1].stop
+
+    def _set_parameters(self, sidecar: Mapping[str, Any]) -> None:
+        given = self.settings
+        if not sidecar["native_contact"]:
+            self.bullet.setPhysicsEngineParameter(
+                contactERP=given["contact_erp"], contactSlop=given["contact_slop"], physicsClientId=self.client
+            )
+        self.bullet.setPhysicsEngineParameter(
+            numSolverIterations=given["iterations"],
+            solverResidualThreshold=given["residual_threshold"],
+            erp=given["joint_erp"],
+            frictionERP=given["friction_erp"],
+            restitutionVelocityThreshold=sidecar["restitution_threshold"],
+            contactBreakingThreshold=given["contact_breaking_threshold"],
+            enableConeFriction=int(sidecar["friction_cone"] == "elliptic"),
+            deterministicOverlappingPairs=int(given["deterministic_pairs"]),
+            numSubSteps=0,
+            physicsClientId=self.client,
+        )
+        self.bullet.setGravity(*sidecar["gravity"], physicsClientId=self.client)
+        self.bullet.setTimeStep(sidecar["timestep"], physicsClientId=self.client)
+
+    def _load_tree(self, folder: Path, instance: Mapping[str, Any]) -> Tree:
+        p, path = self.bullet, folder / instance["file"]
+        if not path.is_file():
+            raise EngineError("pybullet", f"the file {instance['file']!r} is missing")
+        base = instance["base"]
+        flags = (
+            p.URDF_USE_INERTIA_FROM_FILE
+            | p.URDF_USE_IMPLICIT_CYLINDER
+            | p.URDF_MAINTAIN_LINK_ORDER
+            | p.URDF_USE_SELF_COLLISION
+            | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT
+        )
+        try:
+            uid = p.loadURDF(
+                str(path),
+                basePosition=base["position"],
+                baseOrientation=to_xyzw(base["quaternion"]),
+                useFixedBase=int(instance["root"] != "free"),
+                flags=flags,
+                physicsClientId=self.client,
+            )
+        except p.error as error:
+            raise EngineError("pybullet", f"refused {instance['file']!r}: {error}") from error
+        extra = int(instance["root"] == "world link")
+        self._check_links(uid, extra, instance)
+        links = []
+        for position, name in enumerate(instance["bodies"]):
+            index, link = self.place[name], position - 1 + extra
+            turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
+            self._check_kind(uid, link, name, instance["root"])
+            links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
+        movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
+        first = len(instance["bodies"]) - 1 + extra
+        copies = tuple((first + k, self.place[copy["body"]]) for k, copy in enumerate(instance["copies"]))
+        tree = Tree(uid, instance["root"], tuple(links), movers, copies)
+        self._quieten(tree)
+        return tree
+
+    def _check_links(self, uid: int, extra: int, instance: Mapping[str, Any]) -> None:
+        """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
+        p, client = self.bullet, self.client
+        held = [p.getBodyInfo(uid, physicsClientId=client)[0].decode()]
+        held += [
+            p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
+            for joint in range(p.getNumJoints(uid, physicsClientId=client))
+        ]
+        own = [*instance["bodies"], *(copy["link"] for copy in instance["copies"])]
+        wanted = self._file_links.setdefault(instance["file"], own)
+        if held[extra:] != wanted or len(wanted) != len(own):
+            raise EngineError(
+                "pybullet", f"{instance['file']!r} holds the links {held[extra:]}, the sidecar names {wanted}"
+            )
+
+    def _check_kind(self, uid: int, link: int, name: str, root: str) -> None:
+        """The joint above a link must be of the kind that the sidecar says."""
+        if link < 0:
+            held = "free" if root == "free" else "fixed"
+        else:
+            number = self.bullet.getJointInfo(uid, link, physicsClientId=self.client)[2]
+            held = JOINT_KINDS.get(number, f"its type {number}")
+        if held != self.kinds[self.place[name]]:
+            told = self.kinds[self.place[name]]
+            raise EngineError("pybullet", f"holds the joint of {name!r} as {held}, the sidecar says {told}")
+
+    def _quieten(self, tree: Tree) -> None:
+        """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
+        p, client = self.bullet, self.client
+        anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
+        for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
+            p.changeDynamics(
+                tree.uid,
+                link,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                maxJointVelocity=UNCLAMPED,
+                contactProcessingThreshold=self.settings["contact_processing_threshold"],
+                collisionMargin=self.settings["collision_margin"],
+                **anchor,
+                physicsClientId=client,
+            )
+        for link in tree.movers:
+            if link.kind == "ball":
+                p.setJointMotorControlMultiDof(
+                    tree.uid,
+                    link.link,
+                    p.POSITION_CONTROL,
+                    targetPosition=[0.0, 0.0, 0.0, 1.0],
+                    positionGain=0.0,
+                    velocityGain=0.0,
+                    force=[0.0, 0.0, 0.0],
+                    physicsClientId=client,
+                )
+            else:
+                self._rub(tree, link, p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7])
+
+    def _rub(self, tree: Tree, link: Link, friction: float) -> None:
+        """Give a hinge or slide dry friction: a velocity motor with target 0 and ``friction`` as its largest force."""
+        p = self.bullet
+        p.setJointMotorControl2(
+            tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=self.client
+        )
+
+    def disable_dry_friction(self, places: Container[int]) -> None:
+        """Take away the dry friction of the hinges and slides at these places of v."""
+        for tree in self.trees:
+            for link in tree.movers:
+                if link.kind != "ball" and link.v.start in places:
+                    self._rub(tree, link, 0.0)
+
+    def _collect(self) -> None:
+        """The engine's masses and inertial frames of all bodies, as arrays."""
+        count = len(self.names)
+        self.mass = np.zeros(count)
+        self.moments = np.zeros((count, 3))
+        self.centre = np.zeros((count, 3))
+        self.turn = np.zeros((count, 4))
+        for tree in self.trees:
+            for link in tree.links:
+                info = self.bullet.getDynamicsInfo(tree.uid, link.link, physicsClientId=self.client)
+                self.mass[link.index], self.moments[link.index] = info[0], info[2]
+                self.centre[link.index], self.turn[link.index] = info[3], link.turn
+
+    @property
+    def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The initial (q, v) of the sidecar."""
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
+            for target, source, places in ((q, instance["position"], "q"), (v, instance["velocity"], "v")):
+                start = 0
+                for link in tree.links:
+                    place = getattr(link, places)
+                    stop = start + place.stop - place.start
+                    target[place] = source[start:stop]
+                    start = stop
+        return q, v
+
+    # --- collision filter --------------------------------------------------------------------------------------
+
+    def _set_filter(self, content: Mapping[str, Any]) -> None:
+        where: dict[str, tuple[int, int]] = {}
+        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
+            where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)
+            for (link, _), copy in zip(tree.copies, instance["copies"], strict=True):
+                where[copy["link"]] = (tree.uid, link)
+        self._masks = [
+            (*where[name], entry["group"], entry["mask"]) for entry in content["classes"] for name in entry["links"]
+        ]
+        for first, second in content["excluded"]:
+            (uid, link), (other_uid, other_link) = where[first], where[second]
+            self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
+        self._forgotten = False
+        self.forget_contacts()
+
+    def forget_contacts(self) -> None:
+        """Drop contact points of earlier steps: setting a filter mask, even the same, makes PyBullet forget a body's pairs."""
+        if self._forgotten:
+            return
+        self._forgotten = True
+        for uid, link, group, mask in self._masks:
+            self.bullet.setCollisionFilterGroupMask(uid, link, group, mask, physicsClientId=self.client)
+
+    def detect_contacts(self) -> list[tuple[Any, ...]]:
+        """PyBullet's contact points of the present state alone."""
+        self.forget_contacts()
+        self.bullet.performCollisionDetection(physicsClientId=self.client)
+        self._forgotten = False
+        points = list(self.bullet.getContactPoints(physicsClientId=self.client))
+        if self._layered:
+            self._check_layers(points)
+        return points
+
+    def _check_layers(self, points: list[tuple[Any, ...]]) -> None:
+        """Copies of shapes meet in their own layer only: elsewhere they would add forces of another law."""
+        for point in points:
+            one, other = (point[1], point[3]), (point[2], point[4])
+            if point[8] <= 0.0 and self.layer[one] != self.layer[other]:
+                names = [self.names[self.body_index[link]] for link in (one, other)]
+                raise EngineError(
+                    "pybullet",
+                    f"lets copies of shapes of {names[0]!r} (layer {self.layer[one]}) and {names[1]!r} (layer "
+                    f"{self.layer[other]}) touch, which are in different layers",
+                )
+
+    def disable_contact(self) -> None:
+        """No group, no mask: nothing touches anything from now on."""
+        self._masks = [(uid, link, 0, 0) for uid, link, _, _ in self._masks]
+        self._forgotten = False
+        self.forget_contacts()
+        self._masks = []
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        p, client = self.bullet, self.client
+        q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
+        self._seen = None
+        self._sleepers.wake()
+        for tree in self.trees:
+            root = tree.links[0]
+            if root.kind == "free":
+                at, turn = q[root.q][:3], tuple(q[root.q][3:7].tolist())
+                linear, angular = v[root.v][:3], frames.rotate(turn, tuple(v[root.v][3:].tolist()))
+                p.resetBasePositionAndOrientation(
+                    tree.uid, at.tolist(), to_xyzw(frames.multiply(turn, root.turn)), physicsClientId=client
+                )
+                p.resetBaseVelocity(tree.uid, linear.tolist(), list(angular), physicsClientId=client)
+            movers = tree.movers
+            if movers:
+                positions, velocities = [], []
+                for link in movers:
+                    if link.kind == "ball":
+                        back = frames.conjugate(link.turn)
+                        turn = frames.multiply(frames.multiply(back, tuple(q[link.q].tolist())), link.turn)
+                        positions.append(to_xyzw(turn))
+                        velocities.append(list(frames.rotate(back, tuple(v[link.v].tolist()))))
+                    else:
+                        positions.append(q[link.q].tolist())
+                        velocities.append(v[link.v].tolist())
+                p.resetJointStatesMultiDof(
+                    tree.uid, [link.link for link in movers], positions, velocities, physicsClientId=client
+                )
+        self.forget_contacts()
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        p, client = self.bullet, self.client
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        if len(self._free):
+            at, raw, linear, angular = (part[self._free] for part in self.inertial_states())
+            turn = multiply(raw, conjugate(self.turn[self._free]))
+            q[self._free_q] = np.concatenate([at, turn], axis=1)
+            v[self._free_v] = np.concatenate([linear, rotate(conjugate(turn), angular)], axis=1)
+        for tree in self.trees:
+            if not tree.movers:
+                continue
+            joints = [link.link for link in tree.movers]
+            states = p.getJointStatesMultiDof(tree.uid, joints, physicsClientId=client)
+            for link, state in zip(tree.movers, states, strict=True):
+                if link.kind == "ball":
+                    turned = frames.multiply(link.turn, from_xyzw(state[0]))
+                    q[link.q] = frames.multiply(turned, frames.conjugate(link.turn))
+                    v[link.v] = frames.rotate(link.turn, state[1])
+                else:
+                    q[link.q], v[link.v] = state[0], state[1]
+        return q, v
+
+    def keep_awake(self, uid: int) -> None:
+        """Let the tree ``uid`` sleep no more. Costs a step and setting the state anew where it could have slept."""
+        if uid in self._sleepers:
+            q, v = self.get_state()
+            self._sleepers.forbid(uid)
+            self.set_state(q, v)
+
+    def advance(self, count: int) -> None:
+        """Step ``count`` times."""
+        self._seen = None
+        self._forgotten = False
+        self._sleepers.stepped()
+        step, client = self.bullet.stepSimulation, self.client
+        for _ in range(count):
+            step(client)
+
+    def inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of every body's inertial frame: position (n, 3), orientation w x y z (n, 4), linear velocity of the centre
+        of mass and angular velocity (n, 3) in world axes. Asked once per state."""
+        if self._seen is None:
+            self._seen = self._ask_inertial_states()
+        return self._seen
+
+    def _ask_inertial_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        p, client, count = self.bullet, self.client, len(self.names)
+        at, turn = np.zeros((count, 3)), np.zeros((count, 4))
+        linear, angular = np.zeros((count, 3)), np.zeros((count, 3))
+        for tree in self.trees:
+            links = tree.links
+            if links[0].link < 0:
+                index = links[0].index
+                at[index], raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+                turn[index] = raw[3], raw[0], raw[1], raw[2]
+                linear[index], angular[index] = p.getBaseVelocity(tree.uid, physicsClientId=client)
+                links = links[1:]
+            if links:
+                states = p.getLinkStates(tree.uid, [link.link for link in links], 1, 1, physicsClientId=client)
+                for link, state in zip(links, states, strict=True):
+                    # [4] and [5], the link frame, have single precision (measured: 1e-8 to 4e-7)
+                    raw = state[1]
+                    at[link.index], turn[link.index] = state[0], (raw[3], raw[0], raw[1], raw[2])
+                    linear[link.index], angular[link.index] = state[6], state[7]
+        return at, turn, linear, angular
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the files have them."""
+        at, raw, linear, angular = self.inertial_states()
+        turn = multiply(raw, conjugate(self.turn))
+        lever = rotate(turn, self.centre)
+        poses = np.concatenate([at - lever, turn], axis=1)
+        return poses, np.concatenate([linear - cross(angular, lever), angular], axis=1)
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic energy of the bodies and their potential in gravity (J)."""
+        at, turn, linear, angular = self.inertial_states()
+        local = rotate(conjugate(turn), angular)
+        kinetic = 0.5 * float(np.sum(self.mass * np.sum(linear**2, axis=1)) + np.sum(self.moments * local**2))
+        return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar["gravity"]))))
+
+    def close(self) -> None:
+        if self.client >= 0:
+            self.bullet.disconnect(physicsClientId=self.client)
+            self.client = -1

@@ -1,0 +1,102 @@
+"""How much a spec stands for, counted before anything of it is copied: bodies, shapes, pairs that models exclude, and grasps.
+
+A line of a spec can stand for many things: an array for many elements, each with all shapes of its tree; ``use:`` for all that
+a file holds, once for each model that names it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from simspec.errors import Problem
+from simspec.language import trees
+from simspec.language.arrays import MOST_ELEMENTS, Array
+from simspec.language.document import Key
+from simspec.language.sources import Source
+from simspec.language.trees import Bodies
+
+MOST_SHAPES = 200_000
+"""Shapes of one scenario, two for each of the most bodies: expanded, each takes some 300 bytes (measured), and ten times that
+in an engine's file and memory."""
+MOST_EXCLUDED = 200_000
+"""Pairs that the models of one scenario exclude, in all copies; each is two names."""
+MOST_GRASPS = 10_000
+"""Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
+MOST = {"bodies": MOST_ELEMENTS, "shapes": MOST_SHAPES, "excluded pairs": MOST_EXCLUDED, "grasps": MOST_GRASPS}
+
+
+def too_much(source: Source) -> list[Problem]:
+    """The problem of the tree or model with which a scenario becomes too large; none where it does not."""
+    total: Counter[str] = Counter()
+    for path, copies, one in _parts(source):
+        for what, count in one.items():
+            total[what] += copies * count
+            if total[what] > MOST[what]:
+                own = f"{copies:,} × {count:,}" if copies > 1 else f"{count:,}"
+                before = total[what] - copies * count
+                found = own + (f", after {before:,}" if before else "")
+                message, allowed = f"too many {what} in one scenario", f"up to {MOST[what]:,}"
+                return [source.document.problem(path, message, key=True, found=found, allowed=allowed)]
+    return []
+
+
+def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]]:
+    """Every tree and every model: its path, how many copies there are, and what one copy holds."""
+    if (bodies := trees.loose(source)) is not None:
+        yield from _loose(bodies)
+    if (bodies := trees.model_of(source)) is not None:
+        yield ("model",), 1, _model(bodies)
+    models = source.document.data.get("models") if isinstance(source.document.data, Mapping) else None
+    used: dict[str, Counter[str]] = {}
+    for name, raw in models.items() if isinstance(models, Mapping) else ():
+        if not isinstance(raw, Mapping):
+            continue
+        one = Counter(grasps=_length(raw.get("grasps")))
+        text = raw.get("use")
+        if not isinstance(text, str):
+            own = raw.get("bodies")
+            one += Counter(bodies=_length(own), shapes=_shapes(own))
+        elif text in source.uses:
+            if text not in used:  # a file of many bodies may be used by many models
+                found = trees.model_of(source.uses[text])
+                used[text] = _model(found) if found is not None else Counter()
+            one += used[text]
+        array = source.file.models[name].array if source.file is not None else None
+        yield ("models", name), _copies(array), one
+
+
+def _loose(bodies: Bodies) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]]:
+    root, copies, one = "", 1, Counter[str]()
+    for name in bodies.order():
+        if bodies.parent(name) is None:
+            if one:
+                yield (*bodies.path, root), copies, one
+            typed = bodies.typed[name]
+            root, copies, one = name, _copies(typed.array if typed is not None else None), Counter()
+        one += Counter(bodies=1, shapes=_length(bodies.field(name, "shapes")))
+    if one:
+        yield (*bodies.path, root), copies, one
+
+
+def _model(bodies: Bodies) -> Counter[str]:
+    files = [file.file for file in bodies.files if file.file is not None]
+    excluded = sum(len(file.contact.exclude) for file in files)
+    grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
+    of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}
+    return Counter({**of_bodies, "excluded pairs": excluded, "grasps": grasps})
+
+
+def _shapes(bodies: Any) -> int:
+    items = bodies.values() if isinstance(bodies, Mapping) else ()
+    return sum(_length(body.get("shapes")) for body in items if isinstance(body, Mapping))
+
+
+def _length(value: Any) -> int:
+    return len(value) if isinstance(value, (list, tuple, Mapping)) else 0
+
+
+def _copies(array: Array | None) -> int:
+    """The elements of an array; 1 for none, and for one with errors, which is never expanded."""
+    return 1 if array is None else array.count()

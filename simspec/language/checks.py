@@ -1,0 +1,284 @@
+"""What is wrong between the parts of a spec: parents, roots, references to materials, groups and joints, masses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from simspec.errors import Problem
+from simspec.language import trees
+from simspec.language.document import INVALID
+from simspec.language.joints import JOINT_TYPES, outside, read_position, read_velocity
+from simspec.language.models import Body
+from simspec.language.sources import Source
+from simspec.language.strict import Fault, Faults, near
+from simspec.language.trees import Bodies
+
+DEFAULT_GROUP = "default"
+RESERVED = "world"
+"""The world's own name, which no body may take."""
+
+
+def check(source: Source) -> Iterator[Problem]:
+    """Every problem between the parts of a spec and of the files that it uses."""
+    for bodies in trees.every(source):
+        yield from _tree(bodies)
+        yield from _masses(bodies)
+    for _, _, bodies in trees.placed(source):
+        yield from _placement(source, bodies)
+    yield from _contact(source)
+
+
+def _tree(bodies: Bodies) -> Iterator[Problem]:
+    document, path = bodies.source.document, bodies.path
+    joints: dict[str, str] = {}
+    for name in bodies.raw:
+        parent = bodies.parent(name)
+        if parent is not None and parent not in bodies.raw:
+            message, hint = f"there is no body {parent!r}", near(parent, bodies.raw)
+            yield document.problem((*path, name, "parent"), message, found=parent, hint=hint)
+        if name == RESERVED:
+            message = f"{RESERVED!r} is the name of the world itself"
+            yield document.problem((*path, name), message, key=True, hint="another name")
+        joint = bodies.joint_name(name)
+        if joint in joints:
+            message = f"the joint name {joint!r} is taken: it is that of {joints[joint]}'s joint"
+            yield document.problem((*path, name, "joint", "name"), message, found=joint)
+        joints.setdefault(joint, name)
+    for cycle in bodies.cycles():
+        chain = " -> ".join([*cycle, cycle[0]])
+        message = f"these bodies are each other's parents: {chain}"
+        yield document.problem(
+            (*path, cycle[0], "parent"), message, hint="one of them must be a root, or hang on another"
+        )
+    roots = bodies.roots()
+    if bodies.model and len(roots) != 1 and bodies.raw:
+        if roots:
+            message = f"a model has exactly one root (a body without parent); this one has {len(roots)}"
+            shown = ", ".join(roots[:6]) + (", ..." if len(roots) > 6 else "")
+            yield document.problem((*path, roots[1]), message, key=True, found=shown, allowed="one")
+        elif not bodies.cycles():
+            yield document.problem(path, "a model has exactly one root (a body without parent); this one has none")
+    if bodies.model and not bodies.raw:
+        yield document.problem(path, "a model has at least one body")
+    if bodies.model:
+        yield from _model(bodies)
+
+
+def _model(bodies: Bodies) -> Iterator[Problem]:
+    for name in bodies.roots():
+        if bodies.field(name, "array") is not None:
+            hint = "models: {NAME: {use: ..., array: ...}}"
+            place = (*bodies.path, name, "array")
+            yield bodies.source.document.problem(place, "a model has one root; an array is of its placement", hint=hint)
+    for file in bodies.files:
+        contact = file.document.data.get("contact")
+        pairs = contact.get("exclude") if isinstance(contact, Mapping) else None
+        for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
+            for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
+                if isinstance(name, str) and name not in bodies.raw:
+                    place, hint = ("contact", "exclude", index, position), near(name, bodies.raw)
+                    yield file.document.problem(place, f"the model has no body {name!r}", found=name, hint=hint)
+
+
+def _masses(bodies: Bodies) -> Iterator[Problem]:
+    still = bodies.still()
+    document = bodies.source.document
+    for name in bodies.order():
+        body = bodies.typed.get(name)
+        if body is None:
+            continue
+        for index, shape in enumerate(body.shapes):
+            if shape.plane is not None and name not in still:
+                message = "a plane belongs to bodies that are fixed to the world, and this body moves"
+                yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a big flat box")
+        if name not in still:
+            yield from (
+                document.problem((*bodies.path, name, *fault.loc), fault.message, found=fault.found, hint=fault.hint)
+                for fault in mass_faults(body)
+            )
+
+
+def mass_faults(body: Body) -> Iterator[Fault]:
+    """What a moving body lacks to move: a positive mass and three positive principal moments."""
+    solid = [shape for shape in body.shapes if shape.plane is None]
+    dense = [shape for shape in solid if shape.density is not None]
+    if dense:
+        if not any(shape.density for shape in dense):
+            yield Fault((), "a moving body needs a mass; all its densities are zero")
+    elif body.mass is None:
+        hint = "mass with inertia; mass with shapes; or shapes with density"
+        yield Fault((), "a moving body needs a mass", None, None, hint)
+    elif body.mass <= 0.0:
+        yield Fault(("mass",), "the mass of a moving body must be above 0", f"{body.mass:g}")
+    elif body.inertia is None and not solid:
+        hint = "inertia: {principal: [...]}, or a shape to spread the mass over"
+        yield Fault((), "a moving body needs moments of inertia, or shapes that they follow from", None, None, hint)
+    elif body.inertia is not None:
+        from simspec.language.moments import principal_moments
+
+        tensor, principal = body.inertia.tensor, body.inertia.principal
+        moments = principal if tensor is None else principal_moments(tuple(tensor.model_dump().values()))
+        if min(moments) <= 0.0:
+            shown = ", ".join(f"{moment:.6g}" for moment in moments)
+            message = "the principal moments of a moving body must be above 0"
+            yield Fault(("inertia",), message, f"{shown} kg m²", None, "no real body is thinner than a wire")
+
+
+def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
+    document, path = source.document, bodies.placed
+    raw: Any = document.data["models"][path[1]]
+    joints = {bodies.joint_name(name): name for name in bodies.raw}
+    for key, reader in (("positions", read_position), ("velocities", read_velocity)):
+        values = raw.get(key)
+        for joint, value in values.items() if isinstance(values, Mapping) else ():
+            place = (*path, key, joint)
+            if joint not in joints:
+                allowed = ", ".join(list(joints)[:20])
+                hint = near(joint, joints)
+                yield document.problem(place, f"the model has no joint {joint!r}", key=True, allowed=allowed, hint=hint)
+                continue
+            kind = bodies.joint_type(joints[joint])
+            if value is INVALID or kind not in JOINT_TYPES:
+                continue
+            if kind in ("fixed", "free"):
+                word = "position" if key == "positions" else "velocity"
+                hint = "write pose and velocity of the model" if kind == "free" else "leave it out"
+                yield document.problem(place, f"{joint} is a {kind} joint, which has no {word} of its own", hint=hint)
+                continue
+            try:
+                read = reader(kind, value)
+            except Faults as error:
+                for one in error.faults:
+                    yield document.problem(
+                        (*place, *one.loc), one.message, found=one.found, allowed=one.allowed, hint=one.hint
+                    )
+                continue
+            body = bodies.typed.get(joints[joint])
+            limits = body.joint.limits if body is not None and body.joint is not None else None
+            if key == "positions" and limits is not None and limits.position is not None:
+                lower, upper = limits.position
+                if not lower <= read <= upper:
+                    one = outside(read, limits.position, ())
+                    yield document.problem(place, one.message, found=one.found, allowed=one.allowed)
+    roots = bodies.roots()
+    if len(roots) != 1:
+        return
+    root = roots[0]
+    kind = bodies.joint_type(root)
+    if raw.get("fixed") is True and kind != "fixed":
+        message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
+        yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
+    elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
+        yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
+    if "velocity" in raw and kind != "free":
+        yield document.problem((*path, "velocity"), f"the root {root!r} is not free", hint="write velocities")
+
+
+def _part(source: Source, name: str) -> Mapping[str, Any]:
+    """A mapping of ``contact``; empty where there is none."""
+    data = source.document.data
+    contact = data.get("contact") if isinstance(data, Mapping) else None
+    found = contact.get(name) if isinstance(contact, Mapping) else None
+    return {key: value for key, value in found.items() if isinstance(key, str)} if isinstance(found, Mapping) else {}
+
+
+def _ignores(group: Any) -> list[tuple[int, str]]:
+    """The groups that a group ignores, with their places in the list; what is no name is reported where it is read."""
+    found = group.get("ignores") if isinstance(group, Mapping) else None
+    items = found if isinstance(found, (list, tuple)) else ()
+    return [(index, other) for index, other in enumerate(items) if isinstance(other, str)]
+
+
+def _contact(source: Source) -> Iterator[Problem]:
+    yield from _merged(source, "materials", "material")
+    yield from _merged(source, "groups", "collision group")
+    materials = {name for one in source.all() for name in _part(one, "materials")}
+    groups, used = {DEFAULT_GROUP}, {DEFAULT_GROUP}
+    for one in source.all():
+        for name, group in _part(one, "groups").items():
+            groups.add(name)
+            groups.update(other for _, other in _ignores(group))
+    for bodies in trees.every(source):
+        yield from _references(source, bodies, materials, groups)
+        used.update(group for name in bodies.raw if isinstance(group := bodies.field(name, "collision_group"), str))
+    defined = {name for one in source.all() for name in _part(one, "groups")} | used
+    for one in source.all():
+        for name, group in _part(one, "groups").items():
+            for index, other in _ignores(group):
+                if other not in defined:
+                    place = ("contact", "groups", name, "ignores", index)
+                    message = f"no body is in a group {other!r}"
+                    yield one.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
+    yield from _pairs(source, materials)
+
+
+def _some(words: Any) -> str:
+    found = sorted(words)
+    return ", ".join(found[:20]) + (", ..." if len(found) > 20 else "") if found else "none is defined"
+
+
+def _merged(source: Source, part: str, noun: str) -> Iterator[Problem]:
+    """Tables of several files are one table: the same name must mean the same."""
+    first: dict[str, tuple[Source, Any]] = {}
+    for one in source.all():
+        if one.file is None:
+            continue
+        for name, value in getattr(one.file.contact, part).items():
+            where, known = first.setdefault(name, (one, value))
+            if known != value:
+                place = where.document.locate(("contact", part, name), key=True)
+                message = f"the {noun} {name!r} means something else in another file"
+                shown = ", ".join(f"{key} {item}" for key, item in known.model_dump().items())
+                found = f"{shown} at {place}"
+                yield one.document.problem(("contact", part, name), message, key=True, found=found)
+
+
+def _references(source: Source, bodies: Bodies, materials: set[str], groups: set[str]) -> Iterator[Problem]:
+    document = bodies.source.document
+    own = _part(bodies.source, "materials")
+    alone = not bodies.placed and bodies.model and not materials
+    for name in bodies.raw:
+        group = bodies.field(name, "collision_group")
+        if isinstance(group, str) and group not in groups:
+            message, hint = f"contact.groups says nothing of {group!r}", near(group, groups)
+            path = (*bodies.path, name, "collision_group")
+            yield document.problem(path, message, found=group, allowed=_some(groups), hint=hint)
+        shapes = bodies.field(name, "shapes")
+        for index, shape in enumerate(shapes if isinstance(shapes, (list, tuple)) else ()):
+            if not isinstance(shape, Mapping):
+                continue
+            material, place = shape.get("material"), (*bodies.path, name, "shapes", index)
+            if material is None:
+                if shape.get("collision") is not False and len(own) != 1 and len(materials) != 1 and not alone:
+                    allowed = _some(materials)
+                    hint = "material: NAME" if materials else "contact: {materials: {NAME: {friction: 0.5}}}"
+                    yield document.problem(place, "a colliding shape needs a material", allowed=allowed, hint=hint)
+            elif isinstance(material, str) and material not in materials:
+                hint = near(material, materials)
+                message = f"there is no material {material!r}"
+                yield document.problem((*place, "material"), message, allowed=_some(materials), hint=hint)
+
+
+def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
+    data = source.document.data
+    contact = data.get("contact") if isinstance(data, Mapping) else None
+    pairs = contact.get("pairs") if isinstance(contact, Mapping) else None
+    seen: dict[tuple[str, ...], int] = {}
+    for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
+        between = pair.get("between") if isinstance(pair, Mapping) else None
+        if not isinstance(between, (list, tuple)) or not all(isinstance(name, str) for name in between):
+            continue
+        for position, name in enumerate(between):
+            if name not in materials:
+                place, hint = ("contact", "pairs", index, "between", position), near(name, materials)
+                message = f"there is no material {name!r}"
+                yield source.document.problem(place, message, allowed=_some(materials), hint=hint)
+        both = tuple(sorted(between))
+        if both in seen:
+            message = f"the pair {' and '.join(both)} is there twice"
+            place = source.document.locate(("contact", "pairs", seen[both]))
+            found = f"first as pair {seen[both]}" + (f" at {place}" if place is not None else "")
+            hint = "leave out one, or put what both say into one entry"
+            yield source.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
+        seen.setdefault(both, index)

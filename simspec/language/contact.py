@@ -1,0 +1,257 @@
+"""Contact: materials, how they combine, and what does not touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import Field
+from pydantic_core import core_schema
+
+from simspec.language.document import INVALID
+from simspec.language.quantities import Flag, Name, Number, Reader, Word
+from simspec.language.shapes import NameOf
+from simspec.language.strict import Fault, Faults, Strict, fault, near, replace_loc, show
+
+CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
+RULES = ("min", "max", "product", "mean", "geometric-mean")
+MOST_MATERIALS = 300
+"""The world holds every pair of materials: n (n + 1) / 2 entries."""
+
+QUANTITIES = ("friction", "restitution", "torsional_friction", "rolling_friction", "restitution_threshold")
+"""What two materials combine by a rule, in the order of :class:`Combine`."""
+
+Coefficient = Annotated[float, Number("number", 0)]
+Ratio = Annotated[float, Number("number", 0, 1)]
+Arm = Annotated[float, Number("length", 0)]
+Speed = Annotated[float, Number("velocity", 0)]
+
+WORD_STANDS_FOR = ("friction", "restitution", "torsional_friction", "rolling_friction")
+"""What one word for `combine` stands for."""
+
+HARDNESS_WORDS = ("common", "native")
+HARDNESS_FORMS: Mapping[str, Mapping[str, Number]] = {
+    "time-constant": {"time_constant": Number("time", 0, above=True), "damping_ratio": Number("number", 0, above=True)},
+    "stiffness": {"stiffness": Number("stiffness", 0, above=True), "damping": Number("damping", 0)},
+}
+"""The two ways to state a compliance, each with its numbers."""
+
+
+@dataclass(frozen=True)
+class HardnessReader(Reader):
+    """A word, or a mapping of one of ``HARDNESS_FORMS``; read as (kind, numbers in the order of the form)."""
+
+    def read(self, value: Any) -> tuple[str, tuple[float, ...]]:
+        if isinstance(value, str):
+            return Word(HARDNESS_WORDS).read(value), ()
+        if not isinstance(value, Mapping):
+            raise fault("wants a word or a compliance", show(value), self._allowed())
+        known = {name for form in HARDNESS_FORMS.values() for name in form}
+        for name in value:
+            if name not in known:
+                hint = near(str(name), known)
+                raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint)])
+        kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
+        if kind is None:
+            raise fault("not a whole compliance", show(dict(value)), self._allowed(), _completion(value))
+        return kind, self._numbers(kind, value)
+
+    def _numbers(self, kind: str, value: Mapping[str, Any]) -> tuple[float, ...]:
+        numbers, faults = [], []
+        for name, number in HARDNESS_FORMS[kind].items():
+            try:
+                if value[name] is INVALID:
+                    faults.append(Fault((name,), "", reported=True))
+                else:
+                    numbers.append(number.read(value[name]))
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (name,)))
+        if faults:
+            raise Faults(faults)
+        return tuple(numbers)
+
+    def written(self, value: tuple[str, tuple[float, ...]] | None) -> Any:
+        if value is None or value[0] in HARDNESS_WORDS:
+            return value and value[0]
+        return dict(zip(HARDNESS_FORMS[value[0]], value[1], strict=True))
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        # a model that was made in Python is written as a spec would say it
+        written = core_schema.plain_serializer_function_ser_schema(self.written)
+        return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
+
+    def _allowed(self) -> str:
+        forms = (f"{{{', '.join(form)}}}" for form in HARDNESS_FORMS.values())
+        return ", ".join((*HARDNESS_WORDS, *forms))
+
+    def describe(self) -> str:
+        words = " \\| ".join(f"`{word}`" for word in HARDNESS_WORDS)
+        return words + " \\| " + " \\| ".join(f"`{{{', '.join(form)}}}`" for form in HARDNESS_FORMS.values())
+
+    def schema(self) -> dict[str, Any]:
+        forms = [
+            {
+                "type": "object",
+                "properties": {name: number.schema() for name, number in form.items()},
+                "required": list(form),
+                "additionalProperties": False,
+            }
+            for form in HARDNESS_FORMS.values()
+        ]
+        return {"anyOf": [{"enum": list(HARDNESS_WORDS)}, *forms]}
+
+
+def _completion(value: Mapping[str, Any]) -> str:
+    """The way from a part of a compliance, or from parts of two, to a whole one."""
+    begun = [form for form in HARDNESS_FORMS.values() if set(form) & set(value)]
+    if len(begun) == 1:
+        return f"add {' and '.join(name for name in begun[0] if name not in value)}"
+    return "; ".join(f"{' and '.join(form)} go together" for form in HARDNESS_FORMS.values())
+
+
+HardnessValue = Annotated[tuple[str, tuple[float, ...]], HardnessReader()]
+
+
+@dataclass(frozen=True)
+class Names(Reader):
+    """A list of names; ``count`` of them, or any number."""
+
+    count: int | None = None
+    path: bool = False
+
+    def read(self, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, (list, tuple)) or (self.count is not None and len(value) != self.count):
+            raise fault(f"wants {self.describe()}", show(value))
+        return tuple(Name(self.path).read(item) for item in value)
+
+    def describe(self) -> str:
+        count = "" if self.count is None else f"{self.count} "
+        return f"a list of {count}" + ("bodies' full names" if self.path else "names")
+
+    def schema(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"type": "array", "items": Name(self.path).schema()}
+        if self.count is not None:
+            found |= {"minItems": self.count, "maxItems": self.count}
+        return found
+
+
+@dataclass(frozen=True)
+class Exclusions(Reader):
+    """Pairs of full body names."""
+
+    def read(self, value: Any) -> tuple[tuple[str, ...], ...]:
+        if not isinstance(value, (list, tuple)):
+            raise fault("wants a list of pairs of bodies", show(value), "[[body, other], ...]")
+        return tuple(self._pair(index, item) for index, item in enumerate(value))
+
+    def _pair(self, index: int, item: Any) -> tuple[str, ...]:
+        try:
+            pair = Names(2, path=True).read(item)
+            if pair[0] == pair[1]:
+                raise fault("a body is not excluded from itself", pair[0], "two different bodies")
+        except Faults as error:
+            raise Faults(replace_loc(error.faults, (index,))) from None
+        return pair
+
+    def describe(self) -> str:
+        return "a list of pairs of bodies' full names"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": Names(2, path=True).schema()}
+
+
+class Material(Strict):
+    """A surface, by its contact with itself."""
+
+    friction: Coefficient = Field(0.0, description="μ: sliding friction, largest tangential over normal force")
+    restitution: Ratio = Field(0.0, description="e: separation speed over approach speed")
+    torsional_friction: Arm = Field(0.0, description="c: torque about the normal of at most c N")
+    rolling_friction: Arm = Field(0.0, description="c: torque across the normal of at most c N")
+    restitution_threshold: Speed = Field(0.0, description="Slower impacts do not bounce")
+
+
+Rule = Annotated[str, Word(RULES)]
+
+
+class Combine(Strict):
+    """How the values of two different materials combine where `pairs` says nothing. One word stands for all but the
+    threshold."""
+
+    friction: Rule = Field("min", description="Rule for sliding friction")
+    restitution: Rule = Field("min", description="Rule for restitution")
+    torsional_friction: Rule = Field("min", description="Rule for torsional friction")
+    rolling_friction: Rule = Field("min", description="Rule for rolling friction")
+    restitution_threshold: Rule = Field("max", description="Rule for the threshold speed")
+
+
+class Pair(Strict):
+    """The contact law of two materials; wins over `combine`, and over the material's own values for a pair with itself."""
+
+    between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
+    friction: Coefficient = Field(None, description="Sliding friction of the pair; default: by `combine`")
+    restitution: Ratio = Field(None, description="Restitution of the pair; default: by `combine`")
+    torsional_friction: Arm = Field(None, description="Torsional friction of the pair; default: by `combine`")
+    rolling_friction: Arm = Field(None, description="Rolling friction of the pair; default: by `combine`")
+    restitution_threshold: Speed = Field(None, description="Threshold speed of the pair; default: by `combine`")
+    hardness: HardnessValue = Field(None, description="Hardness of the pair; default: that of `contact`")
+    collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two pass through each other")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        said = [name for name in data if name != "between"]
+        if "between" in data and not said:
+            yield Fault(
+                (), "a pair says nothing without a law", allowed=", ".join((*QUANTITIES, "hardness", "collide"))
+            )
+        if data.get("collide") is False and len(said) > 1:
+            other = next(name for name in said if name != "collide")
+            yield Fault((other,), "a pair that does not collide has no other law", hint="leave out one of the two")
+
+
+class Group(Strict):
+    """A collision group; bodies name it by `collision_group`."""
+
+    ignores: Annotated[tuple[str, ...], Names()] = Field(
+        ..., description="Groups whose bodies do not touch bodies of this one; its own name: bodies within the group"
+    )
+
+
+class Contact(Strict):
+    """Contact between bodies. Bodies joined by a joint do not touch each other, nor do bodies joined rigidly."""
+
+    friction_cone: Annotated[str, Word(CONES)] = Field(
+        "elliptic",
+        description="The friction law. elliptic: |f| ≤ μ N; pyramid-inscribed: |fx| + |fy| ≤ μ N; "
+        "pyramid-circumscribed: |fx| ≤ μ N and |fy| ≤ μ N",
+    )
+    hardness: HardnessValue = Field(
+        ("common", ()), description="What holds bodies apart, where a pair says nothing else"
+    )
+    materials: dict[NameOf, Material] = Field({}, description="Materials by name")
+    combine: Combine = Field(None, description="The rule for pairs of different materials, or a rule for each quantity")
+    pairs: list[Pair] = Field([], description="Laws of pairs of materials")
+    groups: dict[NameOf, Group] = Field({}, description="Collision groups by name; symmetric")
+    exclude: Annotated[tuple[tuple[str, str], ...], Exclusions()] = Field(
+        (), description="Pairs of bodies, by their full names, that do not touch"
+    )
+
+    @classmethod
+    def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
+        word = data.get("combine")
+        if not isinstance(word, str):
+            return data, []
+        data = dict(data)
+        try:
+            Word(RULES).read(word)
+        except Faults as error:
+            del data["combine"]
+            return data, replace_loc(error.faults, ("combine",))
+        data["combine"] = dict.fromkeys(WORD_STANDS_FOR, word)
+        return data, []
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        materials = data.get("materials")
+        if isinstance(materials, Mapping) and len(materials) > MOST_MATERIALS:
+            yield Fault(("materials",), "too many materials", str(len(materials)), f"up to {MOST_MATERIALS}")

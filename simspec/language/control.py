@@ -1,0 +1,198 @@
+"""Control: which joints are driven, by which law, with which gains and limits. The laws stand in ``world/control.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from simspec.language.document import INVALID
+from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
+from simspec.language.joints import DIMENSION, DRIVEN, check_suits_driven
+from simspec.language.quantities import Flag, Number, Reader, Word
+from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, replace_loc, show
+
+LAWS = ("pd", "computed-torque", "native")
+DISCRETISATIONS = ("explicit", "implicit")
+ACTUATORS = ("position", "velocity", "effort")
+MOST_CONTROLLERS = 100
+LARGEST_GEAR = 1e6
+"""Ratios beyond this (or below its inverse) are no gear; their squares would make numbers that no engine holds."""
+
+_ACTUATOR_GAINS: Mapping[str, Mapping[str, str]] = {
+    "position": {"kp": "N m/rad", "kd": "N m s/rad"},
+    "velocity": {"kd": "N m s/rad"},
+    "effort": {},
+}
+"""The gains that an actuator needs, with the unit at a hinge; it has no others."""
+_NOT_OF_LAW: Mapping[str, Mapping[str, str]] = {
+    "pd": dict.fromkeys(("natural_frequency", "damping_ratio"), "it belongs to law: computed-torque; pd has kp and kd"),
+    "computed-torque": {
+        **dict.fromkeys(("kp", "kd"), "computed torque has natural_frequency and damping_ratio"),
+        "actuator": "the law itself gives efforts",
+        "gravity_compensation": "computed torque always counters gravity",
+    },
+    "native": {
+        **dict.fromkeys(("natural_frequency", "damping_ratio"), "it belongs to law: computed-torque"),
+        "discretisation": "an engine's own controller is discretised as the engine does",
+        "gravity_compensation": "it belongs to law: pd",
+    },
+}
+"""Fields that mean nothing under a law, and why."""
+
+
+@dataclass(frozen=True)
+class PerJoint(Reader):
+    """One number for all joints of a controller, or a mapping of numbers by name or pattern. ``quantity`` names the entry
+    of ``joints.DIMENSION`` that gives its dimension, which follows from the joint's type ("": a plain number).
+
+    Kept as written: which joints are meant, and so which unit is right, shows when the spec is resolved (:meth:`number`).
+    What suits no type of joint is refused here.
+    """
+
+    quantity: str
+    unit_text: str = ""
+    least: float = 0.0
+    most: float | None = None
+
+    def number(self, kind: str) -> Number:
+        """The number of a joint of a type (``DRIVEN``)."""
+        dimension = DIMENSION[kind][self.quantity] if self.quantity else "number"
+        return Number(dimension, self.least, self.most)
+
+    def read(self, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            check_suits_driven(self.number, value)
+            return value
+        if not value:
+            raise fault("names no joint", "{}", "a number, or {JOINT: number, ...}")
+        if (many := too_many(value)) is not None:
+            raise many
+        faults: list[Fault] = []
+        for name, item in value.items():
+            try:
+                read_pattern(name)
+                if item is INVALID:
+                    faults.append(Fault((name,), "", reported=True))
+                else:
+                    check_suits_driven(self.number, item)
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (str(name),)))
+        if faults:
+            raise Faults(faults)
+        return dict(value)
+
+    def unit(self) -> str:
+        return self.unit_text
+
+    def describe(self) -> str:
+        bounds = self.number(DRIVEN[0]).describe().removeprefix(Number(self.number(DRIVEN[0]).dimension).describe())
+        return f"a number{bounds}, or numbers by joint"
+
+    def schema(self) -> dict[str, Any]:
+        number = self.number(DRIVEN[0]).schema()
+        by_joint = {
+            "type": "object",
+            "propertyNames": {"pattern": f"^{PATTERN.pattern}$"},
+            "additionalProperties": number,
+            "minProperties": 1,
+        }
+        return {"anyOf": [number, by_joint]}
+
+
+PER_JOINT: Mapping[str, PerJoint] = {
+    "kp": PerJoint("stiffness", "N m/rad or N/m"),
+    "kd": PerJoint("damping", "N m s/rad or N s/m"),
+    "effort_limit": PerJoint("effort", "N m or N"),
+    "velocity_limit": PerJoint("velocity", "rad/s or m/s"),
+    "gear": PerJoint("", "", 1.0 / LARGEST_GEAR, LARGEST_GEAR),
+    "rotor_inertia": PerJoint("armature", "kg m² or kg"),
+}
+"""What a controller says of its joints one by one."""
+
+
+class Controller(Strict):
+    """How some joints are driven along the trajectory. A joint has at most one controller."""
+
+    law: Annotated[str, Word(LAWS)] = Field("pd", description="The control law, see above")
+    joints: Annotated[tuple[str, ...], JointNames()] = Field(
+        ..., description="The hinges and slides that it drives; every entry stands for at least one"
+    )
+    discretisation: Annotated[str, Word(DISCRETISATIONS)] = Field(
+        "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
+    )
+    natural_frequency: Annotated[float, Number("angular velocity", 0, above=True)] = Field(
+        None, description="ω: how fast an error vanishes; computed-torque, required"
+    )
+    damping_ratio: Annotated[float, Number("number", 0)] = Field(
+        1.0, description="ζ: 1 comes back without overshoot; computed-torque"
+    )
+    actuator: Annotated[str, Word(ACTUATORS)] = Field(
+        "position",
+        description="position: kp and kd; velocity: kd alone; effort: neither, the trajectory's efforts alone (law pd); "
+        "pd and native",
+    )
+    kp: Annotated[Any, PER_JOINT["kp"]] = Field(None, description="Effort per error of position; pd and native")
+    kd: Annotated[Any, PER_JOINT["kd"]] = Field(None, description="Effort per error of velocity; pd and native")
+    gravity_compensation: Annotated[bool, Flag()] = Field(
+        False, description="Whether the effort that holds the joints against gravity at rest is added; pd"
+    )
+    effort_limit: Annotated[Any, PER_JOINT["effort_limit"]] = Field(
+        None, description="The largest effort of the actuator; the joint's own `limits.effort` holds besides"
+    )
+    velocity_limit: Annotated[Any, PER_JOINT["velocity_limit"]] = Field(
+        None,
+        description="The largest speed of the actuator, which the trajectory must keep to; the joint's own "
+        "`limits.velocity` holds besides",
+    )
+    gear: Annotated[Any, PER_JOINT["gear"]] = Field(
+        None,
+        description="g: turns of the actuator per turn of the joint; kp, kd, limits and rotor inertia are the "
+        "actuator's; default 1",
+    )
+    rotor_inertia: Annotated[Any, PER_JOINT["rotor_inertia"]] = Field(
+        None, description="Inertia of the actuator's rotor; g² times as much is added to the joint's `armature`"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        law, actuator = data.get("law", "pd"), data.get("actuator", "position")
+        if not isinstance(law, str) or law not in LAWS:
+            return
+        for key, why in _NOT_OF_LAW[law].items():
+            if key in data:
+                yield Fault((key,), f"{key} means nothing with law {law}: {why}", show(data[key]), None, "leave it out")
+        if law == "computed-torque":
+            if cls._lacks("natural_frequency", data):
+                hint = "natural_frequency: 30 rad/s"
+                yield Fault((), "law computed-torque needs a natural_frequency", None, None, hint)
+        elif isinstance(actuator, str) and actuator in ACTUATORS:
+            yield from cls._gains(law, actuator, data)
+
+    @classmethod
+    def _gains(cls, law: str, actuator: str, data: Mapping[str, Any]) -> Iterator[Fault]:
+        needed = _ACTUATOR_GAINS[actuator]
+        if law == "native" and actuator == "effort":
+            allowed = "position, velocity"
+            hint = "law: pd gives efforts to every engine"
+            yield Fault(("actuator",), "an effort actuator needs no engine's own controller", actuator, allowed, hint)
+        for key, unit in needed.items():
+            if cls._lacks(key, data):
+                others = " and ".join(needed)
+                yield Fault(
+                    (), f"{_article(actuator)} actuator needs {others}; {key} is missing", hint=f"{key}: 10 {unit}"
+                )
+        for key in ("kp", "kd"):
+            if key in data and key not in needed:
+                allowed = ", ".join(needed) or "neither kp nor kd"
+                yield Fault((key,), f"{_article(actuator)} actuator has no {key}", show(data[key]), allowed)
+
+    @classmethod
+    def _lacks(cls, key: str, data: Mapping[str, Any]) -> bool:
+        return key not in data and not misspelt(key, data, cls.model_fields)
+
+
+def _article(actuator: str) -> str:
+    return f"{'an' if actuator == 'effort' else 'a'} {actuator}"

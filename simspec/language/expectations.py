@@ -1,0 +1,253 @@
+"""What a scenario may expect of its runs: the kinds, and the parameters of each. How each is measured stands with the
+runner; what its words mean stands here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field, create_model
+from pydantic_core import core_schema
+
+from simspec.language.document import INVALID
+from simspec.language.quantities import NAME, Name, Number, Reader, Vector
+from simspec.language.strict import Fault, Faults, Strict, fault, replace_loc, show
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: what it is (with dimension and bounds), whether it must be given, and its meaning."""
+
+    reader: Reader
+    meaning: str
+    required: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of expectation: what it demands, its parameters, and parameters of which exactly one is wanted.
+
+    ``of_end`` says whether a run that is cut short cannot answer it: it looks at the end of the run ("always"), or does so
+    where a parameter of this name is not given; "" what must hold at all times must hold in every part of them.
+    """
+
+    meaning: str
+    parameters: Mapping[str, Parameter]
+    one_of: tuple[str, ...] = ()
+    of_end: str = ""
+
+
+@dataclass(frozen=True)
+class Targets(Reader):
+    """Places of bodies, by their full names; read as pairs (body, place) sorted by body."""
+
+    def read(self, value: Any) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        if not isinstance(value, Mapping) or not value:
+            found = "{}" if isinstance(value, Mapping) else show(value)
+            raise fault(f"wants {self.describe()}", found, "{BODY: [x, y, z], ...}")
+        pairs, faults = [], []
+        for name, place in value.items():
+            if place is INVALID:
+                faults.append(Fault((str(name),), "", reported=True))
+                continue
+            try:
+                pairs.append((Name(path=True).read(name), _POINT.read(place)))
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (str(name),)))
+        if faults:
+            raise Faults(faults)
+        return tuple(sorted(pairs))
+
+    def written(self, value: tuple[tuple[str, tuple[float, ...]], ...] | None) -> Any:
+        return value and {name: list(place) for name, place in value}
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        # an expectation that was made in Python is written as a spec would say it
+        written = core_schema.plain_serializer_function_ser_schema(self.written)
+        return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
+
+    def unit(self) -> str:
+        return _POINT.unit()
+
+    def describe(self) -> str:
+        return "places by the bodies' full names"
+
+    def schema(self) -> dict[str, Any]:
+        return {
+            "type": "object",
+            "propertyNames": {"pattern": f"^{NAME.pattern}(/{NAME.pattern})?$"},
+            "additionalProperties": _POINT.schema(),
+            "minProperties": 1,
+        }
+
+
+_SHARE = Number("number", 0)
+_LENGTH = Number("length", 0)
+_TIME = Number("time", 0)
+_BODY = Parameter(Name(path=True), "Full name of a body")
+_AT = Parameter(_TIME, "Time, one that is recorded; default: the end", required=False)
+_POINT = Vector(Number("length"))
+
+KINDS: Mapping[str, Kind] = {
+    "energy_never_rises": Kind(
+        "The total energy is never above its lowest value before",
+        {"tolerance": Parameter(_SHARE, "Largest rise, as a share of the run's energy scale")},
+    ),
+    "energy_conserved": Kind(
+        "The total energy stays what it was at the beginning",
+        {"tolerance": Parameter(_SHARE, "Largest deviation, as a share of the run's energy scale")},
+    ),
+    "momentum_conserved": Kind(
+        "Linear momentum and angular momentum about the world's origin stay what they were; wants zero gravity",
+        {"tolerance": Parameter(_SHARE, "Largest deviation of either, as a share of its own scale")},
+    ),
+    "no_penetration_deeper_than": Kind(
+        "Bodies never overlap by more than a depth", {"depth": Parameter(_LENGTH, "Largest depth of a contact")}
+    ),
+    "comes_to_rest": Kind(
+        "All centres of mass end up slow",
+        {
+            "speed": Parameter(Number("velocity", 0), "Largest speed of a centre of mass"),
+            "before": Parameter(_TIME, "Must hold from this time on; default: at the end", required=False),
+        },
+        of_end="before",
+    ),
+    "follows_oracle": Kind(
+        "Body frames follow the motion without contact that an independent implementation computes with the same "
+        "integrator and timestep",
+        {
+            "tolerance": Parameter(_LENGTH, "Largest distance of a body frame's origin"),
+            "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
+        },
+    ),
+    "position": Kind(
+        "A body's frame is at a place",
+        {
+            "body": _BODY,
+            "xyz": Parameter(_POINT, "Place of the frame's origin in the world"),
+            "tolerance": Parameter(_LENGTH, "Largest distance from it"),
+            "at": _AT,
+        },
+        of_end="at",
+    ),
+    "at_target": Kind(
+        "Bodies' frames are at their places, every one of them",
+        {
+            "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
+            "tolerance": Parameter(_LENGTH, "Largest distance of any body from its place"),
+            "at": _AT,
+        },
+        of_end="at",
+    ),
+    "displacement": Kind(
+        "A body's frame has moved by a vector, or by a distance in any direction",
+        {
+            "body": _BODY,
+            "xyz": Parameter(_POINT, "The displacement, in world axes", required=False),
+            "distance": Parameter(_LENGTH, "The length of the displacement", required=False),
+            "tolerance": Parameter(_LENGTH, "Largest deviation"),
+            "at": _AT,
+        },
+        one_of=("xyz", "distance"),
+        of_end="at",
+    ),
+    "apex_height": Kind(
+        "The greatest height z that a body's frame reaches after a time",
+        {
+            "body": _BODY,
+            "height": Parameter(Number("length"), "The height"),
+            "tolerance": Parameter(_LENGTH, "Largest deviation"),
+            "after": Parameter(_TIME, "The time from which on the apex is sought"),
+        },
+        of_end="always",
+    ),
+    "angular_speed": Kind(
+        "A body turns at a speed, about any axis",
+        {
+            "body": _BODY,
+            "speed": Parameter(Number("angular velocity", 0), "The magnitude of the angular velocity"),
+            "tolerance": Parameter(Number("angular velocity", 0), "Largest deviation"),
+            "at": _AT,
+        },
+        of_end="at",
+    ),
+    "stays_within": Kind(
+        "A body's frame never leaves a box",
+        {
+            "body": _BODY,
+            "lower": Parameter(_POINT, "Corner of the smallest coordinates, in the world"),
+            "upper": Parameter(_POINT, "Corner of the largest coordinates"),
+        },
+    ),
+    "keeps_place": Kind(
+        "A body's frame keeps its place in another body's frame: what is held does not slip",
+        {
+            "body": _BODY,
+            "within": Parameter(Name(path=True), "Full name of the other body"),
+            "after": Parameter(_TIME, "Its place at this time is the one to keep"),
+            "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
+            "distance": Parameter(_LENGTH, "Largest distance from that place"),
+        },
+    ),
+    "bodies_apart": Kind(
+        "The origins of two bodies' frames never come closer than a distance",
+        {
+            "first": _BODY,
+            "second": Parameter(Name(path=True), "Full name of another body"),
+            "at_least": Parameter(_LENGTH, "Smallest distance"),
+        },
+    ),
+}
+"""Every kind of expectation."""
+
+BODIES = ("body", "first", "second", "within")
+"""Parameters that name a body."""
+TIMES = ("at", "before", "until", "after")
+"""Parameters that are times of the run."""
+
+
+class _Parameters(Strict):
+    """Base of the parameters of one kind."""
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "lower" in data and "upper" in data:
+            try:
+                lower, upper = _POINT.read(data["lower"]), _POINT.read(data["upper"])
+            except Faults:
+                return  # reported where they are read
+            for index, (low, high) in enumerate(zip(lower, upper, strict=True)):
+                if low > high:
+                    yield Fault(("lower", index), "lower is above upper", f"{low:g} > {high:g}")
+        if "first" in data and data["first"] == data.get("second"):
+            yield Fault(("second",), "first and second are the same body", show(data["second"]))
+
+
+def _model(name: str, kind: Kind) -> type[Strict]:
+    fields: dict[str, Any] = {
+        key: (
+            Annotated[Any, parameter.reader],
+            Field(... if parameter.required else None, description=parameter.meaning),
+        )
+        for key, parameter in kind.parameters.items()
+    }
+    title = "".join(part.capitalize() for part in name.split("_"))
+    model = create_model(title, __base__=_Parameters, __doc__=kind.meaning, **fields)
+    model.ONE_OF = kind.one_of
+    return model
+
+
+class _OneKind(Strict):
+    """Base of an entry of ``expect``."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = tuple(KINDS)
+
+
+Expectation: type[Strict] = create_model(
+    "Expectation",
+    __base__=_OneKind,
+    __doc__="One expectation: its kind, with its parameters.",
+    **{name: (_model(name, kind), Field(None, description=kind.meaning)) for name, kind in KINDS.items()},
+)
+"""The model of an entry of ``expect``: exactly one kind."""

@@ -1,0 +1,266 @@
+"""Joints: what each field is, and what it means, follows from the joint's type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, ValidationError
+
+from simspec.language.document import INVALID
+from simspec.language.quantities import ByJointType, Direction, Number, Vector, Word
+from simspec.language.shapes import NameOf, Orientation, Pose
+from simspec.language.strict import Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
+
+JOINT_TYPES = ("fixed", "hinge", "slide", "ball", "free")
+DRIVEN = ("hinge", "slide")
+"""Types of joints that a controller drives, and a trajectory moves."""
+
+DIMENSION: Mapping[str, Mapping[str, str]] = {
+    "fixed": {},
+    "hinge": {
+        "position": "angle",
+        "velocity": "angular velocity",
+        "effort": "torque",
+        "damping": "angular damping",
+        "dry_friction": "torque",
+        "armature": "moment of inertia",
+        "stiffness": "angular stiffness",
+        "rest": "angle",
+    },
+    "slide": {
+        "position": "length",
+        "velocity": "velocity",
+        "effort": "force",
+        "damping": "damping",
+        "dry_friction": "force",
+        "armature": "mass",
+        "stiffness": "stiffness",
+        "rest": "length",
+    },
+    "ball": {"damping": "angular damping", "stiffness": "angular stiffness"},
+    "free": {},
+}
+"""The dimension of each plain number of a joint, by the joint's type."""
+
+_NEEDS_AXIS = ("hinge", "slide")
+_MOTION = ("axis", "limits", "damping", "dry_friction", "armature", "spring")
+_MEANINGLESS: Mapping[str, Mapping[str, str]] = {
+    "fixed": dict.fromkeys((*_MOTION, "position", "velocity"), "a fixed joint does not move"),
+    "hinge": {},
+    "slide": {},
+    "ball": {
+        "axis": "a ball joint turns about every axis",
+        **dict.fromkeys(("limits", "dry_friction", "armature"), "it belongs to hinge and slide joints"),
+    },
+    "free": {
+        "origin": "a free body's initial pose is the body's `pose`",
+        "position": "a free body's initial pose is the body's `pose`",
+        "velocity": "a free body's initial velocity is the body's `velocity`",
+        **dict.fromkeys(_MOTION, "nothing joins a free body to the world"),
+    },
+}
+"""Fields that mean nothing on a type of joint, and why."""
+
+
+def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
+    """Raise Faults where a value is the ``number`` of no type of driven joint (those of the first type)."""
+    refused = None
+    for kind in DRIVEN:
+        try:
+            number(kind).read(value)
+        except Faults as error:
+            refused = refused or error
+        else:
+            return
+    if refused is not None:
+        raise refused
+
+
+class Limits(Strict):
+    """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
+
+    position: Annotated[Any, ByJointType("rad or m", 2)] = Field(
+        None, description="[lower, upper]: lower ≤ q ≤ upper, a hard, inelastic stop"
+    )
+    velocity: Annotated[Any, ByJointType("rad/s or m/s")] = Field(
+        None, description="Velocity rating ≥ 0: held, not enforced by the engine"
+    )
+    effort: Annotated[Any, ByJointType("N m or N")] = Field(
+        None, description="Effort rating ≥ 0: held, not enforced by the engine"
+    )
+
+
+class Spring(Strict):
+    """An effort −stiffness × (q − rest) at a hinge or a slide; at a ball joint a torque −stiffness × log R in the child's
+    axes, log R being the rotation vector from the joint's frame to the child's."""
+
+    stiffness: Annotated[Any, ByJointType("N m/rad or N/m")] = Field(..., description="Stiffness k ≥ 0")
+    rest: Annotated[Any, ByJointType("rad or m")] = Field(
+        None, description="The position without effort; default 0; not at a ball joint"
+    )
+
+
+class Joint(Strict):
+    """How a body moves against its parent (a root: against the world). The joint's frame is `origin` in the parent's body
+    frame; the body's own frame coincides with it when the joint is at zero."""
+
+    name: NameOf = Field(
+        None, description="Name; default `<body>_joint`, with a number behind if that is given to another"
+    )
+    type: Annotated[str, Word(JOINT_TYPES)] = Field(
+        ...,
+        description="fixed: rigid; hinge: turns about `axis`; slide: moves along `axis`; ball: turns about its origin; "
+        "free: a root that moves freely",
+    )
+    origin: Pose = Field(
+        None, description="Pose of the joint's frame in the parent's body frame; default: the same frame"
+    )
+    axis: Annotated[tuple[float, float, float], Direction()] = Field(
+        None, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
+    )
+    limits: Limits = Field(None, description="Limits; hinge and slide")
+    damping: Annotated[Any, ByJointType("N m s/rad or N s/m")] = Field(
+        None, description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; hinge, slide and ball"
+    )
+    dry_friction: Annotated[Any, ByJointType("N m or N")] = Field(
+        None, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
+    )
+    armature: Annotated[Any, ByJointType("kg m² or kg")] = Field(
+        None,
+        description="Inertia ≥ 0 added to this joint's diagonal of the mass matrix (a geared rotor: rotor inertia × "
+        "ratio²); default 0; hinge and slide",
+    )
+    spring: Spring = Field(None, description="A spring; hinge, slide and ball")
+    position: Annotated[Any, ByJointType("rad or m", orientation=True)] = Field(
+        None, description="Initial position; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; default 0"
+    )
+    velocity: Annotated[Any, ByJointType("rad/s or m/s", orientation=True)] = Field(
+        None,
+        description="Initial velocity; at a ball joint three numbers, of the child against the parent in the child's "
+        "axes; default 0",
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        kind = data.get("type")
+        if kind not in JOINT_TYPES:
+            return
+        for key, why in _MEANINGLESS[kind].items():
+            if key in data:
+                yield Fault((key,), f"{key} means nothing on a {kind} joint: {why}")
+        if kind in _NEEDS_AXIS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
+            yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]")
+
+    @classmethod
+    def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
+        kind = data.get("type")
+        if kind not in JOINT_TYPES:
+            return data, []
+        data, found = dict(data), []
+        for key in _TYPED:
+            if key not in data:
+                continue
+            value = data.pop(key)
+            if key in _MEANINGLESS[kind]:
+                continue
+            if key in _NESTED:
+                data[key], more = _read_nested(kind, key, value)
+                found += more
+            else:
+                read, more = _attempt(lambda value, key=key: _read_plain(kind, key, value), value, (key,))
+                found += more
+                if not more:
+                    data[key] = read
+        start = data.get("position")
+        limits = data["limits"].get("position") if isinstance(data.get("limits"), dict) else None
+        if isinstance(start, float) and limits is not None and not limits[0] <= start <= limits[1]:
+            found.append(outside(start, limits, ("position",)))
+        return data, found
+
+
+_NESTED = ("limits", "spring")
+_TYPED = (*_NESTED, "damping", "dry_friction", "armature", "position", "velocity")
+
+
+def outside(start: float, limits: tuple[float, float], loc: tuple[str | int, ...]) -> Fault:
+    """The fault of an initial position beyond its joint's limits."""
+    return Fault(
+        loc, "the initial position is beyond the joint's limits", f"{start:g}", f"{limits[0]:g} to {limits[1]:g}"
+    )
+
+
+def read_position(kind: str, value: Any) -> Any:
+    """An initial position as the joint's type wants it: a float, or an Orientation for a ball joint. Raises Faults."""
+    if kind != "ball":
+        return Number(DIMENSION[kind]["position"]).read(value)
+    if not isinstance(value, (dict, Orientation)):
+        raise fault("a ball joint's position is an orientation", show(value), "{rpy: [...]} or {quat: [...]}")
+    try:
+        return Orientation.model_validate(value)
+    except ValidationError as error:
+        raise as_faults(error, Orientation.model_fields) from None
+
+
+def read_velocity(kind: str, value: Any) -> Any:
+    """An initial velocity as the joint's type wants it: a float, or three for a ball joint. Raises Faults."""
+    if kind == "ball":
+        return Vector(Number("angular velocity")).read(value)
+    return Number(DIMENSION[kind]["velocity"]).read(value)
+
+
+def _attempt(reader: Any, value: Any, loc: tuple[str | int, ...]) -> tuple[Any, list[Fault]]:
+    if value is INVALID:
+        return None, [Fault(loc, "", reported=True)]
+    try:
+        return reader(value), []
+    except Faults as error:
+        return None, replace_loc(error.faults, loc)
+
+
+def _read_plain(kind: str, key: str, value: Any) -> Any:
+    if key == "velocity":
+        return read_velocity(kind, value)
+    if key == "position":
+        return read_position(kind, value)
+    return Number(DIMENSION[kind][key], 0).read(value)
+
+
+def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
+    """`limits` or `spring` with its numbers read; what could not be read is left out, or 0 where it is required."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_unset=True)
+    if not isinstance(value, dict):
+        return value, []
+    dimension, data, found = DIMENSION[kind], dict(value), []
+    readers: dict[str, Any] = {
+        "limits": {
+            "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
+            "velocity": lambda item: Number(dimension["velocity"], 0).read(item),
+            "effort": lambda item: Number(dimension["effort"], 0).read(item),
+        },
+        "spring": {
+            "stiffness": lambda item: Number(dimension["stiffness"], 0).read(item),
+            "rest": lambda item: Number(dimension["rest"]).read(item),
+        },
+    }[key]
+    if key == "spring" and kind == "ball" and "rest" in data:
+        found.append(
+            Fault((key, "rest"), "a ball joint's spring rests where the joint is at zero", hint="leave it out")
+        )
+        del data["rest"]
+    for name, reader in readers.items():
+        if name not in data:
+            continue
+        item = data.pop(name)
+        read, more = _attempt(reader, item, (key, name))
+        found += more
+        if read is not None:
+            data[name] = read
+        elif name == "stiffness":
+            data[name] = 0.0
+        if (key, name) == ("limits", "position") and read is not None and read[0] > read[1]:
+            shown, turned = f"{show(item[0])} > {show(item[1])}", f"[{show(item[1])}, {show(item[0])}]"
+            found.append(Fault((key, name), "the lower limit is above the upper", shown, "[lower, upper]", turned))
+            del data[name]
+    return data, found

@@ -1,0 +1,121 @@
+"""A spec from a file, or from Python objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.language.amounts import too_much
+from simspec.language.checks import check
+from simspec.language.document import Document, read
+from simspec.language.models import VERSION, File
+from simspec.language.overrides import apply
+from simspec.language.problems import in_order
+from simspec.language.sources import Collector, Source, project_folder, validate
+from simspec.language.strict import bounded_suggestions
+
+if TYPE_CHECKING:
+    from simspec.world.types import World
+
+
+class Spec:
+    """A spec that was read and checked as far as words, units, names and references go.
+
+    ``data`` is the pydantic model of the file (SI numbers), ``path`` its path (None for a spec made in Python),
+    ``source`` the file with its line numbers and the model files that it uses.
+    """
+
+    def __init__(self, source: Source, path: Path | None = None):
+        if source.file is None:
+            raise ValueError("a spec needs a file without errors")
+        self.source = source
+        self.path = path
+        self.data: File = source.file
+
+    @property
+    def name(self) -> str:
+        """The spec's name."""
+        return self.data.name
+
+    def __repr__(self) -> str:
+        return f"<Spec {self.name!r} from {self.path or 'Python'}>"
+
+    @classmethod
+    def from_data(
+        cls, data: File | Mapping[str, Any], *, folder: str | Path = ".", allow_outside: bool = False
+    ) -> Spec:
+        """A spec from the language's models or from plain data as a YAML file would hold (``simspec: 1`` may be left
+        out). ``use`` paths are relative to ``folder``. Raises SpecError with every problem."""
+        plain = data.model_dump(exclude_unset=True) if isinstance(data, File) else _plain(data)
+        if isinstance(plain, dict):
+            plain = {"simspec": VERSION, **plain}
+        folder = Path(folder)
+        return _checked(Document("<data>", plain), folder, None, folder / "<data>", allow_outside)
+
+    def locate(self, path: str) -> Location | None:
+        """The place of a dotted path of the spec or of its world (``bodies.ball_017.mass``), or of the nearest thing
+        around it; None for a spec that was made in Python."""
+        from simspec.language.locate import locate
+
+        return locate(self.source, path)
+
+    def resolve(self) -> World:
+        """The world: frozen, SI, every default filled. Raises SpecError with every problem found."""
+        from simspec.resolve import resolve
+
+        return resolve(self)
+
+    def warnings(self, world: World | None = None) -> list[Problem]:
+        """What looks like a slip though it is allowed, each with its place and the way out; ``world`` where the spec has been
+        resolved already. Raises SpecError as :meth:`resolve`."""
+        from simspec.resolve.warnings import warnings
+
+        return warnings(self, world or self.resolve())
+
+    def to_yaml(self) -> str:
+        """The spec as YAML text in the canonical layout, overrides included."""
+        from simspec.language.formatting import format_data
+
+        return format_data(self.source.document.data)
+
+
+def load(path: str | Path, *, sets: Sequence[str] = (), allow_outside: bool = False) -> Spec:
+    """Read, override (``sets``: texts ``path=value``), validate and check a spec and the model files that it uses.
+
+    ``use`` may leave the project folder (the nearest one above with .git or pyproject.toml, else the file's own) only
+    with ``allow_outside``. Raises SpecError with every problem, located.
+    """
+    path = Path(path)
+    return _checked(read(path), path.parent, path, path, allow_outside, sets)
+
+
+def _checked(
+    document: Document, folder: Path, path: Path | None, place: Path, allow_outside: bool, sets: Sequence[str] = ()
+) -> Spec:
+    with bounded_suggestions():
+        problems = apply(document, sets) if isinstance(document.data, dict) else []
+        file, more = validate(document)
+        problems += [*document.problems, *more]
+        source = Source(document, folder, file)
+        collector = Collector(None if allow_outside else project_folder(place))
+        collector.collect(source, (place.resolve(),))
+        # what is looked at for each model that holds it is looked at only where that has an end
+        problems += [*collector.problems, *(too_much(source) or check(source))]
+    if problems:
+        raise SpecError(in_order(problems))
+    return Spec(source, path)
+
+
+def _plain(value: Any) -> Any:
+    """Nested mappings, sequences and models as dicts and lists."""
+    from pydantic import BaseModel
+
+    if isinstance(value, BaseModel):
+        return value.model_dump(exclude_unset=True)
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

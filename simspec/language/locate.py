@@ -1,0 +1,156 @@
+"""From a path of the spec or of its world back to the place in a file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from simspec.errors import Location
+from simspec.language import trees
+from simspec.language.document import Document, Key
+from simspec.language.joint_names import matches
+from simspec.language.sources import Source
+
+_ELEMENT = re.compile(r"(.+)_\d+")
+
+Candidate = tuple[Document, tuple[Key, ...]]
+
+
+def locate(source: Source, path: str) -> Location | None:
+    """The place that says what the world has at ``path``, or of the nearest thing around it."""
+    steps = tuple(path.split("."))
+    best, depth = (source.document, steps), -1
+    for document, candidate in _candidates(source, steps):
+        found = _depth(document.data, candidate)
+        # the first candidate that is there wholly; else the one that is there furthest
+        if found == len(candidate):
+            return document.locate(_keys(document.data, candidate))
+        if found > depth:
+            best, depth = (document, candidate), found
+    document, candidate = best
+    return document.locate(_keys(document.data, candidate[: max(depth, 0)]))
+
+
+def _keys(data: Any, steps: Sequence[Key]) -> list[Key]:
+    """The steps, with indices of lists as numbers."""
+    found: list[Key] = []
+    for step in steps:
+        key: Key = int(step) if isinstance(data, list) else step
+        found.append(key)
+        data = data[key]
+    return found
+
+
+def _depth(data: Any, steps: Sequence[Key]) -> int:
+    """How many steps of a path exist."""
+    for depth, step in enumerate(steps):
+        if isinstance(data, Mapping) and step in data:
+            data = data[step]
+        elif isinstance(data, list) and str(step).isdigit() and int(step) < len(data):
+            data = data[int(step)]
+        else:
+            return depth
+    return len(steps)
+
+
+def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
+    if steps[0] == "bodies" and len(steps) > 1:
+        yield from _of_body(source, steps[1], steps[2:])
+        if steps[2:] == ("joint", "armature"):
+            yield from _of_rotor(source, steps[1])
+    if steps[:2] == ("contact", "pairs") and len(steps) > 4:
+        yield from _of_pair(source, steps[2], steps[3], steps[4:])
+    yield source.document, steps
+    if steps[0] == "contact":
+        for one in source.all():
+            yield one.document, steps
+
+
+def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
+    """Where the law of two materials comes from: their own entry of ``pairs``, else the materials, else what holds for all."""
+    document = source.document
+    contact = document.data.get("contact") if isinstance(document.data, Mapping) else None
+    pairs = contact.get("pairs") if isinstance(contact, Mapping) else None
+    for index, pair in enumerate(pairs if isinstance(pairs, list) else ()):
+        between = pair.get("between") if isinstance(pair, Mapping) else None
+        if isinstance(between, list) and sorted(map(str, between)) == sorted((first, second)):
+            yield from _whole(document, ("contact", "pairs", str(index), *rest))
+    for one in source.all():
+        for name in (first, second):
+            yield from _whole(one.document, ("contact", "materials", name, *rest))
+    yield from _whole(document, ("contact", *rest))
+
+
+def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
+    model, slash, short = name.partition("/")
+    if not slash:
+        for bodies in (trees.loose(source), trees.model_of(source)):
+            if bodies is not None:
+                yield from _in_tree(bodies, _base(name, bodies.raw), rest)
+        return
+    placed = {given: bodies for given, _, bodies in trees.placed(source)}
+    model = _base(model, placed)
+    if model not in placed:
+        return
+    bodies = placed[model]
+    if rest[:2] in (("joint", "position"), ("joint", "velocity")) and short in bodies.raw:
+        part = {"position": "positions", "velocity": "velocities"}[rest[1]]
+        yield from _whole(source.document, ("models", model, part, bodies.joint_name(short)))
+    if short in bodies.roots() and rest and rest[0] in ("pose", "velocity"):
+        yield from _whole(source.document, ("models", model, rest[0]))
+    if short in bodies.raw:
+        yield from _in_tree(bodies, short, rest)
+    else:
+        yield source.document, ("models", model)
+
+
+def _of_rotor(source: Source, name: str) -> Iterator[Candidate]:
+    """The rotor inertia of the controller that drives a body's joint, where the joint itself says no armature."""
+    file = source.file
+    joint = _joint(source, name)
+    for controller, given in file.control.items() if file is not None else ():
+        if joint is not None and any(matches(entry, joint) for entry in given.joints):
+            yield from _whole(source.document, ("control", controller, "rotor_inertia"))
+
+
+def _joint(source: Source, name: str) -> str | None:
+    """The full name of the joint of a body."""
+    model, slash, short = name.partition("/")
+    if slash:
+        placed = {given: bodies for given, _, bodies in trees.placed(source)}
+        bodies = placed.get(_base(model, placed))
+        return f"{model}/{bodies.joint_name(short)}" if bodies is not None and short in bodies.raw else None
+    for bodies in (trees.loose(source), trees.model_of(source)):
+        base = _base(name, bodies.raw) if bodies is not None else name
+        if bodies is not None and base in bodies.raw:
+            named = bodies.joint_name(base)
+            # an element's joint has the suffix after a name of its own, else its body's name
+            implied = named == base + (end := named.removeprefix(base)) and end.startswith("_joint")
+            return f"{name}{end}" if implied else f"{named}{name.removeprefix(base)}"
+    return None
+
+
+def _base(name: str, names: Mapping[str, Any]) -> str:
+    """The name in the spec of an element of an array."""
+    element = _ELEMENT.fullmatch(name)
+    return element[1] if name not in names and element is not None and element[1] in names else name
+
+
+def _in_tree(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
+    if name not in bodies.raw:
+        return
+    document, path = bodies.source.document, (*bodies.path, name)
+    if rest == ("joint", "origin"):  # of a root that says it as its pose
+        yield from _whole(document, (*path, "pose"))
+    if rest[:1] == ("mass",) or rest[:1] == ("inertia",):
+        yield from _whole(document, (*path, *rest))
+        yield from _whole(document, (*path, "mass"))
+        yield from _whole(document, (*path, "shapes"))  # the shapes say it, by their densities
+    yield document, (*path, *rest)
+
+
+def _whole(document: Document, path: tuple[Key, ...]) -> Iterator[Candidate]:
+    """A candidate only where it is there wholly."""
+    if _depth(document.data, path) == len(path):
+        yield document, path

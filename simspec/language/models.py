@@ -1,0 +1,318 @@
+"""The language: every field of a spec, with its meaning, its unit and its bounds.
+
+A field that is not given is None (or its stated default); an explicit null in a file is refused. Numbers are kept in SI.
+The order of the fields is the order in which ``simspec fmt`` writes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
+
+from simspec.language.arrays import Array
+from simspec.language.contact import Contact
+from simspec.language.control import MOST_CONTROLLERS, Controller
+from simspec.language.expectations import Expectation
+from simspec.language.joints import Joint
+from simspec.language.quantities import FileName, Name, Number, Reader, Setting, Text, Vector, Word
+from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, show
+from simspec.language.trajectory import Grasp, Trajectory
+
+VERSION = 1
+CHANNELS = ("pose", "velocity", "contacts", "energy")
+MOST_STEPS = 10**9
+"""Steps of one scenario; at a microsecond each that is a quarter of an hour."""
+WHOLE = 1e-9
+"""Relative deviation from a whole number of steps that is round-off of the division, not another duration."""
+
+Mass = Annotated[float, Number("mass", 0)]
+
+
+@dataclass(frozen=True)
+class Version(Reader):
+    """The version of the language."""
+
+    def read(self, value: Any) -> int:
+        if value != VERSION or isinstance(value, bool):
+            raise fault("this simspec reads version 1 of the language", show(value), str(VERSION))
+        return VERSION
+
+    def describe(self) -> str:
+        return "1"
+
+    def schema(self) -> dict[str, Any]:
+        return {"const": VERSION}
+
+
+class Body(Strict):
+    """A rigid body. One without `parent` is a root: free, unless it is `fixed` or has a `joint` to the world."""
+
+    array: Array = Field(None, description="Copies of this root body and all its descendants")
+    parent: NameOf = Field(None, description="The body that this one is joined to; none: a root")
+    fixed: Switch = Field(None, description="A root only: whether it is fixed to the world")
+    pose: Pose = Field(
+        None, description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin"
+    )
+    velocity: Velocity = Field(
+        None, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
+    )
+    mass: Mass = Field(
+        None, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
+    )
+    centre_of_mass: Point = Field(
+        None, description="Centre of mass in the body frame; with `inertia`; default: its origin"
+    )
+    inertia: Inertia = Field(None, description="Moments of inertia about the centre of mass; with `mass`")
+    collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
+    joint: Joint = Field(None, description="Joint to the parent, or of a root to the world")
+    shapes: list[Shape] = Field([], description="Collision and visual shapes")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        joint = data.get("joint")
+        fields = joint if isinstance(joint, dict) else getattr(joint, "__dict__", {})
+        kind = fields.get("type")
+        if "parent" in data:
+            yield from _child(data, kind)
+        else:
+            yield from _root(data, kind, fields)
+        yield from _mass(data)
+
+
+def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
+    for key, hint in {
+        "array": "arrays are of roots, with all that hangs on them",
+        "fixed": "write joint: {type: fixed}",
+        "pose": "write joint: {origin: ...}",
+        "velocity": "write joint: {velocity: ...}",
+    }.items():
+        if key in data:
+            yield Fault((key,), f"{key} belongs to roots, and this body has a parent", None, None, hint)
+    if "joint" not in data:
+        yield Fault((), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type")
+    elif kind == "free":
+        yield Fault(
+            ("joint", "type"), "only roots are free; this body has a parent", "free", "fixed, hinge, slide, ball"
+        )
+
+
+def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Iterable[Fault]:
+    if data.get("fixed") is True and "joint" in data:
+        yield Fault(("joint",), "fixed and joint exclude each other", None, "one of them")
+    elif "fixed" in data and data.get("fixed") is False and kind == "fixed":
+        yield Fault(("fixed",), "fixed: false contradicts the fixed joint")
+    if "pose" in data and joint.get("origin") is not None:
+        yield Fault(
+            ("pose",), "pose and joint.origin exclude each other: both place the root in the world", None, "one of them"
+        )
+    held = data.get("fixed") is True or kind in ("fixed", "hinge", "slide", "ball")
+    if "velocity" in data and held:
+        hint = "write joint: {velocity: ...}" if kind in ("hinge", "slide", "ball") else "leave it out"
+        yield Fault(("velocity",), "velocity belongs to free roots", None, None, hint)
+
+
+def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
+    shapes = data.get("shapes")
+    items = shapes if isinstance(shapes, list) else []
+    fields = [item if isinstance(item, dict) else getattr(item, "__dict__", {}) for item in items]
+    dense = [index for index, item in enumerate(fields) if item.get("density") is not None]
+    for key in ("mass", "inertia", "centre_of_mass"):
+        if dense and key in data:
+            message = f"{key} and density exclude each other: both say what the body weighs"
+            yield Fault((key,), message, None, "mass and inertia; or mass alone; or densities")
+    if dense:
+        for index, item in enumerate(fields):
+            solid = item.get("collision") is not False and "plane" not in item
+            if solid and item.get("density") is None:
+                hint = "density: 0 makes a shape massless"
+                yield Fault(("shapes", index), "this shape has no density, but others of the body have one", hint=hint)
+        return
+    if "inertia" in data and "mass" not in data and not misspelt("mass", data, Body.model_fields):
+        yield Fault((), "inertia without mass", None, "both, or neither")
+    if "centre_of_mass" in data and "inertia" not in data:
+        yield Fault(("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes")
+
+
+class Use(Strict):
+    """A model placed in the scenario: the file's (`use`), or one written here (`bodies`). Its bodies are called
+    `<model>/<body>`, its joints `<model>/<joint>`."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
+
+    use: Annotated[str, FileName()] = Field(None, description="Path of a model file, relative to this file")
+    bodies: dict[NameOf, Body] = Field(None, description="The bodies of a model written here; exactly one root")
+    grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
+    array: Array = Field(None, description="Copies of the whole model")
+    attach: Annotated[str, Name(path=True)] = Field(
+        None,
+        description="Full name of another model's body that the root is fixed to; `pose` is then in that body's frame",
+    )
+    fixed: Switch = Field(None, description="Whether the root is fixed to the world; default: as the model says")
+    pose: Pose = Field(None, description="Pose of the model in the world; the root's own pose in the model follows it")
+    velocity: Velocity = Field(
+        None, description="Initial velocity of a free root, in world axes, instead of the model's own"
+    )
+    positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
+    velocities: dict[NameOf, Any] = Field({}, description="Initial joint velocities by the joint's name in the model")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "attach" in data:
+            for key in ("array", "fixed", "velocity"):
+                if key in data:
+                    yield Fault(
+                        (key,), f"a model that is attached to a body has no {key} of its own", hint="leave out one"
+                    )
+
+
+class Model(Strict):
+    """The one model of a model file: bodies with exactly one root, or another model file's model."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
+
+    use: Annotated[str, FileName()] = Field(None, description="Path of another model file, relative to this file")
+    bodies: dict[NameOf, Body] = Field(None, description="The bodies; exactly one root")
+    grasps: dict[NameOf, Grasp] = Field({}, description="How the model's hand grasps, by name")
+
+
+def whole_steps(time: float, timestep: float) -> int | None:
+    """How many timesteps ``time`` is; None when it is no whole number of them."""
+    steps = time / timestep
+    nearest = round(steps)
+    return nearest if abs(steps - nearest) <= WHOLE * max(1.0, nearest) else None
+
+
+def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...]) -> Fault:
+    """The fault of a time that is no whole number of timesteps, with the nearest ones that are."""
+    steps = int(time / timestep)
+    lower, upper = (float(f"{count * timestep:.12g}") for count in (steps, steps + 1))
+    near_ones = f"{lower!r} s or {upper!r} s" if lower else f"{upper!r} s"
+    found = f"{time:g} s / {timestep:g} s = {time / timestep:.10g} steps"
+    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {near_ones}")
+
+
+class Physics(Strict):
+    """Gravity and time. The integrator of all engines is semi-implicit Euler: v ← v + dt a, then q ← q ⊕ dt v."""
+
+    gravity: Annotated[tuple[float, float, float], Vector(Number("acceleration"))] = Field(
+        (0.0, 0.0, -9.81), description="Gravity in world axes"
+    )
+    timestep: Annotated[float, Number("time", 0, above=True)] = Field(0.001, description="Length of one step")
+    duration: Annotated[float, Number("time", 0)] = Field(
+        0.0, description="Simulated time of a run; a whole number of steps"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        times = {"timestep": 0.001, "duration": 0.0}
+        for name in times:
+            if name in data:
+                try:
+                    times[name] = Number("time", 0).read(data[name])
+                except Faults:
+                    return  # reported where it is read
+        if times["timestep"] == 0.0:
+            return
+        if times["duration"] / times["timestep"] > MOST_STEPS:
+            found = f"{times['duration'] / times['timestep']:.3g} steps"
+            yield Fault(("duration",), "too many steps", found, f"up to {MOST_STEPS:g}")
+        elif whole_steps(times["duration"], times["timestep"]) is None:
+            yield not_whole("duration", times["duration"], times["timestep"], ("duration",))
+        elif times["duration"] > 0.0 and not whole_steps(times["duration"], times["timestep"]):
+            found = f"{times['duration']:g} s, {times['duration'] / times['timestep']:.3g} steps"
+            yield Fault(("duration",), "shorter than any step", found, f"0, or at least {times['timestep']:g} s")
+
+
+class Record(Strict):
+    """What a run records."""
+
+    every: Annotated[float, Number("time", 0, above=True)] = Field(
+        None, description="Time between two records, a whole number of steps; default: one step"
+    )
+    channels: list[Annotated[str, Word(CHANNELS)]] = Field(
+        list(CHANNELS), description="Poses and velocities of all bodies, contacts, kinetic and potential energy"
+    )
+    show: list[Annotated[str, Name(path=True)]] = Field(
+        [],
+        description="Full names of bodies, hinges and slides whose end the table of a run shows; none: the roots that can "
+        "move, and all joints",
+    )
+
+
+class EngineOptions(Strict):
+    """What a scenario says to one engine. Nothing here may change the model."""
+
+    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    accept: list[Annotated[str, Text()]] = Field([], description="Features that may be approximate in this engine")
+    outside: list[Annotated[str, Text()]] = Field(
+        [], description="Features to be computed outside this engine, which has no form of its own"
+    )
+
+
+class File(Strict):
+    """A spec: a scenario (`bodies`, `models`) or one model (`model`)."""
+
+    simspec: Annotated[int, Version()] = Field(..., description="Version of the language")
+    name: NameOf = Field(..., description="Name; also of the folder that is written")
+    description: Annotated[str, Text()] = Field("", description="One sentence on what it is, or shows")
+    physics: Physics = Field(Physics(), description="Gravity, timestep, duration")
+    contact: Contact = Field(Contact(), description="Materials, friction cone, collision groups, excluded pairs")
+    bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
+    models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
+    model: Model = Field(None, description="The model of a model file; excludes `bodies` and `models`")
+    control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
+    trajectory: Trajectory = Field(
+        None, description="What the driven joints should do; none: they stay where they begin"
+    )
+    record: Record = Field(Record(), description="What a run records")
+    expect: list[Expectation] = Field([], description="What must be true of every run")
+    engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        for key in ("bodies", "models"):
+            if "model" in data and key in data:
+                message = f"model and {key} exclude each other: a file is a model or a scenario"
+                yield Fault((key,), message, None, "model, or bodies and models")
+        contact = data.get("contact")
+        if "model" in data and isinstance(contact, Mapping):
+            for key in ("friction_cone", "combine", "pairs"):
+                if key in contact:
+                    yield Fault(
+                        ("contact", key),
+                        f"{key} belongs to scenarios, not to a model",
+                        None,
+                        "materials, groups, exclude",
+                    )
+        parts = ("bodies", "models", "model")
+        if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
+            yield Fault((), "neither bodies nor models: there is nothing to simulate")
+        control = data.get("control")
+        if isinstance(control, Mapping) and len(control) > MOST_CONTROLLERS:
+            yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")
+        yield from _in_steps(data, "record", "every")
+        yield from _in_steps(data, "trajectory", "until")
+
+
+def _in_steps(data: Mapping[str, Any], part: str, name: str) -> Iterable[Fault]:
+    """A time that is no whole number of timesteps, or none at all."""
+
+    def of(part: str, name: str) -> Any:
+        value = data.get(part)
+        return value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
+
+    time = of(part, name)
+    if time is None:
+        return
+    timestep = of("physics", "timestep")
+    number = Number("time", 0, above=True)
+    try:
+        times = number.read(time), 0.001 if timestep is None else number.read(timestep)
+    except Faults:
+        return  # reported where it is read
+    if whole_steps(*times) in (None, 0):
+        yield not_whole(f"{part}.{name}", *times, (part, name))

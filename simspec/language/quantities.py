@@ -1,0 +1,379 @@
+"""The types that fields have: numbers with a dimension and bounds, vectors, names, words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import GetJsonSchemaHandler
+from pydantic_core import core_schema
+
+from simspec.errors import UNSEEN_CHARACTERS
+from simspec.language import units
+from simspec.language.document import INVALID
+from simspec.language.hints import hint_for_word
+from simspec.language.strict import Fault, Faults, fault, near, raised, replace_loc, show
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+NAME_RULE = "letters, digits, _ and -, beginning with a letter or _"
+LONGEST_NAME = 200
+LONGEST_TEXT = 1000
+"""Characters of a path, a description, the name of a feature: messages and files of results quote them."""
+
+
+class Reader:
+    """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``."""
+
+    def read(self, value: Any) -> Any:
+        """The value as the world wants it. Raises Faults."""
+        raise NotImplementedError
+
+    def written(self, value: Any) -> Any:
+        """A value that was read, as a spec writes it, for the defaults in the schema and the reference."""
+        return value
+
+    def schema(self) -> dict[str, Any]:
+        """Its JSON Schema."""
+        raise NotImplementedError
+
+    def unit(self) -> str:
+        """The SI unit, for the reference; "" for none."""
+        return ""
+
+    def describe(self) -> str:
+        """The type in words, for the reference."""
+        raise NotImplementedError
+
+    def _validate(self, value: Any) -> Any:
+        if value is INVALID:
+            raise raised([Fault((), "", reported=True)], None)
+        try:
+            return self.read(value)
+        except Faults as error:
+            raise raised(error.faults, None) from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._validate)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return self.schema()
+
+
+@dataclass(frozen=True)
+class Number(Reader):
+    """A finite number of a dimension of :mod:`simspec.language.units`, within bounds (``above``: the lower one excluded)."""
+
+    dimension: str = "number"
+    least: float | None = None
+    most: float | None = None
+    above: bool = False
+
+    def read(self, value: Any) -> float:
+        if type(value) is float:
+            number = value
+        elif isinstance(value, str):
+            try:
+                number = units.parse(value, self.dimension)
+            except units.UnitError as error:
+                raise fault(str(error), error.found, error.allowed, error.hint) from None
+        elif isinstance(value, bool) or not (isinstance(value, int) or hasattr(value, "__float__")):
+            raise fault(f"wants {self.describe()}", show(value), self._allowed())
+        else:
+            try:
+                number = float(value)
+            except (OverflowError, TypeError, ValueError):
+                raise fault("not a usable number", show(value)[:40], self._allowed()) from None
+        if not -units.LARGEST <= number <= units.LARGEST:  # also true of NaN
+            finite = "a finite number" if number - number != 0.0 else f"magnitudes up to {units.LARGEST:g}"
+            raise fault("not a usable number", show(value), finite)
+        if self.least is not None and (number <= self.least if self.above else number < self.least):
+            word = "above" if self.above else "at least"
+            raise fault(f"must be {word} {self.least:g}", show(value), self._allowed())
+        if 0.0 < number < units.SMALLEST and (self.above or self.dimension in ("mass", "density")):
+            allowed = f"{'' if self.above else '0, or '}at least {units.SMALLEST:g}"
+            raise fault("too small a number", show(value), allowed)
+        if self.most is not None and number > self.most:
+            raise fault(f"must be at most {self.most:g}", show(value), self._allowed())
+        return number
+
+    def _bounds(self) -> str:
+        parts = []
+        if self.least is not None:
+            parts.append(f"{'>' if self.above else '≥'} {self.least:g}")
+        if self.most is not None:
+            parts.append(f"≤ {self.most:g}")
+        return ", ".join(parts)
+
+    def _allowed(self) -> str:
+        unit = self.unit()
+        return " ".join(
+            part for part in ("a number", self._bounds(), f"in {unit}, or with a unit" if unit else "") if part
+        )
+
+    def unit(self) -> str:
+        unit = units.DIMENSIONS[self.dimension].unit
+        return "" if unit == "1" else unit
+
+    def describe(self) -> str:
+        bounds = self._bounds()
+        return units.article(self.dimension) + (f" {bounds}" if bounds else "")
+
+    def schema(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        if self.least is not None:
+            found["exclusiveMinimum" if self.above else "minimum"] = self.least
+        if self.most is not None:
+            found["maximum"] = self.most
+        return found
+
+
+@dataclass(frozen=True)
+class Vector(Reader):
+    """A list of numbers of one kind; ``longest`` when the length may vary up to it."""
+
+    item: Number
+    length: int = 3
+    longest: int | None = None
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        if hasattr(value, "tolist"):  # an array of numpy
+            value = value.tolist()
+        longest = self.longest or self.length
+        if not isinstance(value, (list, tuple)) or not self.length <= len(value) <= longest:
+            found = f"{len(value)} values" if isinstance(value, (list, tuple)) else show(value)
+            raise fault(f"wants {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
+        read = self.item.read
+        try:
+            return tuple([read(item) for item in value])
+        except Faults:
+            return self._slowly(value)
+
+    def _slowly(self, value: Sequence[Any]) -> tuple[float, ...]:
+        faults: list[Fault] = []
+        for index, item in enumerate(value):
+            if item is INVALID:
+                faults.append(Fault((index,), "", reported=True))
+                continue
+            try:
+                self.item.read(item)
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (index,)))
+        raise Faults(faults)
+
+    def unit(self) -> str:
+        return self.item.unit()
+
+    def describe(self) -> str:
+        count = f"{self.length}" if self.longest is None else f"{self.length} to {self.longest}"
+        noun = {"inertia": "inertias", "velocity": "velocities", "angular velocity": "angular velocities"}
+        return f"a list of {count} {noun.get(self.item.dimension, self.item.dimension + 's')}"
+
+    def schema(self) -> dict[str, Any]:
+        longest = self.longest or self.length
+        return {"type": "array", "items": self.item.schema(), "minItems": self.length, "maxItems": longest}
+
+
+@dataclass(frozen=True)
+class Direction(Reader):
+    """A vector whose length does not matter, but must not be zero; kept as written, normalised when resolved."""
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        vector = Vector(Number()).read(value)
+        if not any(vector):
+            raise fault("has no length, so no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
+        return vector
+
+    def describe(self) -> str:
+        return "a vector of 3 numbers, not zero"
+
+    def schema(self) -> dict[str, Any]:
+        return Vector(Number()).schema()
+
+
+@dataclass(frozen=True)
+class UnitQuaternion(Reader):
+    """w x y z of unit length to 1 % (then normalised): what is further off is no rounding but a mistake."""
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        quaternion = Vector(Number(), 4).read(value)
+        squared = sum(item * item for item in quaternion)
+        if not 0.98 < squared < 1.02:
+            raise fault(
+                "not of unit length", f"{show(list(quaternion))}, of length {squared**0.5:.6g}", "w x y z of length 1"
+            )
+        return quaternion
+
+    def describe(self) -> str:
+        return "a unit quaternion w x y z"
+
+    def schema(self) -> dict[str, Any]:
+        return Vector(Number(), 4).schema()
+
+
+@dataclass(frozen=True)
+class Whole(Reader):
+    """A whole number."""
+
+    least: int = 0
+    most: int = 2**53
+
+    def read(self, value: Any) -> int:
+        if isinstance(value, bool) or not hasattr(value, "__index__"):
+            raise fault("wants a whole number", show(value), f"{self.least} to {self.most}")
+        number = int(value)
+        if not self.least <= number <= self.most:
+            raise fault("out of range", show(value), f"{self.least} to {self.most}")
+        return number
+
+    def describe(self) -> str:
+        return f"a whole number ≥ {self.least}"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+
+@dataclass(frozen=True)
+class Name(Reader):
+    """A name. With ``path``, names of models and bodies in them joined by ``/``."""
+
+    path: bool = False
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
+            raise fault("wants a name", show(value), NAME_RULE, hint)
+        parts = value.split("/") if self.path else [value]
+        if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
+            return value
+        if len(value) > LONGEST_NAME:
+            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
+        raise fault("this cannot be a name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
+
+    def describe(self) -> str:
+        return "a body's full name" if self.path else "a name"
+
+    def schema(self) -> dict[str, Any]:
+        one = NAME.pattern
+        return {"type": "string", "pattern": f"^{one}(/{one})?$" if self.path else f"^{one}$"}
+
+
+def clean_name(text: str) -> str:
+    """The nearest text that may be a name."""
+    import unicodedata
+
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    clean = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")
+    return clean if NAME.fullmatch(clean) else f"n_{clean}".rstrip("_")
+
+
+@dataclass(frozen=True)
+class Word(Reader):
+    """One of a closed list of words."""
+
+    words: tuple[str, ...]
+
+    def read(self, value: Any) -> str:
+        if isinstance(value, str) and value in self.words:
+            return value
+        hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
+        raise fault("not one of the words that may stand here", show(value), ", ".join(self.words), hint)
+
+    def describe(self) -> str:
+        return " \\| ".join(f"`{word}`" for word in self.words)
+
+    def schema(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True)
+class Flag(Reader):
+    """true or false."""
+
+    def read(self, value: Any) -> bool:
+        if type(value) is not bool:
+            raise fault("wants true or false", show(value), "true, false")
+        return value
+
+    def describe(self) -> str:
+        return "true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True)
+class Text(Reader):
+    """Free text."""
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            raise fault("wants a text", show(value), "a text; in quotes where it looks like a number")
+        if len(value) > LONGEST_TEXT:
+            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
+        return value
+
+    def describe(self) -> str:
+        return "a text"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string"}
+
+
+@dataclass(frozen=True)
+class FileName(Text):
+    """The path of a file, as it is written."""
+
+    def read(self, value: Any) -> str:
+        path = super().read(value)
+        if unseen := UNSEEN_CHARACTERS.search(path):
+            raise fault("no path has such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
+        return path
+
+
+@dataclass(frozen=True)
+class Setting(Reader):
+    """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
+
+    def read(self, value: Any) -> bool | int | float | str:
+        if isinstance(value, float) and value - value != 0.0:
+            raise fault("not a finite number", show(value))
+        if not isinstance(value, (bool, int, float, str)):
+            raise fault("wants a number, a word, true or false", show(value))
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise fault("too large a number", show(value))
+        return value
+
+    def describe(self) -> str:
+        return "a number, a word, true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": ["boolean", "number", "string"]}
+
+
+@dataclass(frozen=True)
+class ByJointType(Reader):
+    """A value whose dimension follows from the joint's type: kept as written here, read by ``models.Joint``."""
+
+    unit_text: str
+    values: int = 1
+    orientation: bool = False
+
+    def read(self, value: Any) -> Any:
+        return value
+
+    def unit(self) -> str:
+        return self.unit_text
+
+    def describe(self) -> str:
+        return "[lower, upper]" if self.values == 2 else "by the joint's type"
+
+    def schema(self) -> dict[str, Any]:
+        number = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        if self.values == 2:
+            return {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+        if self.orientation:
+            orientation = {"$ref": "#/definitions/Orientation"}
+            return {"anyOf": [number, {"type": "array", "items": number, "minItems": 3, "maxItems": 3}, orientation]}
+        return number

@@ -1,0 +1,185 @@
+"""Poses, velocities, shapes and inertias: what a body is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BaseModel, Field
+
+from simspec.language.moments import impossible, principal_moments
+from simspec.language.quantities import Flag, Name, Number, UnitQuaternion, Vector
+from simspec.language.strict import Fault, Faults, Strict
+
+Length = Annotated[float, Number("length", 0, above=True)]
+Lengths = Annotated[tuple[float, float, float], Vector(Number("length", 0, above=True))]
+Point = Annotated[tuple[float, float, float], Vector(Number("length"))]
+Angles = Annotated[tuple[float, float, float], Vector(Number("angle"))]
+Quaternion = Annotated[tuple[float, float, float, float], UnitQuaternion()]
+Moment = Annotated[float, Number("moment of inertia")]
+Moments = Annotated[tuple[float, float, float], Vector(Number("moment of inertia", 0))]
+LinearVelocity = Annotated[tuple[float, float, float], Vector(Number("velocity"))]
+AngularVelocity = Annotated[tuple[float, float, float], Vector(Number("angular velocity"))]
+Colour = Annotated[tuple[float, ...], Vector(Number("number", 0, 1), 3, 4)]
+NameOf = Annotated[str, Name()]
+Switch = Annotated[bool, Flag()]
+
+SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
+RPY = "Roll, pitch, yaw about the fixed x, y, z axes of the parent's frame: R = Rz(yaw) Ry(pitch) Rx(roll)"
+
+
+def excluded(data: Mapping[str, Any], first: str, second: str, why: str) -> Iterable[Fault]:
+    """A fault where both of two fields are given."""
+    if first in data and second in data:
+        yield Fault((second,), f"{first} and {second} exclude each other: {why}", None, f"{first} or {second}")
+
+
+class Orientation(Strict):
+    """A rotation, as `rpy` or as `quat`, never both; neither means none."""
+
+    rpy: Angles = Field(None, description=RPY)
+    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        yield from excluded(data, "rpy", "quat", "each is the whole rotation")
+
+
+class Pose(Strict):
+    """Where a frame is in its parent's frame; `rpy` or `quat`, never both."""
+
+    xyz: Point = Field((0.0, 0.0, 0.0), description="Position of the frame's origin")
+    rpy: Angles = Field(None, description=RPY)
+    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        yield from Orientation.faults(data)
+
+
+class Velocity(Strict):
+    """The initial velocity of a free root, in the axes of the frame that its `pose` is in: the world's for a loose body and for
+    a placed model, the model's for the root within a model."""
+
+    linear: LinearVelocity = Field((0.0, 0.0, 0.0), description="Velocity of the origin of the body's frame")
+    angular: AngularVelocity = Field((0.0, 0.0, 0.0), description="Angular velocity")
+
+
+class Sphere(Strict):
+    """A ball about the origin of the shape's frame."""
+
+    radius: Length = Field(..., description="Radius")
+
+
+class Box(Strict):
+    """A cuboid about the origin of the shape's frame."""
+
+    size: Lengths = Field(..., description="Full edge lengths along x, y, z")
+
+
+class Cylinder(Strict):
+    """A cylinder along z about the origin of the shape's frame."""
+
+    radius: Length = Field(..., description="Radius")
+    length: Length = Field(..., description="Distance between the flat ends")
+
+
+class Capsule(Strict):
+    """A cylinder along z with half a ball on either end, about the origin of the shape's frame."""
+
+    radius: Length = Field(..., description="Radius of the cylinder and of the ends")
+    length: Length = Field(..., description="Length of the cylindrical part; the whole is 2 × radius longer")
+
+
+class Ellipsoid(Strict):
+    """An ellipsoid about the origin of the shape's frame."""
+
+    radii: Lengths = Field(..., description="Semi-axes along x, y, z")
+
+
+class Plane(Strict):
+    """The infinite x-y plane of the shape's frame, solid below (z < 0). Only on bodies fixed to the world."""
+
+
+class Shape(Strict):
+    """One collision and/or visual shape of a body."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = SHAPES
+
+    name: NameOf = Field(
+        None, description="Name; default `<body>_<index>`, with a number behind if that is given to another"
+    )
+    sphere: Sphere = Field(None, description="A ball")
+    box: Box = Field(None, description="A cuboid")
+    cylinder: Cylinder = Field(None, description="A cylinder along z")
+    capsule: Capsule = Field(None, description="A capsule along z")
+    ellipsoid: Ellipsoid = Field(None, description="An ellipsoid")
+    plane: Plane = Field(None, description="An infinite plane, written `plane: {}`")
+    pose: Pose = Field(None, description="Pose of the shape's frame in the body frame; default: the body frame")
+    density: Annotated[float, Number("density", 0)] = Field(
+        None, description="Density; the body's mass properties are then the sum over its shapes"
+    )
+    material: NameOf = Field(
+        None, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
+    )
+    collision: Switch = Field(True, description="Whether the shape takes part in contact")
+    visual: Switch = Field(True, description="Whether the shape is drawn")
+    colour: Colour = Field((0.7, 0.7, 0.7, 1.0), description="Red, green, blue and, where given, opacity; each 0 to 1")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "plane" in data and "density" in data:
+            yield Fault(("density",), "a plane has no volume, so no density")
+        if data.get("collision") is False and data.get("visual") is False:
+            yield Fault(("visual",), "neither collision nor visual: the shape would do nothing", hint="leave it out")
+
+
+class Tensor(Strict):
+    """An inertia tensor about the centre of mass, in axes parallel to the body frame's. The products of inertia are
+    the tensor's own off-diagonal elements."""
+
+    xx: Moment = Field(..., description="Ixx = ∫ (y² + z²) dm")
+    yy: Moment = Field(..., description="Iyy = ∫ (x² + z²) dm")
+    zz: Moment = Field(..., description="Izz = ∫ (x² + y²) dm")
+    xy: Moment = Field(0.0, description="Ixy = −∫ x y dm")
+    xz: Moment = Field(0.0, description="Ixz = −∫ x z dm")
+    yz: Moment = Field(0.0, description="Iyz = −∫ y z dm")
+
+
+class Inertia(Strict):
+    """Moments of inertia about the centre of mass: a tensor, or principal moments with the orientation of their axes. No
+    body has a principal moment above the sum of the other two; such values are refused."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("tensor", "principal")
+
+    tensor: Tensor = Field(None, description="The tensor in the body's axes")
+    principal: Moments = Field(None, description="Principal moments, about the principal axes x, y, z")
+    rpy: Angles = Field(None, description="Orientation of the principal axes in the body frame")
+    quat: Quaternion = Field(None, description="The same as a unit quaternion w x y z")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        yield from Orientation.faults(data)
+        for key in ("rpy", "quat"):
+            if key in data and "tensor" in data:
+                yield Fault((key,), f"{key} turns principal axes; a tensor is in the body's axes already")
+        for key, reader in (("principal", _principal), ("tensor", _of_tensor)):
+            try:
+                why = impossible(reader(data[key])) if key in data else None
+            except Faults:
+                continue  # reported where the value is read
+            if why:
+                hint = "moments are about the centre of mass; products carry the tensor's own sign"
+                yield Fault((key,), why, None, "no principal moment above the sum of the other two", hint)
+
+
+def _principal(value: Any) -> tuple[float, ...]:
+    return Vector(Number("moment of inertia", 0)).read(value)
+
+
+def _of_tensor(value: Any) -> tuple[float, ...]:
+    values = value.model_dump() if isinstance(value, BaseModel) else value
+    if not isinstance(values, Mapping) or not all(name in values for name in ("xx", "yy", "zz")):
+        raise Faults([Fault((), "no tensor")])
+    number = Number("moment of inertia")
+    return principal_moments([number.read(values.get(name, 0.0)) for name in ("xx", "yy", "zz", "xy", "xz", "yz")])

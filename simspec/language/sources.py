@@ -1,0 +1,182 @@
+"""The files of a spec: the file itself, and the model files that it uses, each read and validated once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
+from simspec.language.document import Document, read
+from simspec.language.models import File
+from simspec.language.problems import of_validation
+from simspec.language.quantities import LONGEST_TEXT
+from simspec.language.strict import show
+
+DEEPEST_USE = 8
+"""Files that use files that use files: a chain longer than this is refused."""
+NAMEABLE = (".yaml", ".yml", ".csv", ".npz")
+"""Files that a spec may mean."""
+PROJECT_MARKS = (".git", "pyproject.toml")
+
+
+@dataclass
+class Source:
+    """One file: its document, its model (None when it has errors), and the files that it uses, by the text of ``use``."""
+
+    document: Document
+    folder: Path
+    file: File | None = None
+    uses: dict[str, Source] = field(default_factory=dict)
+    table: Path | None = None
+    """The file of `trajectory.file`, found and allowed."""
+
+    def all(self) -> Iterator[Source]:
+        """This source and every other below it, each once."""
+        seen: dict[int, Source] = {}
+        waiting = [self]
+        while waiting:
+            source = waiting.pop()
+            if id(source) not in seen:
+                seen[id(source)] = source
+                waiting.extend(source.uses.values())
+        return iter(seen.values())
+
+
+def project_folder(path: Path) -> Path:
+    """The folder that ``use`` must not leave: the nearest one above with a mark of a project, else the file's own."""
+    folder = path.resolve().parent
+    for candidate in (folder, *folder.parents):
+        if any((candidate / mark).exists() for mark in PROJECT_MARKS):
+            return candidate
+    return folder
+
+
+def validate(document: Document) -> tuple[File | None, list[Problem]]:
+    """The document's model, or its problems."""
+    if not isinstance(document.data, dict):
+        found = "an empty file" if document.data is None else show(document.data)
+        hint = "it begins with simspec: 1"
+        return None, [document.problem((), "a spec is a mapping (key: value)", found=found, hint=hint)]
+    try:
+        return File.model_validate(document.data), []
+    except ValidationError as error:
+        return None, list(of_validation(error, document))
+
+
+def uses(data: Any) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Every ``use`` of a file, with its path."""
+    if not isinstance(data, Mapping):
+        return
+    model = data.get("model")
+    if isinstance(model, Mapping) and isinstance(model.get("use"), str):
+        yield ("model", "use"), model["use"]
+    models = data.get("models")
+    for name, placed in models.items() if isinstance(models, Mapping) else ():
+        if isinstance(placed, Mapping) and isinstance(placed.get("use"), str):
+            yield ("models", name, "use"), placed["use"]
+
+
+class Collector:
+    """Reads the files that a file uses, and theirs; collects every problem."""
+
+    def __init__(self, project: Path | None):
+        self.project = project
+        """The folder that must not be left; None: any file may be used."""
+        self.problems: list[Problem] = []
+        self._read: dict[Path, Source | None] = {}
+
+    def collect(self, source: Source, chain: tuple[Path, ...]) -> None:
+        """Read what ``source`` uses; ``chain`` holds the files that led here, this one last."""
+        for path, text in uses(source.document.data):
+            if text in source.uses:
+                continue
+            found = self._find(source, path, text, chain)
+            if found is not None:
+                source.uses[text] = found
+        data = source.document.data
+        trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
+        text = trajectory.get("file") if isinstance(trajectory, Mapping) else None
+        if isinstance(text, str):
+            source.table = self._place(source, ("trajectory", "file"), text)
+
+    def _problem(self, source: Source, path: tuple[str, ...], message: str, **more: str | None) -> None:
+        self.problems.append(source.document.problem(path, message, **more))
+
+    def _place(self, source: Source, path: tuple[str, ...], text: str) -> Path | None:
+        """The file that a path of a spec means, where it may be read."""
+        if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
+            return None  # reported where it is read
+        if not text.strip():
+            self._problem(source, path, "no path of a file", found=show(text))
+            return None
+        try:
+            target = (source.folder / text).resolve()
+            is_file = target.is_file()
+        except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
+            self._problem(source, path, "this path leads nowhere", found=show(text))
+            return None
+        if self.project is not None and not target.is_relative_to(self.project):
+            allowed = f"files below {_shown(self.project)}"
+            hint = "--allow-outside allows it"
+            self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
+            return None
+        if not is_file:
+            self._problem(source, path, "no such file", found=text, hint=_near_file(target))
+            return None
+        return target
+
+    def _find(self, source: Source, path: tuple[str, ...], text: str, chain: tuple[Path, ...]) -> Source | None:
+        target = self._place(source, path, text)
+        if target is None:
+            return None
+        if target in chain:
+            loop = " -> ".join(one.name for one in (*chain[chain.index(target) :], target))
+            self._problem(source, path, f"files use each other in a loop: {loop}", found=text)
+            return None
+        if len(chain) >= DEEPEST_USE:
+            self._problem(source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text)
+            return None
+        if target not in self._read:
+            self._read[target] = None
+            self._read[target] = self._load(target, chain)
+        found = self._read[target]
+        if found is not None and isinstance(found.document.data, Mapping) and "model" not in found.document.data:
+            hint = "a model file has `model: {bodies: ...}`"
+            self._problem(source, path, "this file holds no model to use", found=text, hint=hint)
+            return None
+        return found
+
+    def _load(self, target: Path, chain: tuple[Path, ...]) -> Source | None:
+        try:
+            document = read(target, _shown(target))
+        except SpecError as error:
+            self.problems.extend(error.problems)
+            return None
+        file, problems = validate(document)
+        self.problems.extend((*document.problems, *problems))
+        source = Source(document, target.parent, file)
+        self.collect(source, (*chain, target))
+        return source
+
+
+def _shown(path: Path) -> str:
+    """A path as messages show it: relative to the working folder where it is below it."""
+    try:
+        return str(path.relative_to(Path.cwd().resolve()))
+    except ValueError:
+        return str(path)
+
+
+def _near_file(target: Path) -> str | None:
+    from simspec.language.strict import near
+
+    try:
+        names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.endswith(NAMEABLE))
+    except OSError:
+        return None
+    return near(target.name, names)

@@ -1,0 +1,187 @@
+"""The base of every model of the language, and what it reports.
+
+A fault is a wrong value or a wrong combination of values. Every model reports all its faults at once: those of its fields,
+and those that :meth:`Strict.faults` finds between fields, whatever else is wrong.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from typing import Any, ClassVar, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from simspec.language.document import INVALID
+
+LONGEST_WORD = 200
+"""Characters of an unknown word that are looked at for a suggestion."""
+MOST_COMPARED = 50_000
+"""Words that are compared for suggestions while one spec is read: half a second's worth."""
+_left: ContextVar[list[int] | None] = ContextVar("_left", default=None)
+"""How many are left, in a list of one; None: no bound."""
+
+FAULT = "simspec"
+"""pydantic error type of our own faults."""
+REPORTED = "simspec_reported"
+"""The same of values that have been reported already (``INVALID``)."""
+
+
+class Fault(NamedTuple):
+    """What is wrong, at ``loc`` below the model (or value) that reports it."""
+
+    loc: tuple[str | int, ...]
+    message: str
+    found: str | None = None
+    allowed: str | None = None
+    hint: str | None = None
+    reported: bool = False
+
+
+class Faults(ValueError):
+    """Raised by readers of single values."""
+
+    def __init__(self, faults: Sequence[Fault]):
+        super().__init__(faults[0].message)
+        self.faults = tuple(faults)
+
+
+def fault(message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None) -> Faults:
+    """One fault at the value itself."""
+    return Faults([Fault((), message, found, allowed, hint)])
+
+
+def show(value: Any) -> str:
+    """A value as a message shows it: short."""
+    if isinstance(value, Mapping):
+        keys = list(value)
+        return "{" + ", ".join(str(key) for key in keys[:6]) + (", ..." if len(keys) > 6 else "") + "}"
+    text = {None: "nothing", True: "true", False: "false"}.get(value) if value is None or value is True else None
+    text = text or ("false" if value is False else repr(value))
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+@contextlib.contextmanager
+def bounded_suggestions() -> Iterator[None]:
+    """Within it, :func:`near` compares at most :data:`MOST_COMPARED` words in all: a thousand wrong names among a thousand
+    right ones would take minutes. What is reported stays complete; the later problems only lack a suggestion."""
+    token = _left.set([MOST_COMPARED])
+    try:
+        yield
+    finally:
+        _left.reset(token)
+
+
+def near(word: str, words: Iterable[str]) -> str | None:
+    """A hint naming the nearest of ``words``."""
+    left = _left.get()
+    if left is not None and left[0] <= 0:
+        return None
+    known = sorted(map(str, words))[:3000]  # sorted: the same suggestion every time
+    if left is not None:
+        left[0] -= len(known)
+    found = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, 1, 0.5)
+    return f"did you mean {found[0]!r}?" if found else None
+
+
+def _details(fault: Fault, value: Any) -> InitErrorDetails:
+    context = {"found": fault.found, "allowed": fault.allowed, "hint": fault.hint}
+    kind = REPORTED if fault.reported else FAULT
+    # a message goes in whole: pydantic would take braces in a template for its own
+    error = PydanticCustomError(kind, "{message}", {"message": fault.message, **context})
+    return InitErrorDetails(type=error, loc=fault.loc, input=value)
+
+
+def raised(faults: Sequence[Fault], value: Any, others: ValidationError | None = None) -> ValidationError:
+    """The faults as the error that pydantic understands, with pydantic's own ``others``."""
+    details = [_details(one, value) for one in faults]
+    for error in others.errors(include_url=False) if others is not None else ():
+        kind: Any = error["type"]
+        if kind in (FAULT, REPORTED):
+            kind = PydanticCustomError(kind, "{message}", error["ctx"])
+        elif kind == "value_error":
+            kind = PydanticCustomError(FAULT, "{message}", {"message": error["msg"]})
+        details.append(InitErrorDetails(type=kind, loc=error["loc"], input=error["input"], ctx=error.get("ctx", {})))
+    return ValidationError.from_exception_data("spec", details)
+
+
+def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
+    """A model's error as faults; ``fields`` are the model's, for suggestions."""
+    found = []
+    for one in error.errors(include_url=False):
+        if one["type"] in (FAULT, REPORTED):
+            context = one["ctx"]
+            more = (context["message"], context["found"], context["allowed"], context["hint"], one["type"] == REPORTED)
+            found.append(Fault(one["loc"], *more))
+        else:
+            word = str(one["loc"][-1]) if one["loc"] else ""
+            found.append(Fault(one["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))
+    return Faults(found)
+
+
+def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[Fault]:
+    """The faults, seen from above."""
+    return [one._replace(loc=(*prefix, *one.loc)) for one in faults]
+
+
+class Strict(BaseModel):
+    """Base of every model: unknown keys are errors, instances are frozen, None means "not given" and is no value."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ()
+    """Fields of which exactly one must be given."""
+
+    @classmethod
+    def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
+        """The data as the fields want them (a copy where it differs), and faults of what could not be prepared."""
+        return data, []
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        """What is wrong between fields. The data are as written: any value may have any type."""
+        return ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _all_at_once(cls, data: Any, handler: Any) -> Any:
+        if data is INVALID:
+            raise raised([Fault((), "", reported=True)], None)
+        if not isinstance(data, dict):
+            if isinstance(data, cls):
+                return handler(data)
+            empty = not any(field.is_required() for field in cls.model_fields.values()) and not cls.ONE_OF
+            hint = "write {}" if data is None and empty else None
+            words = ", ".join(cls.model_fields)
+            allowed = f"the keys {words}" if words else "{}"
+            raise raised([Fault((), "wants a mapping (key: value)", show(data), allowed, hint)], None)
+        found = list(cls.faults(data))
+        if cls.ONE_OF:
+            found += _exactly_one(cls.ONE_OF, data, cls.model_fields)
+        prepared, more = cls.prepare(data)
+        found += more
+        try:
+            model = handler(prepared)
+        except ValidationError as error:
+            raise raised(found, None, error) from None
+        if found:
+            raise raised(found, None)
+        return model
+
+
+def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[str]) -> Iterable[Fault]:
+    given = [name for name in names if name in data]
+    allowed = "exactly one of " + ", ".join(names)
+    if len(given) > 1:
+        yield Fault((given[1],), f"{' and '.join(given)} exclude each other", None, allowed)
+    elif not given and not any(misspelt(name, data, fields) for name in names):
+        yield Fault((), f"wants one of {', '.join(names)}", show(data), allowed)
+
+
+def misspelt(name: str, data: Mapping[str, Any], fields: Iterable[str]) -> bool:
+    """Whether a field that is missing seems to be there under a wrong name, which is reported as an unknown key."""
+    known = set(fields)
+    return any(key not in known and near(key, known) == near(name, [name]) for key in data)

@@ -1,0 +1,287 @@
+"""Trajectories: where driven joints should be, by points, by a table in a file, or by a program of moves of a tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field, create_model
+
+from simspec.language.document import INVALID
+from simspec.language.joint_names import JointNames
+from simspec.language.joints import DIMENSION, check_suits_driven
+from simspec.language.quantities import FileName, Flag, Name, Number, Reader, Vector, Word
+from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
+from simspec.language.strict import Fault, Faults, Strict, fault, replace_loc, show
+
+INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
+MOST_POINTS = 100_000
+"""Points of one trajectory, whether written, read from a file or made by a program."""
+MOST_NUMBERS = 1_000_000
+"""Points times joints; each is kept in the world with all its digits."""
+MOST_SOLVED = 10_000
+"""Points of the straight moves of a program, each a place that the arm is solved for: half a millisecond with six joints, some
+milliseconds with joints to spare."""
+FAR = 5
+"""Points that a move which is not straight counts for: it is solved once, in some twenty steps instead of three to six."""
+_QUANTITIES = {"positions": "position", "velocities": "velocity", "accelerations": "velocity", "efforts": "effort"}
+_DERIVATIVES = ("velocities", "accelerations")
+
+
+@dataclass(frozen=True)
+class ByJoint(Reader):
+    """A mapping of numbers by the joint's name. Kept as written: the unit follows from the joint's type, which shows when the
+    spec is resolved (:meth:`number`). What suits no type of joint is refused here.
+
+    ``quantity`` names the entry of ``joints.DIMENSION`` that gives the dimension; ``rate``: a plain number, per second of it.
+    """
+
+    quantity: str
+    unit_text: str
+    rate: bool = False
+
+    def number(self, kind: str) -> Number:
+        """The number of a joint of a type (hinge or slide)."""
+        return Number("number" if self.rate else DIMENSION[kind][self.quantity])
+
+    def read(self, value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping) or not value:
+            raise fault(f"wants {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
+        faults: list[Fault] = []
+        for name, item in value.items():
+            if item is INVALID:
+                faults.append(Fault((name,), "", reported=True))
+                continue
+            try:
+                Name(path=True).read(name)
+                check_suits_driven(self.number, item)
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (str(name),)))
+        if faults:
+            raise Faults(faults)
+        return dict(value)
+
+    def unit(self) -> str:
+        return self.unit_text
+
+    def describe(self) -> str:
+        return "numbers by joint"
+
+    def schema(self) -> dict[str, Any]:
+        number = Number("number").schema()
+        return {"type": "object", "additionalProperties": number, "minProperties": 1}
+
+
+BY_JOINT: Mapping[str, ByJoint] = {
+    "positions": ByJoint("position", "rad or m"),
+    "velocities": ByJoint("velocity", "rad/s or m/s"),
+    "accelerations": ByJoint("velocity", "rad/s² or m/s²", rate=True),
+    "efforts": ByJoint("effort", "N m or N"),
+}
+"""What a point says of its joints."""
+
+Positions = Annotated[dict[str, Any], BY_JOINT["positions"]]
+Time = Annotated[float, Number("time", 0)]
+Lasting = Annotated[float, Number("time", 0, above=True)]
+Share = Annotated[float, Number("number", 0, 1)]
+FullName = Annotated[str, Name(path=True)]
+
+
+class TrajectoryPoint(Strict):
+    """Where joints should be at a time. All points of a trajectory name the same joints."""
+
+    at: Time = Field(..., description="Time; later than that of the point before")
+    positions: Positions = Field(..., description="By the joint's full name")
+    velocities: Annotated[dict[str, Any], BY_JOINT["velocities"]] = Field(
+        None, description="For cubic and quintic: in all points or in none"
+    )
+    accelerations: Annotated[dict[str, Any], BY_JOINT["accelerations"]] = Field(
+        None, description="For quintic, with `velocities`: in all points or in none"
+    )
+    efforts: Annotated[dict[str, Any], BY_JOINT["efforts"]] = Field(
+        None, description="Feed-forward efforts: in all points or in none"
+    )
+
+
+class ToolFrame(Strict):
+    """The frame that `move` moves."""
+
+    body: FullName = Field(..., description="Full name of the body that it is fixed to")
+    pose: Pose = Field(None, description="Its pose in the body's frame; default: the same frame")
+
+
+class ToolPlace(Strict):
+    """A place of the tool in the world. What is left out stays as it is."""
+
+    xyz: Point = Field(None, description="Position of the tool's origin")
+    rpy: Angles = Field(None, description=RPY)
+    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+    free_orientation: Annotated[bool, Flag()] = Field(
+        False, description="Whether the tool may turn as it likes: for arms that cannot choose it"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        yield from Orientation.faults(data)
+        if not any(key in data for key in ("xyz", "rpy", "quat")):
+            yield Fault((), "a move to nowhere", show(dict(data)), "xyz, rpy or quat")
+        if data.get("free_orientation") is True:
+            for key in ("rpy", "quat"):
+                if key in data:
+                    yield Fault((key,), f"{key} and free_orientation exclude each other", None, "one of them")
+
+
+class _Step(Strict):
+    """Base of a step of a program."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("move", "grip", "wait")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "wait" in data and "in" in data:
+            yield Fault(("in",), "wait says itself how long", show(data["in"]), None, "leave it out")
+        for key in ("move", "grip"):
+            if key in data and "in" not in data:
+                yield Fault((), f"a {key} needs a duration", None, None, "in: 2 s")
+        if "squeeze" in data and "grip" not in data:
+            yield Fault(("squeeze",), "squeeze goes with grip", None, None, "{grip: 1, squeeze: 1, in: 1 s}")
+        if "straight" in data and "move" not in data:
+            yield Fault(("straight",), "straight goes with move")
+
+
+_STEP: Mapping[str, tuple[Any, Any, str]] = {
+    "move": (ToolPlace, None, "Bring the tool to a place"),
+    "grip": (Share, None, "Share of the way of the grasp's joints from open (0) to closed (1)"),
+    "wait": (Lasting, None, "Stay for this time"),
+    "in": (Lasting, None, "Duration of a move or a grip"),
+    "straight": (
+        Annotated[bool, Flag()],
+        True,
+        "move: true, along a straight line and by the shortest turn; false, each joint on its own way",
+    ),
+    "squeeze": (Share, 0.0, "grip: share of the grasp's forces, reached linearly over `in`; kept until the next grip"),
+}
+
+Step: type[Strict] = create_model(
+    "Step",
+    __base__=_Step,
+    __doc__="One step of a program: a move, a grip or a wait. Moves and grips begin and end at rest, by minimum jerk.",
+    **{name: (kind, Field(default, description=meaning)) for name, (kind, default, meaning) in _STEP.items()},
+)
+"""The model of a step; ``in`` is a word of Python's own, so it cannot be written as a class."""
+
+
+class GraspForce(Strict):
+    """A force that a grasp presses with, at squeeze 1."""
+
+    body: NameOf = Field(..., description="The body that presses")
+    at: Point = Field((0.0, 0.0, 0.0), description="Point in the body's frame")
+    force: Annotated[tuple[float, float, float], Vector(Number("force"))] = Field(
+        ..., description="Force on what is grasped, in the axes of the body's frame"
+    )
+
+
+class Grasp(Strict):
+    """How a hand opens and closes, by the names of the model's joints, and what it presses with when closed: feed-forward
+    efforts Jᵀ F on the grasp's joints, with J at the closed posture."""
+
+    open: Positions = Field(..., description="Joint positions at `grip: 0`")
+    closed: Positions = Field(..., description="Joint positions at `grip: 1`; the same joints")
+    forces: list[GraspForce] = Field([], description="Forces at `squeeze: 1`")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        both = data.get("open"), data.get("closed")
+        if all(isinstance(one, Mapping) for one in both):
+            for name in both[0].keys() ^ both[1].keys():
+                lacks = "closed" if name in both[0] else "open"
+                yield Fault((lacks,), f"{name} is missing here", None, "the same joints in open and closed")
+
+
+class Trajectory(Strict):
+    """What the driven joints should do: `points`, a table (`file`), or a `program`. After its end the joints stay where it
+    ends; driven joints that it does not name stay where they begin."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("points", "file", "program")
+
+    interpolation: Annotated[str, Word(INTERPOLATIONS)] = Field(
+        "cubic", description="How it goes between points, see above"
+    )
+    until: Annotated[float, Number("time", 0, above=True)] = Field(
+        None,
+        description="The run ends at this time, where that is before its `duration`; expectations that look at later times "
+        "are then not asked",
+    )
+    points: list[TrajectoryPoint] = Field(None, description="Points in time, in order")
+    file: Annotated[str, FileName()] = Field(
+        None, description="Path of a table, .csv or .npz, relative to this file; not outside of the project folder"
+    )
+    tool: ToolFrame = Field(None, description="With `program`: the frame that moves")
+    arm: Annotated[tuple[str, ...], JointNames()] = Field(
+        None, description="With `program`: joints that move the tool; default: all driven ones between the world and it"
+    )
+    interval: Annotated[float, Number("time", 0, above=True)] = Field(
+        0.05, description="With `program`: largest time between two points of a move or grip"
+    )
+    grasp: FullName = Field(None, description="With `program`: MODEL/GRASP that `grip` means; default: the only one")
+    program: list[Step] = Field(
+        None, description="Steps, one after the other, from the initial positions and time zero on"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "program" not in data:
+            for key in ("tool", "arm", "interval", "grasp"):
+                if key in data and any(one in data for one in ("points", "file")):
+                    yield Fault((key,), f"{key} goes with a program", None, None, "leave it out")
+        for key in ("points", "program"):
+            given = data.get(key)
+            if isinstance(given, list) and not given:
+                yield Fault((key,), f"no {key}", "[]", "at least one")
+            if isinstance(given, list) and len(given) > MOST_POINTS:
+                yield Fault((key,), f"too many {key}", str(len(given)), f"up to {MOST_POINTS}")
+        points = data.get("points")
+        if isinstance(points, list):
+            yield from _points(points, data.get("interpolation", "cubic"))
+
+
+def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
+    """Times that do not increase, joints that come and go, quantities that are there in some points only."""
+    rows = [point if isinstance(point, Mapping) else getattr(point, "__dict__", {}) for point in points]
+    width = len(rows[0]["positions"]) if rows and isinstance(rows[0].get("positions"), Mapping) else 1
+    if len(rows) * width > MOST_NUMBERS:
+        yield Fault(("points",), "too many numbers", f"{len(rows)} points of {width} joints", f"up to {MOST_NUMBERS}")
+        return
+    before: float | None = None
+    for index, row in enumerate(rows):
+        try:
+            time = Number("time", 0).read(row.get("at"))
+        except Faults:
+            continue  # reported where it is read
+        if before is not None and time <= before:
+            yield Fault(("points", index, "at"), "times must increase", f"{time:g} s after {before:g} s")
+        before = time
+    first = rows[0].get("positions") if rows else None
+    joints = set(first) if isinstance(first, Mapping) else None
+    given = {key for key in _QUANTITIES if rows and rows[0].get(key) is not None}
+    for index, row in enumerate(rows):
+        for key in _QUANTITIES:
+            value = row.get(key)
+            place = ("points", index, key)
+            if (value is not None) != (key in given) and index and key != "positions":
+                there, lacks = ("the first point", "this one") if key in given else ("this point", "the first one")
+                yield Fault(
+                    ("points", index), f"{there} has {key}, {lacks} has none", None, "in all points, or in none"
+                )
+            elif isinstance(value, Mapping) and joints is not None and set(value) != joints:
+                odd = sorted(map(str, set(value) ^ joints))
+                yield Fault(place, "not the joints of the first point", f"differs in {', '.join(odd[:6])}")
+    wrong = {"hold": _DERIVATIVES, "linear": _DERIVATIVES, "cubic": ("accelerations",)}.get(interpolation, ())
+    for key in wrong:
+        if key in given:
+            yield Fault(
+                ("points", 0, key), f"{key} mean nothing with interpolation {interpolation}", None, None, "quintic"
+            )
+    if interpolation == "quintic" and len(given & set(_DERIVATIVES)) == 1:
+        yield Fault(("points", 0), "quintic wants velocities and accelerations, or neither")

@@ -1,0 +1,204 @@
+"""The trees of bodies of a spec, as far as they can be read: bodies with errors in them stand as None, so that what is
+wrong between bodies is found together with what is wrong in one."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from pydantic import ValidationError
+
+from simspec.language.document import Key
+from simspec.language.models import Body, Use
+from simspec.language.sources import Source
+
+
+def unused(name: str, taken: Container[str]) -> str:
+    """An implied name as it is, or with the first number from 2 behind it that makes it another than those given."""
+    if name not in taken:
+        return name
+    return next(one for number in itertools.count(2) if (one := f"{name}_{number}") not in taken)
+
+
+@dataclass
+class Bodies:
+    """The bodies of one mapping: loose ones of a scenario, or those of a model.
+
+    ``path`` is the mapping's place in ``source``; ``raw`` the plain data; ``typed`` the models (None: has errors);
+    ``model`` whether it is a model, which has one root; ``fixed``, ``attached`` (to a body of another model) and
+    ``placed`` what its placement in a scenario says of the root, and where; ``files`` the model files that lead to it, the
+    one that holds it last.
+    """
+
+    source: Source
+    path: tuple[Key, ...]
+    raw: Mapping[str, Any]
+    typed: Mapping[str, Body | None]
+    model: bool
+    fixed: bool | None = None
+    attached: bool = False
+    placed: tuple[Key, ...] = ()
+    files: tuple[Source, ...] = ()
+
+    def field(self, name: str, key: str) -> Any:
+        """A plain field of a body, None where there is none."""
+        body = self.raw.get(name)
+        return body.get(key) if isinstance(body, Mapping) else None
+
+    def parent(self, name: str) -> str | None:
+        """The parent's name; None for a root (and for what is no name)."""
+        parent = self.field(name, "parent")
+        return parent if isinstance(parent, str) else None
+
+    def joint_type(self, name: str) -> str:
+        """The type of a body's joint, the stated or the implied one."""
+        joint = self.field(name, "joint")
+        if isinstance(joint, Mapping):
+            kind = joint.get("type") if isinstance(joint.get("type"), str) else "free"
+        else:
+            kind = "fixed" if self.field(name, "fixed") is True else "free"
+        if self.fixed is not None and kind in ("fixed", "free") and self.field(name, "parent") is None:
+            return "fixed" if self.fixed else "free"
+        return kind
+
+    def joint_name(self, name: str) -> str:
+        """The name of a body's joint within its tree: the given one, else `<body>_joint`, with a number behind where another
+        joint was given that name."""
+        given = self._given_joint_name(name)
+        return given if given is not None else unused(f"{name}_joint", self._given_joint_names)
+
+    def _given_joint_name(self, name: str) -> str | None:
+        joint = self.field(name, "joint")
+        given = joint.get("name") if isinstance(joint, Mapping) else None
+        return given if isinstance(given, str) else None
+
+    @cached_property
+    def _given_joint_names(self) -> frozenset[str]:
+        return frozenset(given for name in self.raw if (given := self._given_joint_name(name)) is not None)
+
+    def roots(self) -> list[str]:
+        """Bodies without a parent."""
+        return [name for name in self.raw if self.field(name, "parent") is None]
+
+    def cycles(self) -> list[list[str]]:
+        """Every cycle of parents, each beginning with its first body in the file."""
+        state: dict[str, int] = {}
+        found = []
+        for start in self.raw:
+            chain: list[str] = []
+            name: str | None = start
+            while name is not None and name in self.raw and name not in state:
+                state[name] = 1
+                chain.append(name)
+                name = self.parent(name)
+            if name is not None and state.get(name) == 1:
+                found.append(chain[chain.index(name) :])
+            state.update(dict.fromkeys(chain, 2))
+        return found
+
+    def order(self) -> list[str]:
+        """All bodies that hang on a root: trees in the order of their roots, every parent before its children."""
+        children: dict[str, list[str]] = {}
+        for name in self.raw:
+            if (parent := self.parent(name)) is not None:
+                children.setdefault(parent, []).append(name)
+        found, waiting = [], self.roots()[::-1]
+        while waiting:
+            name = waiting.pop()
+            found.append(name)
+            waiting.extend(reversed(children.get(name, ())))
+        return found
+
+    def still(self) -> set[str]:
+        """Bodies that cannot move: fixed to the world through fixed joints only. What is attached may move with its
+        carrier."""
+        found: set[str] = set()
+        if self.attached:
+            return found
+        for name in self.order():
+            parent = self.parent(name)
+            if self.joint_type(name) == "fixed" and (parent is None or parent in found):
+                found.add(name)
+        return found
+
+
+def _typed(raw: Mapping[str, Any], valid: Mapping[str, Body] | None) -> dict[str, Body | None]:
+    if valid is not None:
+        return dict(valid)
+    found: dict[str, Body | None] = {}
+    for name, body in raw.items():
+        try:
+            found[name] = Body.model_validate(body)
+        except ValidationError:
+            found[name] = None  # its errors are reported with the file's
+    return found
+
+
+def _bodies(source: Source, path: tuple[Key, ...], valid: Any, model: bool) -> Bodies | None:
+    raw: Any = source.document.data
+    for step in path:
+        raw = raw.get(step) if isinstance(raw, Mapping) else None
+    if not isinstance(raw, Mapping):
+        return None
+    raw = {name: body for name, body in raw.items() if isinstance(name, str)}
+    return Bodies(source, path, raw, _typed(raw, valid), model)
+
+
+def model_of(source: Source) -> Bodies | None:
+    """The bodies of a model file, following ``use``; None where they cannot be read."""
+    files = [source]
+    while True:
+        data = source.document.data
+        model = data.get("model") if isinstance(data, Mapping) else None
+        text = model.get("use") if isinstance(model, Mapping) else None
+        if not isinstance(text, str):
+            break
+        if text not in source.uses:
+            return None
+        source = source.uses[text]
+        files.append(source)
+    file = source.file
+    found = _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
+    if found is not None:
+        found.files = tuple(files)
+    return found
+
+
+def loose(source: Source) -> Bodies | None:
+    """The loose bodies of a scenario; None where there are none."""
+    return _bodies(source, ("bodies",), source.file.bodies if source.file else None, False)
+
+
+def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
+    """Every model placed in a scenario, with its bodies: (name, placement or None where it has errors, bodies)."""
+    data = source.document.data
+    models = data.get("models") if isinstance(data, Mapping) else None
+    for name, raw in models.items() if isinstance(models, Mapping) else ():
+        if not isinstance(raw, Mapping):
+            continue
+        use = source.file.models[name] if source.file else None
+        path = ("models", name)
+        if isinstance(raw.get("use"), str):
+            below = source.uses.get(raw["use"])
+            bodies = model_of(below) if below is not None else None
+        else:
+            bodies = _bodies(source, (*path, "bodies"), use.bodies if use else None, True)
+        if bodies is None:
+            continue
+        fixed = raw.get("fixed")
+        bodies.fixed, bodies.placed = fixed if isinstance(fixed, bool) else None, path
+        if raw.get("attach") is not None:
+            bodies.fixed = bodies.attached = True
+        yield name, use, bodies
+
+
+def every(source: Source) -> Iterator[Bodies]:
+    """All bodies of a spec: loose ones, those of its own model, those of each placed model."""
+    for bodies in (loose(source), model_of(source)):
+        if bodies is not None:
+            yield bodies
+    for _, _, bodies in placed(source):
+        yield bodies
