@@ -22,7 +22,7 @@ from contact_runs import RUNS, probe_world, tower
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.mujoco import MuJoCo
+from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.base import read_sidecar
 from simspec.formats.mjcf_contact import COULOMB, NATIVE
 from simspec.proof.contact.probe import Law

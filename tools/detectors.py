@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.dart import Dart
+from simspec.engines.dart.engine import Dart
 from simspec.features import Feature
 from simspec.formats.base import read_sidecar
 from simspec.formats.skel_detectors import UNSOUND

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.engines.vectors import FEW_VECTORS, cross
+from simspec.engines.kit.vectors import FEW_VECTORS, cross
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, FEW_VECTORS, FEW_VECTORS + 1])

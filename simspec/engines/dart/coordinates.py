@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.vectors import cross
+from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError
 from simspec.formats.skel import SMALL_TURN
 from simspec.world import frames

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
-from simspec.engines.vectors import cross
+from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
 from simspec.formats.base import SIDECAR_SCHEMA

@@ -26,13 +26,13 @@ from simspec.engines.kit.contract import (
     restore_velocities,
     sorted_pairs,
 )
+from simspec.engines.kit.vectors import cross
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
-from simspec.engines.vectors import cross
 from simspec.errors import EngineError
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.formats.contact_plan import Rules

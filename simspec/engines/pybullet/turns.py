@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.engines.vectors import cross
+from simspec.engines.kit.vectors import cross
 from simspec.world import frames
 from simspec.world.types import Quaternion
 
