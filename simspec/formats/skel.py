@@ -301,7 +301,7 @@ def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Map
                 "name": shape.name,
                 "body": body.name,
                 "visual": shape.visual,
-                "material": shape.material,
+                "material": shape.material if shape.collision else "",
                 "surfaces": _surfaces(shape, nodes.of[body.name], target.plan),
             }
             for body in world.bodies

@@ -209,6 +209,12 @@ TABLE = MutationTable(
         Inert("joint@actuator", "of a joint without coordinates, or as it is: force", ("attribute added",), "*.skel"),
         Inert("joint/init_acc", "of the first instant, and set to zero", ("element added",), "*.skel"),
         Inert("joint/init_force", "of the first instant, and set to zero", ("element added",), "*.skel"),
+        Inert(
+            "collision_detector*",
+            "DART's own choice for what it does not know is the one that is asked for; its mesh variant is set by the API",
+            ("word", "element removed"),
+            "*.skel",
+        ),
         Inert("damping/text()", "overwritten while loading, by what stands for the armature", ("moved",), "*.skel"),
         Inert("joint/dof", "of a joint without coordinates", ("element added",), "*.skel"),
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),

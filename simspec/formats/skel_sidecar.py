@@ -62,6 +62,8 @@ def check_sidecar(content: Mapping[str, Any]) -> None:
     check_known((shape["body"] for shape in content["shapes"]), bodies, "sidecar.shapes")
     for index, shape in enumerate(content["shapes"]):
         check_distinct((copy["layer"] for copy in shape["surfaces"]), f"sidecar.shapes.{index}.surfaces")
+        if shape["material"] and not shape["surfaces"]:
+            raise ValueError(f"sidecar.shapes.{index} has the material {shape['material']!r} and no surface of it")
     _check_filter(content["filter"])
 
 

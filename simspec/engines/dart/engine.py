@@ -26,12 +26,12 @@ from simspec.engines.kit.contract import (
     Engine,
     Setting,
     empty_contacts,
-    expected_labels,
     pick_blocks,
     resolve_settings,
     restore_velocities,
     sorted_pairs,
 )
+from simspec.engines.kit.labels import expected_labels
 from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.formats.contact_plan import Rules, contact_plan
 from simspec.formats.skel_detectors import accepted_contact, detector_of, overlooked

@@ -14,6 +14,7 @@ from typing import Any
 from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.labels import sidecar_labels
 from simspec.world.types import HeldValue
 
 SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")
@@ -67,8 +68,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
             found[f"body.{name}.inertia"] = tuple(held.getMoment().reshape(-1).tolist())
         found.update(_joint(name, joint))
         found.update(_nodes(name, sim.nodes.of(index)))
-    found.update({f"sidecar.{name}": sidecar[name] for name in ("schema", "format", "engine", "world")})
-    found.update({f"settings.{name}": value for name, value in sidecar["settings"].items()})
+    found.update(sidecar_labels(sidecar))
     found["sidecar.bodies"] = listed(sim.names)
     models = zip(sim.names, sidecar["models"], strict=True)
     found.update({f"body.{name}.model": model for name, model in models})

@@ -22,10 +22,8 @@ from simspec.control.native import Servos
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
-from simspec.formats.base import SIDECAR_SCHEMA
 from simspec.formats.contact_plan import Rules
 from simspec.plugins import Offered, offered
-from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -359,14 +357,6 @@ def idle_settings(engine: type[Engine], settings: Mapping[str, Any]) -> dict[str
 def _told(name: str, value: bool | int | float | str) -> str:
     """A setting as a spec writes it."""
     return f"{name}: {str(value).lower() if isinstance(value, bool) else value}"
-
-
-def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
-    """What a sidecar must say it is for, and its settings, by the names that inventories give them."""
-    labels: dict[str, HeldValue] = {"schema": SIDECAR_SCHEMA, "format": engine.FORMAT, "engine": engine.NAME}
-    labels["world"] = sha256(world)
-    found = {f"sidecar.{name}": value for name, value in labels.items()}
-    return found | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}
 
 
 def check_settings(engine: type[Engine], settings: Sequence[tuple[str, Any]]) -> list[Problem]:

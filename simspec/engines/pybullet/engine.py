@@ -24,12 +24,12 @@ from simspec.engines.kit.contract import (
     Engine,
     Setting,
     empty_contacts,
-    expected_labels,
     pick_blocks,
     resolve_settings,
     restore_velocities,
     sorted_pairs,
 )
+from simspec.engines.kit.labels import expected_labels
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet.efforts import Efforts

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.pybullet.bullet_file import Block, plain, read_blocks
 from simspec.engines.pybullet.simulation import Simulation, Tree
 from simspec.engines.pybullet.turns import from_xyzw
@@ -160,12 +161,6 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     finally:
         p.disconnect(physicsClientId=client)
     return found
-
-
-def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
-    """What a sidecar says it is for, and the settings that it gives."""
-    found = {f"sidecar.{name}": sidecar[name] for name in ("schema", "format", "engine", "world")}
-    return found | {f"settings.{name}": value for name, value in sidecar["settings"].items()}
 
 
 def link_names(sim: Simulation) -> dict[tuple[int, int], str]:

@@ -1,0 +1,26 @@
+"""What a sidecar says it is for, and its settings: as an engine's process was given them, and as the world asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from simspec.engines.kit.contract import Engine, written_settings
+from simspec.formats.base import SIDECAR_SCHEMA
+from simspec.world.canonical import sha256
+from simspec.world.types import HeldValue, World
+
+LABELS = ("schema", "format", "engine", "world", "friction_cone")
+
+
+def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
+    """The labels and settings of a sidecar, by the names that inventories give them."""
+    labels: dict[str, HeldValue] = {f"sidecar.{name}": sidecar[name] for name in LABELS}
+    return labels | {f"settings.{name}": value for name, value in sidecar["settings"].items()}
+
+
+def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
+    """What :func:`sidecar_labels` must be for ``world``."""
+    values = (SIDECAR_SCHEMA, engine.FORMAT, engine.NAME, sha256(world), world.contact.friction_cone)
+    labels: dict[str, HeldValue] = {f"sidecar.{name}": value for name, value in zip(LABELS, values, strict=True)}
+    return labels | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}
