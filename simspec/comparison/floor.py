@@ -218,7 +218,7 @@ def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
         raise ValueError(f"it is no floor, or one of more than {LARGEST_FLOOR / 1e9:.3g} GB")
     facts = read_as(FloorFacts, (schema.metadata or {})[b"simspec"], str(path))
     time, position, angle = zeros((rows,)), zeros((rows, width)), zeros((rows, width))
-    for part, table in tables.read_blocks(source, _schema(width), rows, _row_bytes(width)):
+    for part, table in tables.read_blocks(source, _schema(width), rows):
         time[part] = table["time"].to_numpy()
         for name, whole in (("position", position), ("angle", angle)):
             whole[part] = tables.lists(table, name).reshape(len(table), width)

@@ -6,6 +6,7 @@ that names the file. :func:`load_run` gives back every array bit for bit.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -19,13 +20,14 @@ from simspec.outputs.reading import open_regular, read_bytes
 from simspec.outputs.writing import build_folder, put
 from simspec.runner import tables
 from simspec.runner.run import SCHEMA, Run
-from simspec.stored import Provenance, parse, read_as
+from simspec.stored import Provenance, StoredTable, parse, read_as
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.types import World
 
 if TYPE_CHECKING:
     import numpy as np
     import pyarrow as pa
+    from pyarrow import parquet
 
 PROVENANCE_FILE = "provenance.json"
 WORLD_FILE = "world.json"
@@ -33,7 +35,10 @@ LARGEST_FACTS = 16 * 2**20
 """Bytes of a provenance: a few kB, and an engine's warnings."""
 LARGEST_WORLD = 64 * 2**20
 """Bytes of a world; the largest of the library has 1 MB."""
+NONE = StoredTable(sha256="", rows=0)
 BLOCK = 2**20
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, IndexError, MemoryError)
+"""Errors that a file makes which is not what it should be; pyarrow's are ValueErrors."""
 
 
 def save_run(run: Run, folder: Path) -> Path:
@@ -146,20 +151,20 @@ def _read_arrays(folder: Path, world: World, facts: Provenance) -> dict[str, np.
     if not facts.tables:
         return {}
     joints = list(facts.control.joints) if facts.control is not None else []
-    path, found = folder, {}
     try:
         wanted = _wanted(world, facts, joints)
-        rows = facts.tables["states"].rows
-        for name, schema in wanted.items():
-            path = folder / f"{name}.parquet"
-            count = {"bodies": rows * len(world.bodies), "contacts": facts.tables[name].rows}.get(name, rows)
-            found[name] = _read_table(path, folder, facts.tables[name].sha256, schema, count)
-        path = folder
-        return tables.read_arrays(world, joints, found)
-    except FileNotFoundError:
-        raise SpecError([Problem(f"{folder} is no whole run: {path.name} is missing")]) from None
-    except (OSError, ValueError, KeyError, TypeError, IndexError, MemoryError) as error:  # pyarrow's are ValueErrors
-        raise _unreadable(path, error) from None
+        times = facts.tables["states"].rows
+        counts = {"bodies": times * len(world.bodies), "contacts": facts.tables.get("contacts", NONE).rows}
+        rows = {name: counts.get(name, times) for name in wanted}
+        with contextlib.ExitStack() as opened:
+            sources = {}
+            for name, schema in wanted.items():
+                path = folder / f"{name}.parquet"
+                source = opened.enter_context(_opened(path, folder, facts.tables[name].sha256, schema, rows[name]))
+                sources[name] = _blocks(path, source, schema, rows[name])
+            return tables.read_arrays(world, joints, rows, sources)
+    except UNREADABLE as error:
+        raise _unreadable(folder, error) from None
 
 
 def _wanted(world: World, facts: Provenance, joints: list[str]) -> dict[str, pa.Schema]:
@@ -173,10 +178,30 @@ def _wanted(world: World, facts: Provenance, joints: list[str]) -> dict[str, pa.
     return wanted
 
 
-def _read_table(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int) -> pa.Table:
-    with os.fdopen(open_regular(path, tables.LARGEST_TABLE, folder), "rb") as file:
-        if _digest(file) != wanted:
-            raise SpecError(
-                [Problem(f"{path}: was edited, damaged, or is of another run: its hash is not the provenance's")]
-            )
-        return tables.read_checked(tables.open_parquet(file, file.tell()), schema, rows)
+@contextlib.contextmanager
+def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int) -> Iterator[parquet.ParquetFile]:
+    """A table, which is the one of its hash, and has these columns and this many rows. Raises SpecError that names the file."""
+    try:
+        with contextlib.ExitStack() as opened:
+            file = opened.enter_context(os.fdopen(open_regular(path, tables.LARGEST_TABLE, folder), "rb"))
+            if _digest(file) != wanted:
+                raise SpecError(
+                    [Problem(f"{path}: was edited, damaged, or is of another run: its hash is not the provenance's")]
+                )
+            source = tables.open_parquet(file, file.tell())
+            tables.check(source, schema, rows)
+            kept = opened.pop_all()
+    except FileNotFoundError:
+        raise SpecError([Problem(f"{folder} is no whole run: {path.name} is missing")]) from None
+    except UNREADABLE as error:
+        raise _unreadable(path, error) from None
+    with kept:
+        yield source
+
+
+def _blocks(path: Path, source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> Iterator[tuple[slice, pa.Table]]:
+    """Its rows, block by block. Raises SpecError that names the file."""
+    try:
+        yield from tables.read_blocks(source, schema, rows)
+    except UNREADABLE as error:
+        raise _unreadable(path, error) from None

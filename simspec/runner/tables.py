@@ -1,4 +1,5 @@
-"""The tables of a saved run: what columns they have, writing them block by block, and reading them with nothing believed.
+"""The tables of a saved run: what columns they have, writing and reading them block by block, with
+nothing believed.
 
 ``bodies`` and ``contacts`` are long tables with the bodies' names; ``states`` has a column for each generalised coordinate, by
 its name (``q.elbow``, ``v.base.wx``), ``control`` one for each driven joint's target and effort (``target.elbow``).
@@ -14,13 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simspec.mapped import block_rows, parts
-from simspec.world.coordinates import coordinates
+from simspec.mapped import RECORDED_BYTES, block_rows, parts, release, zeros
+from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.types import World
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow import parquet
+
+    Blocks = Iterator[tuple[slice, pa.Table]]
 
 POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -29,8 +32,8 @@ MOST_COLUMNS = 4096
 """Columns of q and v by name: each costs 1 kB in the file and 15 kB of memory beside its values. Beyond that (300 free bodies)
 q and v are two columns of lists, and the names stand in the table's metadata under ``simspec.coordinates``."""
 COORDINATES = b"simspec.coordinates"
-LARGEST_TABLE = 4 * 2**30
-"""Bytes that a table may have in memory, by its own metadata, which is looked at first: what is larger is no run to compare."""
+LARGEST_TABLE = RECORDED_BYTES
+"""Bytes that a table may have unpacked, by its own metadata, which is looked at first."""
 LARGEST_FOOTER = 64 * 2**20
 """Bytes of a Parquet file's own metadata."""
 
@@ -163,27 +166,18 @@ def open_parquet(file: Any, size: int) -> parquet.ParquetFile:
     return parquet.ParquetFile(file, thrift_string_size_limit=LARGEST_FOOTER, thrift_container_size_limit=1_000_000)
 
 
-def read_checked(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> pa.Table:
-    """The table of a Parquet file, which must have these columns and this many rows.
+def read_blocks(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> Iterator[tuple[slice, pa.Table]]:
+    """The table of a Parquet file, which must have these columns and this many rows, one block of rows after the other.
 
-    What it would take in memory is told by its metadata and looked at before anything is unpacked. Raises ValueError with what
-    is wrong (pyarrow's errors are ValueErrors or OSErrors).
+    How much it would be is told by its metadata and looked at before anything is unpacked. Raises ValueError with what is wrong
+    (pyarrow's errors are ValueErrors or OSErrors).
     """
-    _check(source, schema, rows)
-    table = source.read(use_threads=False)
-    _demand_whole(table)
-    return table
-
-
-def read_blocks(
-    source: parquet.ParquetFile, schema: pa.Schema, rows: int, row_bytes: int
-) -> Iterator[tuple[slice, pa.Table]]:
-    """The same, one block of rows after the other; ``row_bytes``: of one row, unpacked."""
     import pyarrow as pa
 
-    _check(source, schema, rows)
+    check(source, schema, rows)
+    numbers = sum(one.type.list_size if pa.types.is_fixed_size_list(one.type) else 1 for one in schema)
     done = 0
-    for batch in source.iter_batches(block_rows(row_bytes), use_threads=False):
+    for batch in source.iter_batches(block_rows(8 * numbers), use_threads=False):
         table = pa.Table.from_batches([batch])
         _demand_whole(table)
         if done + len(table) > rows:
@@ -194,14 +188,15 @@ def read_blocks(
         raise ValueError(f"{rows:,} rows by its metadata, and others in it")
 
 
-def _check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
+def check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
+    """Raise ValueError unless a Parquet file says that it has these columns and this many rows, and is not too large."""
     facts = source.metadata
     unpacked = sum(facts.row_group(index).total_byte_size for index in range(facts.num_row_groups))
     needed = max(unpacked, 8 * facts.num_rows * facts.num_columns)
     if facts.num_rows != rows:
         raise ValueError(f"{facts.num_rows:,} rows, should be {rows:,}")
     if needed > LARGEST_TABLE:
-        raise ValueError(f"{needed / 1e9:.3g} GB in memory, more than the {LARGEST_TABLE / 1e9:.3g} GB that are read")
+        raise ValueError(f"{needed / 1e9:.3g} GB unpacked, more than the {LARGEST_TABLE / 1e9:.3g} GB that are read")
     found = source.schema_arrow
     if not found.equals(schema, check_metadata=False):
         raise ValueError(_differing(found, schema))
@@ -231,11 +226,11 @@ def _differing(found: pa.Schema, wanted: pa.Schema) -> str:
     return "its columns are in another order"
 
 
-def columns(table: pa.Table, names: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
-    """Some columns as one array of ``shape`` and their number."""
+def columns(table: pa.Table, names: Sequence[str]) -> np.ndarray:
+    """Some columns as one array (rows, columns)."""
     if not names:
-        return np.zeros((*shape, 0))
-    return np.stack([table[name].to_numpy() for name in names], axis=-1).reshape(*shape, len(names))
+        return np.zeros((len(table), 0))
+    return np.stack([table[name].to_numpy() for name in names], axis=-1)
 
 
 def lists(table: pa.Table, name: str) -> np.ndarray:
@@ -261,49 +256,82 @@ def indices(table: pa.Table, name: str, world: World) -> np.ndarray:
     return np.concatenate(found)
 
 
-def read_arrays(world: World, joints: Sequence[str], tables: Mapping[str, pa.Table]) -> dict[str, np.ndarray]:
-    """The arrays of a run from its tables. Raises ValueError where tables contradict each other."""
-    known, states = coordinates(world), tables["states"]
-    rows, count = len(states), len(world.bodies)
-    arrays = {name: states[name].to_numpy() for name in ("step", "time")}
-    if len(known.q) + len(known.v) > MOST_COLUMNS:
-        arrays |= {part: lists(states, part) for part in ("q", "v")}
-    else:
-        for part, names in (("q", known.q), ("v", known.v)):
-            arrays[part] = columns(states, [f"{part}.{name}" for name in names], (rows,))
-    bodies = tables["bodies"]
-    if not np.array_equal(indices(bodies, "body", world), np.tile(np.arange(count), rows)):
-        raise ValueError("bodies.parquet: the bodies are not the world's, in the world's order, at every time")
-    _same_times(arrays, tables, count)
-    arrays["pose"] = columns(bodies, POSE_COLUMNS, (rows, count))
-    arrays["velocity"] = columns(bodies, VELOCITY_COLUMNS, (rows, count))
-    if "energy" in tables:
-        arrays["energy"] = columns(tables["energy"], ("kinetic", "potential"), (rows,))
-    if "control" in tables:
-        for part in ("target", "effort"):
-            arrays[f"control.{part}"] = columns(tables["control"], [f"{part}.{name}" for name in joints], (rows,))
-    if "contacts" in tables:
-        contacts = tables["contacts"]
-        row = contacts["row"].to_numpy()
-        if len(row) and (row.min() < 0 or row.max() >= rows or (np.diff(row) < 0).any()):
+def read_arrays(
+    world: World, joints: Sequence[str], rows: Mapping[str, int], read: Mapping[str, Blocks]
+) -> dict[str, np.ndarray]:
+    """The arrays of a run from its tables, each given block by block, and the number of rows of each. Raises ValueError where
+    tables contradict each other."""
+    known, count, times = coordinates(world), len(world.bodies), rows["states"]
+    arrays = {"step": zeros((times,), int), "time": zeros((times,))}
+    arrays |= {"q": zeros((times, len(known.q))), "v": zeros((times, len(known.v)))}
+    _read_states(known, arrays, read["states"])
+    pose, velocity = zeros((times * count, len(POSE_COLUMNS))), zeros((times * count, len(VELOCITY_COLUMNS)))
+    for part, table in read["bodies"]:
+        place = np.arange(part.start, part.stop)
+        if not np.array_equal(indices(table, "body", world), place % count):
+            raise ValueError("bodies.parquet: the bodies are not the world's, in the world's order, at every time")
+        _demand_times(arrays, "bodies", table, place // count)
+        _put(part, (pose, columns(table, POSE_COLUMNS)), (velocity, columns(table, VELOCITY_COLUMNS)))
+    arrays["pose"], arrays["velocity"] = (one.reshape(times, count, one.shape[1]) for one in (pose, velocity))
+    found = {"energy": {"energy": ["kinetic", "potential"]}}
+    found["control"] = {f"control.{part}": [f"{part}.{name}" for name in joints] for part in ("target", "effort")}
+    for name, wanted in found.items():
+        if name not in read:
+            continue
+        arrays |= {array: zeros((times, len(names))) for array, names in wanted.items()}
+        for part, table in read[name]:
+            _demand_times(arrays, name, table, np.arange(part.start, part.stop))
+            _put(part, *((arrays[array], columns(table, names)) for array, names in wanted.items()))
+    return arrays | (_read_contacts(world, arrays, rows["contacts"], read["contacts"]) if "contacts" in read else {})
+
+
+def _put(part: slice, *pairs: tuple[np.ndarray, np.ndarray]) -> None:
+    """Put a block's values into arrays of all rows."""
+    for whole, values in pairs:
+        whole[part] = values
+        release(whole)
+
+
+def _read_states(known: Coordinates, arrays: Mapping[str, np.ndarray], read: Blocks) -> None:
+    last = -1
+    for part, table in read:
+        step = table["step"].to_numpy()
+        if len(step) and (step[0] <= last or (np.diff(step) <= 0).any()):
+            raise ValueError("states.parquet: its steps do not rise")
+        last = step[-1] if len(step) else last
+        if len(known.q) + len(known.v) > MOST_COLUMNS:
+            q, v = lists(table, "q"), lists(table, "v")
+        else:
+            q, v = (
+                columns(table, [f"{one}.{name}" for name in names]) for one, names in (("q", known.q), ("v", known.v))
+            )
+        values = {"step": step, "time": table["time"].to_numpy(), "q": q, "v": v}
+        _put(part, *((arrays[name], one) for name, one in values.items()))
+
+
+def _demand_times(arrays: Mapping[str, np.ndarray], name: str, table: pa.Table, row: np.ndarray) -> None:
+    """Raise ValueError unless the rows of a table are of the steps and times of these rows of the run."""
+    for column in ("step", "time"):
+        if not np.array_equal(table[column].to_numpy(), arrays[column][row]):
+            raise ValueError(f"{name}.parquet: its {column}s are not those of states.parquet")
+        release(arrays[column])
+
+
+def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, read: Blocks) -> dict[str, np.ndarray]:
+    shapes: dict[str, tuple[int, ...]] = {"row": (), "body": (2,), "position": (3,), "normal": (3,)}
+    shapes |= {"distance": (), "normal_force": ()}
+    found = {name: zeros((count, *shape), int if name in ("row", "body") else float) for name, shape in shapes.items()}
+    last, rows = 0, len(arrays["step"])
+    for part, table in read:
+        row = table["row"].to_numpy()
+        if len(row) and (row[0] < last or row.max() >= rows or (np.diff(row) < 0).any()):
             raise ValueError("contacts.parquet: its rows are none of the run's, or out of order")
-        if not np.array_equal(contacts["step"].to_numpy(), arrays["step"][row]):
+        last = row[-1] if len(row) else last
+        if not np.array_equal(table["step"].to_numpy(), arrays["step"][row]):
             raise ValueError("contacts.parquet: its steps are not those of its rows")
-        arrays["contact.row"] = row
-        arrays["contact.body"] = np.stack([indices(contacts, side, world) for side in ("first", "second")], axis=-1)
-        arrays["contact.position"] = columns(contacts, AXES, (len(row),))
-        arrays["contact.normal"] = columns(contacts, [f"n{axis}" for axis in AXES], (len(row),))
-        for name in ("distance", "normal_force"):
-            arrays[f"contact.{name}"] = contacts[name].to_numpy()
-    return arrays
-
-
-def _same_times(arrays: Mapping[str, np.ndarray], tables: Mapping[str, pa.Table], bodies: int) -> None:
-    step = arrays["step"]
-    if len(step) and (step[0] < 0 or (np.diff(step) <= 0).any()):
-        raise ValueError("states.parquet: its steps do not rise")
-    for name, repeated in (("bodies", bodies), ("energy", 1), ("control", 1)):
-        if name in tables:
-            for column in ("step", "time"):
-                if not np.array_equal(tables[name][column].to_numpy(), np.repeat(arrays[column], repeated)):
-                    raise ValueError(f"{name}.parquet: its {column}s are not those of states.parquet")
+        release(arrays["step"])
+        values = {"row": row, "position": columns(table, AXES), "normal": columns(table, [f"n{axis}" for axis in AXES])}
+        values |= {name: table[name].to_numpy() for name in ("distance", "normal_force")}
+        values["body"] = np.stack([indices(table, side, world) for side in ("first", "second")], axis=-1)
+        _put(part, *((found[name], one) for name, one in values.items()))
+    return {f"contact.{name}": values for name, values in found.items()}
