@@ -176,8 +176,9 @@ def read_blocks(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> It
 
     check(source, schema, rows)
     numbers = sum(one.type.list_size if pa.types.is_fixed_size_list(one.type) else 1 for one in schema)
-    done = 0
-    for batch in source.iter_batches(block_rows(8 * numbers), use_threads=False):
+    done, size, groups = 0, block_rows(8 * numbers), range(source.num_row_groups)
+    # of one group of rows after the other: of several, the reader would keep what it has read of the file
+    for batch in (one for group in groups for one in source.iter_batches(size, [group], use_threads=False)):
         table = pa.Table.from_batches([batch])
         _demand_whole(table)
         if done + len(table) > rows:

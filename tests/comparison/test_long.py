@@ -148,6 +148,7 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
         a.save(tmp_path / "run")
         save_floor(floor, tmp_path / "run")
         again = load_floor(tmp_path / "run")
+        stored = load_run(tmp_path / "run")
         # what is hashed is read 1 MB at a time
         assert tracemalloc.get_traced_memory()[1] < 4_000_000 < a.arrays["pose"].nbytes
     finally:
@@ -155,6 +156,7 @@ def test_no_array_of_all_rows_is_ever_in_memory(tmp_path, monkeypatch):
     assert found.compared_until > 0.0
     assert all(outcome.measured is not None for outcome in outcomes)
     assert again.largest == floor.largest
+    assert stored.arrays["pose"].shape == a.arrays["pose"].shape
 
 
 def pairs_by_row(one: Run) -> list[set[frozenset[str]]]:
