@@ -28,6 +28,8 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/simspec schema --check
+	$(BIN)/simspec schema --of engine-request --check
+	$(BIN)/simspec schema --of engine-result --check
 	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml
 	$(BIN)/simspec engines --markdown --check
 	$(BIN)/simspec compile --check
@@ -49,6 +51,8 @@ quick: setup
 # what is committed under generated/, docs/ and schema/, made anew
 generated: setup
 	$(BIN)/simspec schema
+	$(BIN)/simspec schema --of engine-request
+	$(BIN)/simspec schema --of engine-result
 	$(BIN)/simspec engines --markdown
 	$(BIN)/python tools/readme.py
 	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -33,6 +34,14 @@ Pythons = Annotated[
 ]
 Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
 DEADLINE = 600.0
+
+
+class SchemaName(StrEnum):
+    """The JSON Schemas that simspec writes."""
+
+    LANGUAGE = "language"
+    ENGINE_REQUEST = "engine-request"
+    ENGINE_RESULT = "engine-result"
 
 
 def print_json(value: Any) -> None:

@@ -15,6 +15,7 @@ from simspec.arguments import (
     Engines,
     Outside,
     Pythons,
+    SchemaName,
     Sets,
     SpecName,
     SpecNames,
@@ -176,26 +177,26 @@ def fmt_command(
 @app.command("schema")
 @command
 def schema_command(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write it; - for standard output.")] = Path(
-        "schema/simspec.schema.json"
-    ),
+    of: Annotated[
+        SchemaName, typer.Option("--of", help="Which: of the language, or of the files between simspec and engines.")
+    ] = SchemaName.LANGUAGE,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where to write it (default schema/…); - for standard output.")
+    ] = None,
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if FILE is stale.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Write the JSON Schema of the language, for editors.
+    """Write a JSON Schema: of the language, for editors, or of the files that an engine's process reads and writes.
 
     \b
     simspec schema --out simspec.schema.json
     First line of a spec, for the YAML language server:
       # yaml-language-server: $schema=simspec.schema.json
+    simspec schema --of engine-request --out -
     """
-    from simspec.language.schema import is_schema, schema_text
-    from simspec.report.files import one_file
+    from simspec.report.files import schema_file
 
-    if str(out) == "-":
-        sys.stdout.write(schema_text())
-        return EXIT_OK
-    return one_file(out, schema_text(), is_schema, check, as_json, "simspec schema")
+    return schema_file(of.value, out, check, as_json)
 
 
 @app.command("compile")

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from simspec import cli
@@ -220,6 +221,18 @@ def test_schema(folder):
     simspec("schema", "--out", "s.json")
     simspec("schema", "--check", "--out", "s.json")
     assert json.loads((folder / "s.json").read_text()) == json.loads(simspec("schema", "--out", "-").stdout)
+
+
+@pytest.mark.parametrize("name", ["engine-request", "engine-result"])
+def test_schemas_of_the_engine_process(folder, name):
+    path = folder / "schema" / f"{name}.schema.json"
+    simspec("schema", "--of", name, "--check", code=1)
+    path.parent.mkdir()
+    simspec("schema", "--of", name)
+    simspec("schema", "--of", name, "--check")
+    Draft202012Validator.check_schema(json.loads(path.read_text()))
+    path.write_text("{}")
+    assert "schema" in simspec("schema", "--of", name, code=2).stderr
 
 
 # --- compile --------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,6 +43,21 @@ def one_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool
     elif not check:
         say(f"{path}: {'already current' if current else 'written'}")
     return EXIT_FAILED if check and not current else EXIT_OK
+
+
+def schema_file(of: str, out: Path | None, check: bool, as_json: bool) -> int:
+    """Write the JSON Schema called ``of`` to ``out`` (default: below ``schema/``; ``-``: standard output)."""
+    from simspec.engines.kit import published
+    from simspec.language import schema
+
+    language = of == "language"
+    wanted = schema.schema_text() if language else published.schema_text(of)
+    if out is not None and str(out) == "-":
+        sys.stdout.write(wanted)
+        return EXIT_OK
+    path = out if out is not None else Path("schema") / f"{'simspec' if language else of}.schema.json"
+    ours = schema.is_schema if language else functools.partial(published.is_schema, of)
+    return one_file(path, wanted, ours, check, as_json, "simspec schema" + ("" if language else f" --of {of}"))
 
 
 def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:

@@ -1,8 +1,9 @@
 """Keeper of an engine's process: starts the worker, and ends it and all that it started, when its time has come.
 
-``python keeper.py FOLDER SECONDS BYTES``: forks the worker (``worker.py``, beside this file), and ends with it. Before that it
-ends it when SECONDS have passed, or when the process that started the keeper is gone, however that ended: then its end of the
-pipe that is the keeper's standard input is closed. No file of the worker may become longer than BYTES.
+``python keeper.py FOLDER SECONDS BYTES [COMMAND ...]``: forks the worker (``worker.py``, beside this file; or starts COMMAND in
+FOLDER, an engine that is a program of its own), and ends with it. Before that it ends it when SECONDS have passed, or when the
+process that started the keeper is gone, however that ended: then its end of the pipe that is the keeper's standard input is
+closed. No file of the worker may become longer than BYTES.
 
 The keeper is a process, not a thread: an engine's own code may hold the interpreter for as long as it likes, and the keeper
 goes on where the starting process is stopped. Nothing but the standard library, and nothing that starts threads: it forks.
@@ -31,8 +32,8 @@ PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 """Of Linux's prctl(2)."""
 
 
-def keep(folder: Path, seconds: float, most: int) -> int:
-    """Start the worker on ``folder`` and see it through; its exit code. Ends by the signal that ended the worker."""
+def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
+    """Start the worker, or ``command``, on ``folder`` and see it through; its exit code. Ends by the signal that ended it."""
     ends = time.monotonic() + seconds
     parent, keeper = os.getppid(), os.getpid()
     _prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the engine starts and leaves behind becomes the keeper's
@@ -49,7 +50,7 @@ def keep(folder: Path, seconds: float, most: int) -> int:
         for descriptor in (heard, told, held):
             os.close(descriptor)
         _begin(keeper, alive, most)
-        _work(folder)
+        _work(folder, command)
     os.close(alive)
     watched = [heard, *([0] if stat.S_ISFIFO(os.fstat(0).st_mode) else [])]
     status = None
@@ -101,10 +102,14 @@ def _end_with(alive: int) -> None:
     os.killpg(0, signal.SIGKILL)
 
 
-def _work(folder: Path) -> None:
-    """Run the worker; never returns."""
+def _work(folder: Path, command: list[str]) -> None:
+    """Run the worker, or ``command``; never returns."""
     code = 1
     try:
+        if command:
+            signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # Python's programs alone make an error of it
+            os.chdir(folder)
+            os.execvp(command[0], command)
         code = _worker().main(folder)
     except BaseException:  # whatever it is, it ends this process and no other
         import traceback
@@ -176,4 +181,4 @@ def _prctl(option: int, value: int) -> bool:
 
 if __name__ == "__main__":
     sys.path.pop(0)  # this script's own folder, which would shadow engines' packages (engines/mujoco/engine.py)
-    sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])))
+    sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), sys.argv[4:]))

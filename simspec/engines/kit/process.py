@@ -8,7 +8,6 @@ other kind here, and nothing of it is left when the block is left, or when this 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import signal
@@ -23,12 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
 from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
 from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.request import write_request
 from simspec.errors import EngineError, clipped, visible
 from simspec.reading import read_bytes
 from simspec.scratch import scratch_folder
@@ -117,22 +115,12 @@ def start(
     if python is None and engine_class.version() is None:
         raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
     with scratch_folder(engine) as folder:
-        request = {
-            "schema": worker.SCHEMA,
-            "engine": f"{engine_class.__module__}:{engine_class.__qualname__}",
-            "artifacts": str(Path(artifacts).resolve()),
-            "operations": [{"op": operation.op, **operation.parameters} for operation in operations],
-        }
-        (folder / "request.json").write_text(json.dumps(request), encoding="utf-8")
-        arrays = {
-            f"{index}.{key}": np.asarray(value)
-            for index, operation in enumerate(operations)
-            for key, value in operation.arrays.items()
-        }
-        if arrays:
-            np.savez(folder / "request.npz", **arrays)  # type: ignore[arg-type]
+        write_request(folder, engine_class, artifacts, operations)
+        command = engine_class.command(folder)
+        if command is not None and python is not None:
+            raise EngineError(engine, "is a program of its own: no Python can be chosen for it")
         end_if_told()
-        running = Running(engine, folder, operations, python or sys.executable, deadline)
+        running = Running(engine, folder, operations, python or sys.executable, deadline, command)
         _at_work.add(running)
         try:
             if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
@@ -146,7 +134,15 @@ def start(
 class Running:
     """An engine process at work: a keeper (``keeper.py``), and below it whatever the engine makes of it."""
 
-    def __init__(self, engine: str, folder: Path, operations: Sequence[Operation], python: str, deadline: float):
+    def __init__(
+        self,
+        engine: str,
+        folder: Path,
+        operations: Sequence[Operation],
+        python: str,
+        deadline: float,
+        command: Sequence[str] | None = None,
+    ):
         self.engine = engine
         self._folder = folder
         self._operations = tuple(operations)
@@ -156,7 +152,7 @@ class Running:
         environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
         # a name alone is sought on the path, as a shell does; the process itself starts in its own folder
         program = os.path.abspath(python) if os.sep in python else shutil.which(python) or python
-        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES)]
+        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ())]
         try:
             self._process = subprocess.Popen(
                 words,

@@ -3,10 +3,12 @@
 It works in any environment that has numpy and the engine: this file makes its own ``simspec`` package importable without
 putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
-FOLDER/request.json   schema; engine ("module:Class"); artifacts (folder); operations (a list, see OPERATIONS; each may
-                      name another folder of artifacts, and be an ``attempt``, see ``attempts.py``)
+FOLDER/request.json   schema; engine (its name); program ("module:Class"); operations (a list, see OPERATIONS; each with its
+                      folder of artifacts, relative to FOLDER, and the kind and shape of each of its arrays; it may be an
+                      ``attempt``, see ``attempts.py``)
 FOLDER/at_work.txt    the number of the operation that is at work
-FOLDER/request.npz    arrays of the operations, named "<index>.<name>"
+FOLDER/request.bin    the arrays of the operations: little-endian, one after the other, in their order
+FOLDER/artifacts/     the artifacts
 FOLDER/result.json    schema, status (ok | error), error, versions, one entry per operation; an entry's ``arrays`` says the
                       kind (f8, i8) and shape of each array of its result, and where it is
 FOLDER/result.bin     the arrays that are ``stored`` there: little-endian, one after the other, in the order of the entries
@@ -22,15 +24,18 @@ import contextlib
 import importlib
 import importlib.util
 import json
+import math
 import os
 import platform
 import sys
 import time
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-SCHEMA = 2
+SCHEMA = 3
+REQUEST, REQUEST_ARRAYS = "request.json", "request.bin"
 AT_WORK = "at_work.txt"
 KINDS = {"f": "f8", "i": "i8", "b": "i8", "u": "i8"}
 """Kinds of arrays as they are written, by numpy's kinds."""
@@ -217,20 +222,13 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
 
     if request.get("schema") != SCHEMA:
         raise ValueError(f"request schema {request.get('schema')!r}, this worker reads {SCHEMA}")
-    module, _, name = request["engine"].partition(":")
+    module, _, name = request["program"].partition(":")
     engine_class = getattr(importlib.import_module(module), name)
-    artifacts = Path(request["artifacts"])
-    given: dict[str, Any] = {}
-    if (folder / "request.npz").exists():
-        with np.load(folder / "request.npz", allow_pickle=False) as archive:
-            given = {key: archive[key] for key in archive.files}
     entries: list[dict[str, Any]] = []
     stored: list[Any] = []
-    for index, operation in enumerate(request["operations"]):
-        prefix = f"{index}."
-        arrays = {key[len(prefix) :]: value for key, value in given.items() if key.startswith(prefix)}
+    for index, (asked, arrays) in enumerate(_requested(folder, request)):
         (folder / AT_WORK).write_text(str(index), encoding="ascii")
-        operation = {"artifacts": artifacts, **operation, "place": folder / prefix}
+        operation = {**asked, "artifacts": folder / asked["artifacts"], "place": folder / f"{index}."}
         if operation.get("attempt", False):
             engine_class.prepare()
             entry, own = attempt(
@@ -255,6 +253,19 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     )
 
 
+def _requested(folder: Path, request: dict[str, Any]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Each operation of a request, with its arrays."""
+    import numpy as np
+
+    with open(folder / REQUEST_ARRAYS, "rb") as file:
+        for operation in request["operations"]:
+            arrays = {}
+            for name, form in operation["arrays"].items():
+                count = math.prod(form["shape"])
+                arrays[name] = np.fromfile(file, dtype=f"<{form['kind']}", count=count).reshape(form["shape"])
+            yield operation, arrays
+
+
 def _entry(engine_class: Any, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
     """What result.json says of one operation, done with an engine loaded anew; and the arrays to be stored."""
     from simspec.formats.base import read_sidecar
@@ -263,7 +274,7 @@ def _entry(engine_class: Any, operation: dict[str, Any], arrays: dict[str, Any])
     failing = True
     started = time.perf_counter()
     try:
-        place = Path(operation["artifacts"])
+        place = operation["artifacts"]
         engine.load(place, read_sidecar(place))
         loaded = time.perf_counter()
         result, found = OPERATIONS[operation["op"]](engine, arrays, operation)
@@ -300,7 +311,7 @@ def _described(value: Any, stored: list[Any]) -> dict[str, Any]:
 def main(folder: Path) -> int:
     """Work off the request in ``folder``; 0 when a result with status ok was written."""
     _make_simspec_importable()
-    request = json.loads((folder / "request.json").read_text(encoding="utf-8"))
+    request = json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     stored: list[Any] = []
     try:
         result, stored = _work(folder, request)
