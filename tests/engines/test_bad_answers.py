@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simspec.engines.kit import process
+from simspec.engines.kit import process, worker
 from simspec.engines.kit.answers import BadAnswerError, Operation, read_answers
 from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.process import start
@@ -165,8 +165,8 @@ BAD = {
     "no schema": told(lambda content: content.pop("schema") and None),
     "schema of a list": told(lambda content: content.update(schema=[2])),
     "status unknown": told(lambda content: content.update(status="perhaps")),
-    "error of a number": text('{"status": "error", "error": 7, "traceback": "", "schema": 2}'),
-    "error without end": text('{"status": "error", "error": "%s", "traceback": "", "schema": 2}' % ("x" * 10_000_000)),
+    "error of a number": text('{"status": "error", "error": 7, "traceback": "", "schema": 3}'),
+    "error without end": text('{"status": "error", "error": "%s", "traceback": "", "schema": 3}' % ("x" * 10_000_000)),
     "no operations": told(lambda content: content.update(operations=[])),
     "operations of a word": told(lambda content: content.update(operations="none")),
     "twice the operations": told(lambda content: content.update(operations=content["operations"] * 2)),
@@ -414,7 +414,9 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
     }
     one = {"op": "drive", "load_seconds": 0.0, "seconds": 0.0, "log": [], "result": {}, "arrays": described}
     names = dict.fromkeys(("engine", "engine_version", "numpy_version", "python_version", "platform", "machine"), "x")
-    (tmp_path / "result.json").write_text(json.dumps({"schema": 2, "status": "ok", **names, "operations": [one]}))
+    (tmp_path / "result.json").write_text(
+        json.dumps({"schema": worker.SCHEMA, "status": "ok", **names, "operations": [one]})
+    )
     (tmp_path / "result.bin").write_bytes(b"\0" * 8 * (3 + 42 + 18))
     asked = Operation("drive", {"timestep": 1e-3, "phases": [[2, 1]]}, {"effort": np.zeros((1, 1))})
     with pytest.raises(BadAnswerError, match=r"velocity has shape \(3, 1, 6\), should be \(3, 2, 6\)"):
@@ -422,7 +424,7 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
 
 
 def test_every_operation_declares_its_answer():
-    from simspec.engines.kit import answers, worker
+    from simspec.engines.kit import answers
 
     assert set(answers.FORMS) == set(worker.OPERATIONS)
 
