@@ -86,7 +86,7 @@ WRITERS = {
     "scratch.py": "temporary folders of simspec's own",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
-    "engines/kit/process.py": "requests into the temporary folder of an engine's process",
+    "engines/kit/request.py": "requests and artifacts into the temporary folder of an engine's process",
     "engines/kit/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "mapped.py": "large arrays, in temporary files that have no name",
