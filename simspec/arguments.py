@@ -23,7 +23,12 @@ Sets = Annotated[
 ]
 Engines = Annotated[
     list[str] | None,
-    typer.Option("--engine", "-e", metavar="NAME", help="An engine (or a format: its engines). Repeatable."),
+    typer.Option(
+        "--engine",
+        "-e",
+        metavar="NAME",
+        help="An engine, or a format: its engines; NAME@VERSION=PYTHON: one elsewhere.",
+    ),
 ]
 Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Warnings are errors: exit 2.")]
@@ -85,29 +90,48 @@ def load_spec(
     return Loaded(spec, world, found)
 
 
-def interpreters(words: list[str] | None) -> dict[str, str]:
-    """The interpreters that ``--python`` names, by engine."""
+def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
+    """The interpreters that ``--python`` and ``--engine`` name, by the engine's label."""
     from simspec.engines.kit.contract import find_engine
+    from simspec.engines.kit.identity import parse
 
     found = {}
     for word in words or ():
-        engine, equals, path = word.partition("=")
-        if not equals or not path:
+        given = parse(word)
+        if given.python is None:
             raise SpecError([Problem(f"--python {word}: no interpreter is named", allowed="ENGINE=/path/to/python")])
-        found[find_engine(engine).NAME] = path
+        find_engine(given.name)
+        found[given.label] = given.python
+    for one in map(parse, engine_words or ()):
+        if one.python is not None and found.setdefault(one.label, one.python) != one.python:
+            problem = Problem(
+                f"{one.label} is to run in two interpreters", found=f"{found[one.label]} and {one.python}"
+            )
+            raise SpecError([problem])
     return found
 
 
 def engine_names(words: list[str] | None) -> list[str]:
-    """The engines asked for (a format stands for its engines); all known ones when none is asked for."""
+    """The engines asked for, by label (a format stands for its engines); all known ones when none is asked for."""
     from simspec.engines.kit.contract import engines, find_engine
+    from simspec.engines.kit.identity import parse
 
     known = engines()
-    found: dict[str, None] = {}
+    labels: dict[str, None] = {}
     for word in words or known:
         readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
-        found.update(dict.fromkeys(readers or [find_engine(word).NAME]))
-    return list(found)
+        given = parse(word)
+        if not readers:
+            find_engine(given.name)
+        labels.update(dict.fromkeys(readers or [given.label]))
+    return list(labels)
+
+
+def names_alone(words: list[str] | None) -> list[str]:
+    """The same for what is about files: they are of an engine, whatever its version."""
+    from simspec.engines.kit.identity import engine_name
+
+    return list(dict.fromkeys(map(engine_name, engine_names(words))))
 
 
 def installed_engines() -> list[str]:

@@ -25,6 +25,7 @@ from simspec.arguments import (
     installed_engines,
     interpreters,
     load_spec,
+    names_alone,
     possible_engines,
     print_json,
     source_of,
@@ -112,7 +113,7 @@ def check_command(
         try:
             spec, world, warned = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
             if engine:
-                compile_world(world, engine_names(engine), spec.locate)
+                compile_world(world, names_alone(engine), spec.locate)
             else:
                 problems.extend(check_options(world, spec.locate))
         except SpecError as error:
@@ -153,7 +154,7 @@ def accept_command(
     from simspec.report.accepting import accept
 
     loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
-    return accept(loaded, world, engine_names(engine) if engine else installed_engines(), as_json)
+    return accept(loaded, world, names_alone(engine) if engine else installed_engines(), as_json)
 
 
 @app.command("fmt")
@@ -245,7 +246,7 @@ def compile_command(
         return spec, world
 
     return files.compile_specs(
-        names, load, engine_names(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+        names, load, names_alone(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
     )
 
 
@@ -288,7 +289,7 @@ def verify_command(
     """
     from simspec.report import verification
 
-    names, pythons = engine_names(engine), interpreters(python)
+    names, pythons = engine_names(engine), interpreters(python, engine)
     if (spec is None) != self_test:
         raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
     if complete and (spec is not None or pythons):
@@ -358,7 +359,7 @@ def run_command(
     if all_engines == bool(engine):
         raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
-    pythons = interpreters(python)
+    pythons = interpreters(python, engine)
     names = engine_names(engine) if engine else possible_engines(pythons, as_json)
     return session.run(
         world,

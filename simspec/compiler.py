@@ -10,6 +10,7 @@ from pathlib import Path
 
 from simspec.control.native import fed_forward
 from simspec.engines.kit.contract import Engine, check_settings, engines, find_engine, written_settings
+from simspec.engines.kit.identity import engine_name
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.features import Decision, Feature, combine, negotiate
 from simspec.formats.base import Target, formats
@@ -80,7 +81,7 @@ def compile_world(
         # files are written from the options: from wrong ones, anything could come
         if name in decisions and not any(_of_options(problem, name) for problem in problems):
             try:
-                found[name] = _emit(world, find_engine(name), (plans or {}).get(name), decisions[name])
+                found[name] = _emit(world, name, (plans or {}).get(name), decisions[name])
             except UnsupportedError as error:
                 problems.extend(_located(error, locate))
     if problems:
@@ -89,7 +90,7 @@ def compile_world(
 
 
 def _of_options(problem: Problem, engine: str) -> bool:
-    return f"{problem.path}.".startswith((f"engines.{engine}.", "control."))
+    return f"{problem.path}.".startswith((f"engines.{engine_name(engine)}.", "control."))
 
 
 def _located(error: UnsupportedError, locate: Callable[[str], Location | None]) -> list[Problem]:
@@ -106,7 +107,8 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
         if target in formats() and target not in engines():
             names.update(dict.fromkeys(name for name, engine in engines().items() if target == engine.FORMAT))
         else:
-            names[find_engine(target).NAME] = None
+            find_engine(target)
+            names[target] = None
     return list(names)
 
 
@@ -119,9 +121,10 @@ def _negotiate(
     return tuple(decisions)
 
 
-def _emit(world: World, engine: type[Engine], plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
+def _emit(world: World, label: str, plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
+    engine = find_engine(label)
     files = formats()[engine.FORMAT].emit(world, target_of(world, engine, plan))
-    return Compiled(engine.NAME, engine.FORMAT, files, decisions)
+    return Compiled(label, engine.FORMAT, files, decisions)
 
 
 def needed_decisions(

@@ -12,6 +12,7 @@ from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, compile_world, output_files, write_folder
 from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.process import DEADLINE
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.runner.expectations import Outcome, evaluate
@@ -74,12 +75,17 @@ class Arrivals:
 
 
 def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The engines that are not installed here, each with the way to install it."""
+    """The engines that are not installed here, or not in that version, each with the way to have it."""
     found = {}
     for name in engines:
         engine = find_engine(name)
-        if name not in (pythons or {}) and engine.version() is None:
+        if name in (pythons or {}):
+            continue
+        here = engine.version()
+        if here is None:
             found[name] = f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+        elif (why := other_version(name, here)) is not None:
+            found[name] = why
     return found
 
 
@@ -111,7 +117,9 @@ def study(
     Runs are timed one after the other; only repeats, whose timing does not count, go two at a time. Raises EngineError
     when an engine is missing (unless ``keep_going``), UnsupportedError when the world cannot be compiled for one.
     """
-    names = list(dict.fromkeys(find_engine(name).NAME for name in engines))
+    names = list(dict.fromkeys(engines))
+    for name in names:
+        find_engine(name)
     absent = missing_engines(names, pythons)
     if absent and not keep_going:
         raise EngineError(*next(iter(absent.items())))

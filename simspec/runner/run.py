@@ -19,6 +19,7 @@ from simspec.control.request import to_request
 from simspec.engines.kit import process
 from simspec.engines.kit.answers import RECORDED_BYTES, Operation
 from simspec.engines.kit.contract import find_engine, resolve_settings
+from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.formats.base import read_sidecar
@@ -225,8 +226,8 @@ def start_run(
             "artifacts_sha256": artifacts_sha256(artifacts),
             "engine": engine,
             "settings": resolve_settings(find_engine(engine), world),
-            "accepted": list(world.options(engine).accept),
-            "outside": list(world.options(engine).outside),
+            "accepted": list(world.options(engine_name(engine)).accept),
+            "outside": list(world.options(engine_name(engine)).outside),
             "record": {"every_steps": record.every_steps, "channels": list(record.channels)},
             "perturb": perturb,
             "spec": dict(source or {}),

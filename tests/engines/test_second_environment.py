@@ -3,30 +3,44 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import subprocess
 import venv
 
 import pytest
+from typer.testing import CliRunner
 
+import simspec
+from simspec import cli
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.process import Operation, call
+from simspec.errors import EngineError
+from simspec.generated import read_certificate
 from simspec.proof.comparator import inventory_checks
 from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack
 from tests import worlds
 
 OTHER_VERSION = "3.3.7"
+HERE = find_engine("mujoco").version()
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory) -> str:
+    """The interpreter of an environment with another version."""
+    place = tmp_path_factory.mktemp("other")
+    venv.create(place, with_pip=True)
+    found = str(place / "bin" / "python")
+    subprocess.run(
+        [found, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"mujoco=={OTHER_VERSION}"],
+        check=True,
+    )
+    return found
 
 
 @pytest.mark.slow
-def test_another_version_in_another_environment_holds_the_same_model(tmp_path):
-    venv.create(tmp_path / "other", with_pip=True)
-    python = str(tmp_path / "other" / "bin" / "python")
-    subprocess.run(
-        [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"mujoco=={OTHER_VERSION}"],
-        check=True,
-    )
+def test_another_version_in_another_environment_holds_the_same_model(python, tmp_path):
     world = worlds.every_joint()
     write_folder(compile_world(world, ["mujoco"])["mujoco"].files, tmp_path / "artifacts")
     here = call("mujoco", tmp_path / "artifacts", [Operation("read_back")])
@@ -39,3 +53,29 @@ def test_another_version_in_another_environment_holds_the_same_model(tmp_path):
         assert check.passed, check.detail
     plain = (dataclasses.replace(held, inventory={}, neutral={}) for held in (one, other))
     assert len({repr(held) for held in plain}) == 1
+
+
+@pytest.mark.slow
+def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatch):
+    """Each is an engine with a label: a certificate and a run of its own, and every pair in the table of differences."""
+    monkeypatch.chdir(tmp_path)
+    asked = ["--engine", "mujoco", "--engine", f"mujoco@3.3={python}", "--engine", "dart"]
+    done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *asked, "--set", "physics.duration=0.2"])
+    assert done.exit_code == 0, done.output
+    report = json.loads((tmp_path / "runs" / "double-pendulum" / "report.json").read_text())
+    assert list(report["runs"]) == ["mujoco", "mujoco@3.3", "dart"]
+    certificate = read_certificate(tmp_path / "runs" / "double-pendulum")
+    versions = {label: proof.version for label, proof in certificate.engines.items()}
+    assert versions == {"mujoco": HERE, "mujoco@3.3": OTHER_VERSION, "dart": find_engine("dart").version()}
+    assert certificate.valid
+    assert len(report["diffs"]) == 3
+    other = simspec.load_run(tmp_path / "runs" / "double-pendulum" / "mujoco@3.3")
+    assert other.label == f"mujoco@3.3 {OTHER_VERSION}"
+    assert "mujoco – mujoco@3.3" in done.output
+
+
+@pytest.mark.slow
+def test_a_label_s_version_is_held_against_what_is_at_work(python, tmp_path):
+    write_folder(compile_world(worlds.every_joint(), ["mujoco"])["mujoco"].files, tmp_path / "artifacts")
+    with pytest.raises(EngineError, match=rf"mujoco@3\.30: is version {OTHER_VERSION}, not 3\.30"):
+        call("mujoco@3.30", tmp_path / "artifacts", [Operation("read_back")], python=python)

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.control.native import Servos
+from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
 from simspec.features import Table, check_total
@@ -483,9 +484,9 @@ def broken_engines() -> Mapping[str, str]:
 
 
 def find_engine(name: str) -> type[Engine]:
-    """The engine called ``name``. Raises EngineError naming the known ones."""
-    found = engines().get(name)
+    """The engine that a name or label (``identity.py``) stands for. Raises EngineError naming the known ones."""
+    found = engines().get(engine_name(name))
     if found is None:
-        why = broken_engines().get(name)
+        why = broken_engines().get(engine_name(name))
         raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}")
     return found

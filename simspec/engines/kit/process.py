@@ -26,6 +26,7 @@ from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
 from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.identity import demand_version
 from simspec.engines.kit.request import write_request
 from simspec.errors import EngineError, clipped, visible
 from simspec.reading import read_bytes
@@ -198,6 +199,7 @@ class Running:
             raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
         if refused is not None:
             raise EngineError(self.engine, clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL))
+        demand_version(self.engine, versions["engine_version"])
         return Reply(answers, versions, wall, self._log.text())
 
     def _tell(self, progress: Callable[[float], None]) -> None:

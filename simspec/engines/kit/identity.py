@@ -1,0 +1,62 @@
+"""Which engine is meant: its name, and where several versions of one are at work, version and interpreter too.
+
+A *label* stands for an engine everywhere: in options of the command line, runs, certificates and tables. ``mujoco`` is what
+is installed here; ``mujoco@3.8`` is version 3.8 of it, wherever that is.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from simspec.errors import EngineError, Problem, SpecError
+
+MARK = "@"
+VERSION = re.compile(r"[0-9][0-9A-Za-z.+_-]{0,39}")
+"""What a label may have for a version: it is a part of folders' names."""
+
+
+@dataclass(frozen=True, slots=True)
+class EngineId:
+    """An engine by name; ``version`` is the beginning of its version (``3.8`` for 3.8.1) or empty for any; ``python`` is the
+    interpreter that has it, None for this one."""
+
+    name: str
+    version: str = ""
+    python: str | None = None
+
+    @property
+    def label(self) -> str:
+        """``mujoco``, or ``mujoco@3.8``."""
+        return f"{self.name}{MARK}{self.version}" if self.version else self.name
+
+
+def parse(word: str) -> EngineId:
+    """The engine that a word of the command line names: ``NAME``, ``NAME@VERSION``, each with ``=PYTHON`` or without. Raises
+    SpecError for what is no version."""
+    label, equals, python = word.partition("=")
+    name, mark, version = label.partition(MARK)
+    if (mark and not VERSION.fullmatch(version)) or (equals and not python) or not name:
+        raise SpecError(
+            [Problem(f"{word!r} names no engine", allowed="NAME, NAME@VERSION, NAME@VERSION=/path/to/python")]
+        )
+    return EngineId(name, version, python if equals else None)
+
+
+def engine_name(label: str) -> str:
+    """The name of the engine that a label stands for."""
+    return label.partition(MARK)[0]
+
+
+def other_version(label: str, version: str) -> str | None:
+    """Why an engine of ``version`` is not what its label says; None when it is."""
+    wanted = label.partition(MARK)[2]
+    if not wanted or re.match(re.escape(wanted) + r"(?![0-9A-Za-z])", version):
+        return None
+    return f"is version {version}, not {wanted}; --engine {label}=/path/to/python names an interpreter that has it"
+
+
+def demand_version(label: str, version: str) -> None:
+    """Raise EngineError where an engine that is at work is not of the version that its label says."""
+    if (why := other_version(label, version)) is not None:
+        raise EngineError(label, why)
