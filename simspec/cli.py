@@ -187,7 +187,7 @@ def schema_command(
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if FILE is stale.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Write a JSON Schema: of the language, for editors, or of the files that an engine's process reads and writes.
+    """Write a JSON Schema: of the language, for editors, or of what engines are asked and answer.
 
     \b
     simspec schema --out simspec.schema.json
