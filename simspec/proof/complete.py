@@ -1,10 +1,10 @@
 """The complete self-test: every change that compiled files can suffer, one at a time, and what the proof makes of it.
 
-Each mutation (``formats/mutations.py``) is tried in stages, and leaves at the first that notices it: what the engine says it
-holds (levels L1, L2 and L4), then all it is probed for (L2 to L4, L6, L7), then the whole proof with its contact probes (L5).
-One that the engine refuses needs no proof. What is left must be declared inert by its format, and move every body as the
-unchanged files do, with contact, without and under control, within 1e-12; else it is *missed*. Level L0 does not count: the
-text alone says nothing of the engine.
+Each mutation (``formats/mutations.py``) is tried in stages, and leaves at the first that notices it. One that the engine
+refuses needs no proof. Then what the engine says it holds (levels L1, L2 and L4). One that its format declares inert must now
+move every body as the unchanged files do, with contact, without and under control, within 1e-12. All else goes on to what the
+engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact probes (L5); what that does not notice is
+*missed*. Level L0 does not count: the text alone says nothing of the engine.
 
 Many mutations share one engine process, which works on each apart (``engines/kit/attempts.py``): one that crashes is refused.
 """
@@ -17,6 +17,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -202,7 +203,9 @@ class _Bench:
     def _batch(self, batch: Sequence[Mutation]) -> list[Verdict]:
         found: dict[str, Verdict] = {}
         left = list(batch)
-        for stage in (self._held, self._probed, self._whole):
+        acting: dict[str, str] = {}
+        stages = (self._held, partial(self._unmoved, acting=acting), self._probed, partial(self._whole, acting=acting))
+        for stage in stages:
             for mutation, verdict in stage(left):
                 if verdict is not None:
                     found[mutation.name] = verdict
@@ -224,6 +227,20 @@ class _Bench:
                 ),
             )
 
+    def _unmoved(self, batch: Sequence[Mutation], acting: dict[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
+        """What is declared inert must move as the sound files do; what does not is noted in ``acting``, and goes on."""
+        declared = [mutation for mutation in batch if self.table.inertness(mutation) is not None]
+        for mutation, answers in self._ask(declared, self.scenes):
+            verdict = self._refused(mutation, answers)
+            if verdict is None and not isinstance(answers, EngineError):
+                row = self.table.inertness(mutation) or NOTHING
+                apart = _departure(self.still, [_seen(answer) for answer in answers])
+                if apart <= row.within:
+                    verdict = self._verdict(mutation, "inert", why=row.why)
+                else:
+                    acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
+            yield mutation, verdict
+
     def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """By every probe but those of contact."""
         for mutation, answers in self._ask(batch, self.probes.operations()):
@@ -235,26 +252,11 @@ class _Bench:
                 ),
             )
 
-    def _whole(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
-        """What is declared inert must move as the sound files do; the rest goes through the whole proof, or is missed."""
-        declared = [mutation for mutation in batch if self.table.inertness(mutation) is not None]
-        acting: dict[str, str] = {}
-        for mutation, answers in self._ask(declared, self.scenes):
-            verdict = self._refused(mutation, answers)
-            if verdict is None and not isinstance(answers, EngineError):
-                row = self.table.inertness(mutation) or NOTHING
-                apart = _departure(self.still, [_seen(answer) for answer in answers])
-                if apart > row.within:
-                    acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
-                    continue
-                verdict = self._verdict(mutation, "inert", why=row.why)
-            yield mutation, verdict
+    def _whole(self, batch: Sequence[Mutation], acting: Mapping[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
+        """By the whole proof, with its contact probes; else it is missed."""
         for mutation in batch:
-            if self.table.inertness(mutation) is None or mutation.name in acting:
-                yield (
-                    mutation,
-                    self._proven(mutation) or self._verdict(mutation, "missed", why=acting.get(mutation.name, "")),
-                )
+            why = acting.get(mutation.name, "")
+            yield mutation, self._proven(mutation) or self._verdict(mutation, "missed", why=why)
 
     def _proven(self, mutation: Mutation) -> Verdict | None:
         with scratch_folder("mutation") as place:
@@ -349,8 +351,16 @@ def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
     return (
         Operation("drive", alone, {"effort": np.zeros((1, nv))}),
         Operation("drive", shoved, {"effort": pushed}),
-        *(one for one in probes.operations() if one.op in ("motion", "respond", "touching")),
+        *(_shortened(one) for one in probes.operations() if one.op in ("motion", "respond", "touching")),
     )
+
+
+def _shortened(operation: Operation) -> Operation:
+    """A motion of at most ``SCENE_STEPS``: what acts has shown by then."""
+    steps = operation.parameters.get("steps")
+    if steps is None:
+        return operation
+    return dataclasses.replace(operation, parameters={**operation.parameters, "steps": min(steps, SCENE_STEPS)})
 
 
 def _seen(answer: Answer) -> Mapping[str, np.ndarray]:
