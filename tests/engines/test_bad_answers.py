@@ -14,6 +14,7 @@ import os
 import random
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,12 @@ def scene():
         record=dataclasses.replace(world.record, every_steps=40),
         expectations=(),
     )
+
+
+@pytest.fixture(autouse=True)
+def _own_temporary_folder(tmp_path, monkeypatch):
+    """What hostile engines put in the place of their folders is not left in everybody's."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
 @pytest.fixture(scope="module")
