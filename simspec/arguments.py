@@ -112,13 +112,13 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
 
 
 def engine_names(words: list[str] | None) -> list[str]:
-    """The engines asked for, by label (a format stands for its engines); all known ones when none is asked for."""
+    """The engines asked for, by label (a format stands for its engines); when none is, all that are taken by default."""
     from simspec.engines.kit.contract import engines, find_engine
     from simspec.engines.kit.identity import parse
 
     known = engines()
     labels: dict[str, None] = {}
-    for word in words or known:
+    for word in words or [name for name, engine in known.items() if engine.BY_DEFAULT]:
         readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
         given = parse(word)
         if not readers:
@@ -135,10 +135,10 @@ def names_alone(words: list[str] | None) -> list[str]:
 
 
 def installed_engines() -> list[str]:
-    """The engines that are installed here. Raises SpecError when none is."""
+    """The engines that are installed here, of those that are taken by default. Raises SpecError when none is."""
     from simspec.engines.kit.contract import engines
 
-    found = [name for name, engine in engines().items() if engine.version() is not None]
+    found = [name for name, engine in engines().items() if engine.BY_DEFAULT and engine.version() is not None]
     if not found:
         raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or say --engine NAME")])
     return found

@@ -43,7 +43,7 @@ EXCEPTIONS = {
 ENTRANCES = ("__init__.py", "__main__.py")
 """The package's own doors, which may open every part."""
 LONGEST = 500
-ENGINE_WORDS = ("mujoco", "pybullet", "dart", "bullet")
+ENGINE_WORDS = ("mujoco", "pybullet", "dart", "bullet", "drake")
 FORMAT_WORDS = ("mjcf", "urdf", "skel")
 HOMES = ("engines", "formats")
 

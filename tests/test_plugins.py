@@ -63,7 +63,7 @@ def offer(monkeypatch):
 )
 def test_a_broken_engine_is_told_and_ignored(offer, value, why):
     offer("odd", value)
-    assert list(engines()) == ["dart", "mujoco", "pybullet"]
+    assert list(engines()) == ["dart", "drake", "mujoco", "pybullet"]
     assert why in broken_engines()["odd"]
     with pytest.raises(EngineError, match="cannot be used"):
         find_engine("odd")
@@ -81,5 +81,5 @@ def test_nobody_takes_the_name_of_simspec_s_own(offer):
 
 def test_a_sound_engine_is_used(offer):
     offer("odd", an_engine())
-    assert list(engines()) == ["dart", "mujoco", "odd", "pybullet"]
+    assert list(engines()) == ["dart", "drake", "mujoco", "odd", "pybullet"]
     assert not broken_engines()

@@ -28,8 +28,9 @@ SAME = 1e-12
 """How far a combined number may be from the pair's, relative above 1: the tolerance of text, proof level L0."""
 MOST_SPLIT_MATERIALS = 32
 """Materials among which layers are sought: their number of tries grows with the fourth power."""
-RULES = ("max", "min", "product", "cross", "none")
-"""How two numbers of a quantity become one. cross: s₁ μ₂ + s₂ μ₁ with the sliding friction μ; none: the engine lacks it."""
+RULES = ("max", "min", "product", "harmonic", "cross", "none")
+"""How two numbers of a quantity become one. harmonic: 2 μ₁ μ₂ / (μ₁ + μ₂); cross:
+s₁ μ₂ + s₂ μ₁ with the sliding friction μ; none: the engine lacks it."""
 QUANTITIES = ("friction", "torsional_friction", "rolling_friction", "restitution")
 
 
@@ -91,6 +92,8 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
         return min(a, b)
     if rule == "product":
         return a * b
+    if rule == "harmonic":
+        return 2.0 * a * b / (a + b) if a + b else 0.0
     if rule == "cross":
         return a * second.friction + b * first.friction
     if rule == "none":
@@ -174,6 +177,8 @@ def _invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> d
             solved = _cross(names, values, friction)
         elif rule == "product":
             solved = _product(names, values, own)
+        elif rule == "harmonic":
+            solved = _harmonic(names, values, own)
         elif rule == "none":
             solved = dict.fromkeys(names, 0.0)
         else:
@@ -231,13 +236,31 @@ def _product(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[st
     return found
 
 
+def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:
+    """Of 2 μ₁ μ₂ / (μ₁ + μ₂) = c: with ρ = 1/μ it is ρ₁ + ρ₂ = 2/c. A material with a pair above zero has a number above zero,
+    all others that meet something zero."""
+    names = list(names)
+    touched = {name for pair in values for name in pair}
+    inverse = _sums(names, {pair: 2.0 / value for pair, value in values.items() if value > 0.0})
+    # an inverse of zero: no such numbers, and checked
+    return {
+        name: 1.0 / inverse[name] if inverse[name] > 0.0 else 0.0 if name in touched else own[name] for name in names
+    }
+
+
 def _cross(names: Iterable[str], values: Mapping[Pair, float], friction: Mapping[str, float]) -> dict[str, float]:
-    """Of s₁ μ₂ + s₂ μ₁ = c: with s = ρ μ it is ρ₁ + ρ₂ = c/(μ₁ μ₂), which spreads along pairs as above."""
+    """Of s₁ μ₂ + s₂ μ₁ = c: with s = ρ μ it is ρ₁ + ρ₂ = c/(μ₁ μ₂)."""
     ratios = {
         pair: value / (friction[pair[0]] * friction[pair[1]])
         for pair, value in values.items()
         if friction[pair[0]] * friction[pair[1]] > 0.0
     }
+    found = _sums(names, ratios)
+    return {name: found[name] * friction[name] for name in found}
+
+
+def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float]:
+    """Of ρ₁ + ρ₂ = ratio for every pair: what is known of one spreads along pairs; zero where nothing says more."""
     found = dict.fromkeys(names, 0.0)
     known: set[str] = set()
     for (first, second), ratio in ratios.items():
@@ -258,7 +281,7 @@ def _cross(names: Iterable[str], values: Mapping[Pair, float], friction: Mapping
             found[asked] = max(0.0, ratios[half_known] - found[given])  # below zero: no such numbers, and checked
             known.add(asked)
         open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
-    return {name: found[name] * friction[name] for name in found}
+    return found
 
 
 def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:

@@ -17,7 +17,11 @@ ENGINES = [
     "pybullet",
     "dart",
 ]
-"""Every engine that must pass the shared suites of this folder."""
+"""Every engine that must pass all suites of this folder."""
+
+EVERY = [*ENGINES, "drake"]
+"""Every engine that must pass the shared suite. Of Drake's contact the deviations are not all declared yet, and its gaps are
+asserted in test_drake.py."""
 
 ACCEPTED = (
     "contact.friction.impact",

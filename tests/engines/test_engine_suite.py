@@ -24,7 +24,7 @@ from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World
 from tests import worlds
-from tests.engines.conftest import ACCEPTED, ENGINES
+from tests.engines.conftest import ACCEPTED, EVERY
 
 WORLDS = {
     "every joint": worlds.every_joint,
@@ -36,8 +36,13 @@ WORLDS = {
 }
 
 
+@pytest.fixture(params=EVERY)
+def name(request) -> str:
+    return request.param
+
+
 def test_every_known_engine_is_in_the_suite():
-    assert sorted(ENGINES) == sorted(engines())
+    assert sorted(EVERY) == sorted(engines())
 
 
 @pytest.mark.parametrize("key", WORLDS)
@@ -249,6 +254,7 @@ def gap_world(feature: Feature) -> World | None:
     if feature.value.startswith("contact.cone."):
         world = worlds.with_options(worlds.shapes_world(), "pybullet", accept=())
         world = worlds.with_options(world, "dart", accept=(), settings=(("contact_solver", "dantzig"),))
+        world = worlds.with_options(world, "drake", accept=(), settings=(("contact_approximation", "sap"),))
         cone = feature.value.removeprefix("contact.cone.")
         return dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
     if feature in worlds.CONTACT_GAPS:
@@ -256,7 +262,9 @@ def gap_world(feature: Feature) -> World | None:
     built = {
         Feature.ARMATURE: lambda: worlds.limits_and_armature(armature=0.1),
         Feature.DRY_FRICTION: lambda: worlds.limits_and_armature(dry_friction=0.1),
-        Feature.LIMIT_POSITION: worlds.limits_and_armature,
+        Feature.LIMIT_POSITION: lambda: worlds.with_options(
+            worlds.limits_and_armature(), "drake", accept=(), settings=(("contact_approximation", "tamsi"),)
+        ),
         Feature.TREE_SIZE: lambda: worlds.world(worlds.tree(["fixed"] + ["hinge"] * 130, 1)),
         Feature.TREE_DEPTH: lambda: worlds.world(worlds.tree(["fixed"] + ["hinge"] * 500, 1)),
     }

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.dart.simulation import Simulation
-from simspec.engines.kit.contract import Actuation, Engine, motor_limit, motor_rate
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World
 

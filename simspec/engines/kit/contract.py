@@ -123,6 +123,8 @@ class Engine:
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
     """Whether pairs that no numbers give are had by copies of shapes in layers (see ``formats/contact_plan.py``)."""
+    BY_DEFAULT: ClassVar[bool] = True
+    """Whether it is taken where no engine is named. One that most worlds are refused by is asked for by name."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
@@ -160,6 +162,13 @@ class Engine:
         """The command line of the program that works off the request in ``folder`` (``docs/engine-process.md``), for an engine
         that is a program of its own; None: simspec's own worker, which makes an instance of this class, in a Python."""
         return None
+
+    @classmethod
+    def chosen_settings(
+        cls, world: World, settings: Mapping[str, bool | int | float | str]
+    ) -> Mapping[str, bool | int | float | str]:
+        """``settings`` with what their ``auto`` stands for in ``world``; the default leaves that to the format."""
+        return settings
 
     # --- to be written by each engine -------------------------------------------------------------------------
 
@@ -309,21 +318,6 @@ def pick_blocks(blocks: Sequence[np.ndarray], held: Iterable[tuple[np.ndarray, n
     return found
 
 
-def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:
-    """How fast (1/s) a motor that sets velocities takes back an error: kp / (kd + dt kp); 0 without kp.
-
-    Such a motor makes v' = v* + rate (q* − q). That is the law kp (q* − q) + kd (v* − v) at the end of the step, of a joint
-    whose inertia is nothing beside kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
-    """
-    divisor = damping + timestep * stiffness
-    return np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
-
-
-def motor_limit(stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The largest effort of such motors: none where a joint has neither kp nor kd."""
-    return np.where((stiffness > 0.0) | (damping > 0.0), limit, 0.0)
-
-
 def empty_contacts() -> dict[str, np.ndarray]:
     """Contact arrays with no rows."""
     return {
@@ -347,7 +341,7 @@ def written_settings(engine: type[Engine], world: World) -> dict[str, bool | int
 
     Settings that the engine does not have stay, for it to refuse.
     """
-    found = resolve_settings(engine, world)
+    found = dict(engine.chosen_settings(world, resolve_settings(engine, world)))
     off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
     return {name: value for name, value in found.items() if name not in off}
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simspec.engines.kit.contract import Actuation, Engine, motor_limit, motor_rate
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.engines.pybullet.simulation import UNCLAMPED, Simulation
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World

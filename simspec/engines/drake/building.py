@@ -1,0 +1,288 @@
+"""A world as Drake holds it: a MultibodyPlant and its SceneGraph, built by calls from the content of ``world.json``.
+
+Facts marked *measured*: Drake 1.51.1. Names of a spec have no point, so that names with one are free for what is added:
+frames of joints (``joint.NAME``, ``turn.NAME``), instances of models (``model.NAME``), geometries (``SHAPE.LAYER.PART``).
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from simspec.engines.drake.corners import corners
+from simspec.errors import EngineError
+
+NAME = "drake"
+ERROR_REDUCTION = 0.01
+"""β of the common law (:class:`simspec.world.types.Hardness`)."""
+CONE = "elliptic"
+"""The only one that Drake has."""
+LACKING = ("torsional_friction", "rolling_friction", "restitution", "hardness")
+"""Numbers of shapes that Drake does not have."""
+MOST_PLANES = 8
+"""Half spaces on the world's own body that Drake's tree of boxes around geometries takes; 20 of them, or one beside bodies that
+move, crash the process, since the boxes have no end (measured)."""
+HALF_SPACES = "half spaces are not currently supported for deformable contact"
+"""Drake warns of every plane beside deformable bodies, which simspec does not have: that is no news."""
+
+
+def import_drake() -> Drake:
+    """Drake's modules. Raises EngineError where it is not installed."""
+    try:
+        return Drake()
+    except ImportError as error:
+        raise EngineError(NAME, f"not installed: pip install 'simspec[drake]' ({error})") from error
+
+
+class Drake:
+    """The modules of Drake that are used."""
+
+    def __init__(self) -> None:
+        from pydrake import geometry, math
+        from pydrake.common import eigen_geometry
+        from pydrake.multibody import plant, tree
+        from pydrake.systems import framework
+
+        self.geometry, self.math, self.plant, self.tree, self.framework = geometry, math, plant, tree, framework
+        self.quaternion = eigen_geometry.Quaternion
+
+    def transform(self, position: Sequence[float], quaternion: Sequence[float]) -> Any:
+        """A pose as Drake's."""
+        return self.math.RigidTransform(self.quaternion(quaternion), position)
+
+
+@contextmanager
+def warnings_into(lines: list[str]) -> Iterator[None]:
+    """Collect meanwhile what Drake warns of."""
+    logger = logging.getLogger("drake")
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            text = record.getMessage()
+            if HALF_SPACES not in text:
+                lines.append(text)
+
+    handler, spread = Collector(), logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = spread
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """One geometry of a collision shape: ``id`` Drake's, ``shape`` the shape's place among all collision shapes, ``part`` what
+    it stands for: the shape itself ("shape") or one of its corners."""
+
+    id: Any
+    body: int
+    shape: int
+    material: str
+    layer: int
+    part: str
+
+
+@dataclass
+class Built:
+    """What was built: ``bodies`` in the world's order, ``joints`` theirs (None: free), ``turns`` of ball joints the frame whose
+    pose is the joint's rotation."""
+
+    drake: Drake
+    diagram: Any = None
+    plant: Any = None
+    scene: Any = None
+    bodies: list[Any] = field(default_factory=list)
+    joints: list[Any] = field(default_factory=list)
+    turns: dict[int, Any] = field(default_factory=dict)
+    places: dict[str | None, Any] = field(default_factory=dict)
+    """Where bodies that cannot move are in the world."""
+    geometries: list[Geometry] = field(default_factory=list)
+    shapes: list[tuple[int, str]] = field(default_factory=list)
+    """(body, name) of every collision shape."""
+
+
+def build(content: Mapping[str, Any], settings: Mapping[str, Any]) -> Built:
+    """Build the world. Raises EngineError for what Drake does not have, or refuses."""
+    _check(content)
+    drake = import_drake()
+    builder = drake.framework.DiagramBuilder()
+    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(content["timestep"]))
+    built = Built(drake, plant=plant, scene=scene)
+    try:
+        plant.SetUseSampledOutputPorts(False)
+        plant.set_adjacent_bodies_collision_filters(False)
+        plant.mutable_gravity_field().set_gravity_vector(content["gravity"])
+        plant.set_contact_model(drake.plant.ContactModel.kPoint)
+        kinds = drake.plant.DiscreteContactApproximation
+        plant.set_discrete_contact_approximation(
+            {"sap": kinds.kSap, "tamsi": kinds.kTamsi}[settings["contact_approximation"]]
+        )
+        plant.set_sap_near_rigid_threshold(0.0)
+        models = {}
+        for body in content["bodies"]:
+            if body["model"] not in models:
+                models[body["model"]] = plant.AddModelInstance(f"model.{body['model']}")
+        frames: dict[str | None, Any] = {None: plant.world_body()}
+        built.places[None] = drake.math.RigidTransform()
+        for index, body in enumerate(content["bodies"]):
+            held = plant.AddRigidBody(body["name"], models[body["model"]], _inertia(drake, body))
+            frames[body["name"]] = held
+            built.bodies.append(held)
+            built.joints.append(_joint(built, index, body["joint"], frames, held))
+            if body["joint"]["kind"] == "fixed" and body["joint"]["parent"] in built.places:
+                origin = drake.transform(body["joint"]["origin"]["position"], body["joint"]["origin"]["quaternion"])
+                built.places[body["name"]] = built.places[body["joint"]["parent"]].multiply(origin)
+            for shape in body["shapes"]:
+                _shape(built, index, shape, content["timestep"], settings)
+        _filter(built, content)
+        plant.Finalize()
+        plant.set_stiction_tolerance(settings["stiction_tolerance"])
+        built.diagram = builder.Build()
+    except (RuntimeError, ValueError) as error:
+        raise EngineError(NAME, f"refuses the world: {error}") from error
+    return built
+
+
+def _check(content: Mapping[str, Any]) -> None:
+    """Raise EngineError for what Drake does not have."""
+    if content["friction_cone"] != CONE:
+        raise EngineError(NAME, f"does not support the friction cone {content['friction_cone']}")
+    planes = sum(
+        shape["kind"] == "plane" and len(shape["copies"]) for body in content["bodies"] for shape in body["shapes"]
+    )
+    if planes > MOST_PLANES:
+        raise EngineError(NAME, f"does not support more than {MOST_PLANES} planes, copies included; here are {planes}")
+    for body in content["bodies"]:
+        if body["joint"].get("dry_friction"):
+            raise EngineError(NAME, f"does not support dry friction, which joint {body['joint']['name']!r} has")
+        for shape in body["shapes"]:
+            for copy in shape["copies"]:
+                wrong = [name for name in LACKING if copy.get(name)]
+                if wrong:
+                    raise EngineError(NAME, f"does not support {wrong[0]}, which shape {shape['name']!r} has")
+
+
+def _inertia(drake: Drake, body: Mapping[str, Any]) -> Any:
+    if body["mass"] == 0.0:
+        if any(body["centre_of_mass"]) or any(body["inertia"]):
+            raise EngineError(NAME, f"does not support the inertia of {body['name']!r}, which has no mass")
+        return drake.tree.SpatialInertia.Zero()
+    return drake.tree.SpatialInertia.MakeFromCentralInertia(
+        body["mass"], body["centre_of_mass"], drake.tree.RotationalInertia(*body["inertia"])
+    )
+
+
+def _joint(built: Built, index: int, joint: Mapping[str, Any], bodies: Mapping[str | None, Any], held: Any) -> Any:
+    """Add the joint of a body. A free body has none: Drake gives it one."""
+    if joint["kind"] == "free":
+        return None
+    drake, plant, tree = built.drake, built.plant, built.drake.tree
+    name, own = joint["name"], held.body_frame()
+    place = drake.transform(joint["origin"]["position"], joint["origin"]["quaternion"])
+    frame = plant.AddFrame(tree.FixedOffsetFrame(f"joint.{name}", bodies[joint["parent"]].body_frame(), place))
+    nothing = drake.math.RigidTransform()
+    if joint["kind"] == "fixed":
+        return plant.AddJoint(tree.WeldJoint(name, frame, own, nothing))
+    if joint["kind"] == "ball":
+        built.turns[index] = turn = plant.AddFrame(tree.FixedOffsetFrame(f"turn.{name}", frame, nothing))
+        return plant.AddJoint(tree.BallRpyJoint(name, turn, own))
+    kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint["kind"]]
+    found = plant.AddJoint(kind(name, frame, own, joint["axis"]))
+    if joint["position_limits"] is not None:
+        found.set_position_limits(*([value] for value in joint["position_limits"]))
+    if joint["velocity_limit"] is not None:
+        found.set_velocity_limits([-joint["velocity_limit"]], [joint["velocity_limit"]])
+    if joint["armature"] or joint["effort_limit"] is not None:
+        actuator = plant.AddJointActuator(f"actuator.{name}", found)
+        actuator.set_default_rotor_inertia(joint["armature"])
+        if joint["effort_limit"] is not None:
+            actuator.set_effort_limit(joint["effort_limit"])
+    return found
+
+
+# --- contact --------------------------------------------------------------------------------------------------
+
+
+def solid(drake: Drake, kind: str, size: Sequence[float]) -> Any:
+    """A shape as Drake's."""
+    geometry = drake.geometry
+    made = {
+        "sphere": geometry.Sphere,
+        "box": geometry.Box,
+        "cylinder": geometry.Cylinder,
+        "capsule": geometry.Capsule,
+        "ellipsoid": geometry.Ellipsoid,
+        "plane": geometry.HalfSpace,
+    }
+    return made[kind](*size)
+
+
+def relaxation(timestep: float) -> float:
+    """The relaxation time τ (s) of two rigid shapes: SAP makes φ + (dt + τ) v = 0, and the common law is v = −β φ/dt."""
+    return timestep * (1.0 / ERROR_REDUCTION - 1.0)
+
+
+def _shape(built: Built, index: int, shape: Mapping[str, Any], timestep: float, settings: Mapping[str, Any]) -> None:
+    """Add the geometries of a collision shape: in each of its layers itself, and its corners."""
+    if not shape["copies"]:
+        return
+    drake, number = built.drake, len(built.shapes)
+    built.shapes.append((index, shape["name"]))
+    place = drake.transform(shape["pose"]["position"], shape["pose"]["quaternion"])
+    body = built.bodies[index]
+    if shape["kind"] == "plane":
+        if body.name() not in built.places:
+            raise EngineError(NAME, f"does not support planes on bodies that move, as {shape['name']!r}")
+        body, place = built.plant.world_body(), built.places[body.name()].multiply(place)
+    parts = [("shape", solid(drake, shape["kind"], shape["size"]), place)]
+    if settings["faces"] == "corners":
+        for order, (centre, radius) in enumerate(corners(shape["kind"], shape["size"])):
+            at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
+            parts.append((f"corner{order}", drake.geometry.Sphere(radius), place.multiply(at)))
+    for copy in shape["copies"]:
+        for part, kind, pose in parts:
+            name = f"{shape['name']}.{copy['layer']}.{part}"
+            properties = drake.geometry.ProximityProperties()
+            friction = drake.plant.CoulombFriction(copy["friction"], copy["friction"])
+            drake.geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
+            # Drake adds the relaxation times of two shapes
+            properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(timestep))
+            held = built.plant.RegisterCollisionGeometry(body, pose, kind, name, properties)
+            built.geometries.append(Geometry(held, index, number, shape["material"], copy["layer"], part))
+
+
+def _filter(built: Built, content: Mapping[str, Any]) -> None:
+    """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, and corners."""
+    declared = built.drake.geometry.CollisionFilterDeclaration()
+    bodies, classes, groups, between = {}, {}, {}, []
+    names = [body["name"] for body in content["bodies"]]
+    group_of = [body["group"] for body in content["bodies"]]
+    small = []
+    for one in built.geometries:
+        bodies.setdefault(names[one.body], []).append(one.id)
+        groups.setdefault(group_of[one.body], []).append(one.id)
+        classes.setdefault((one.material, one.layer), []).append(one.id)
+        if one.part != "shape":
+            small.append(one.id)
+    between += [(bodies[one], bodies[other]) for one, other in content["apart"]["bodies"]]
+    between += [(groups[one], groups[other]) for one, other in content["apart"]["groups"]]
+    meets = {(frozenset((one, other)), layer) for one, other, layer in content["meets"]}
+    for one, other in itertools.combinations_with_replacement(classes, 2):
+        if one[1] != other[1] or (frozenset((one[0], other[0])), one[1]) not in meets:
+            between.append((classes[one], classes[other]))
+    if small:
+        between.append((small, small))
+    sets = built.drake.geometry.GeometrySet
+    for one, other in between:
+        if one is other:
+            declared.ExcludeWithin(sets(one))
+        else:
+            declared.ExcludeBetween(sets(one), sets(other))
+    built.scene.collision_filter_manager().Apply(declared)

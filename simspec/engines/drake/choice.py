@@ -1,0 +1,53 @@
+"""Which of Drake's contact solvers a world gets where the settings leave it to simspec."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from simspec.formats.contact_plan import meeting_laws
+from simspec.formats.passes import solid_shapes
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import World
+
+MOST_TAMSI, BODY_SECONDS = 8, 0.008
+"""TAMSI is taken for one moving body with collision shapes; for several up to this many, and up to this number times the
+timestep (s). Its equations are dense (36 boxes 30 ms a step, where SAP takes 5), and at 4 ms it fails to converge in
+towers of six boxes, at 1 ms not in towers of eight (measured)."""
+
+
+def approximation(world: World) -> str:
+    """``tamsi`` where friction matters, few bodies move and no joint has limits: its friction is exact and its slides do not
+    hop. ``sap`` elsewhere: it has the common law's β, stops joints at their limits, and its time grows with the number of
+    contacts alone."""
+    rubs = any(law.friction for law in meeting_laws(world).values())
+    groups = rigid_groups(world)
+    moving = sum(groups[body.name] != "world" and bool(solid_shapes(body)) for body in world.bodies)
+    limited = any(body.joint.position_limits for body in world.bodies)
+    few = moving <= 1 or (moving <= MOST_TAMSI and moving * world.physics.timestep <= BODY_SECONDS)
+    return "tamsi" if rubs and few and not limited else "sap"
+
+
+def _asked(world: World) -> str:
+    asked = dict(world.options("drake").settings).get("contact_approximation", "auto")
+    return approximation(world) if asked == "auto" else str(asked)
+
+
+def coulomb(world: World) -> str | None:
+    """Why this world's friction is exact; None where SAP has some."""
+    if not any(law.friction for law in meeting_laws(world).values()):
+        return "nothing that meets has friction"
+    return "TAMSI's friction" if _asked(world) == "tamsi" else None
+
+
+def stops(world: World) -> str | None:
+    """How joints stop at their limits, where that is the hard stop of the language; None by TAMSI, which has springs there."""
+    if _asked(world) != "sap":
+        return None
+    return "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"
+
+
+def chosen(world: World, settings: Mapping[str, bool | int | float | str]) -> dict[str, bool | int | float | str]:
+    """The settings with what ``contact_approximation: auto`` stands for."""
+    if settings["contact_approximation"] != "auto":
+        return dict(settings)
+    return {**settings, "contact_approximation": approximation(world)}

@@ -1,0 +1,165 @@
+"""Between the generalised coordinates of ``world/kinematics.py`` and Drake's state, for all joints of a kind at once.
+
+Drake: free q = [w x y z, p], v = [ω in the world; velocity of the frame's origin in the world]; ball (BallRpyJoint) v = ω in
+the axes of the frame that it stands on. A ball's coordinates stay zero and its rotation is the pose of that frame: Drake throws
+at a pitch of 90° (measured); so its v is in the child's axes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.drake.building import Built
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
+
+
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Quaternions a b (n, 4)."""
+    w, v, x, u = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
+    scalar = w * x - np.sum(v * u, axis=1, keepdims=True)
+    return np.concatenate([scalar, w * u + x * v + np.cross(v, u)], axis=1)
+
+
+def exponential(vectors: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) of rotation vectors (n, 3)."""
+    half = 0.5 * np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1)
+
+
+def logarithm(turns: np.ndarray) -> np.ndarray:
+    """Rotation vectors (n, 3), of at most π, of quaternions (n, 4)."""
+    turns = np.where(turns[:, :1] < 0.0, -turns, turns)
+    sine = np.sqrt(np.sum(turns[:, 1:] ** 2, axis=1, keepdims=True))
+    angle = 2.0 * np.arctan2(sine, turns[:, :1])
+    return turns[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+
+
+def rotate(turns: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) turned by quaternions (n, 4)."""
+    across = np.cross(turns[:, 1:], vectors)
+    return vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across))
+
+
+def conjugate(turns: np.ndarray) -> np.ndarray:
+    """The inverse rotations."""
+    return turns * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def unit(turns: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) of length 1, w ≥ 0."""
+    turns = turns / np.sqrt(np.sum(turns * turns, axis=1, keepdims=True))
+    return np.where(turns[:, :1] < 0.0, -turns, turns)
+
+
+class Coordinates:
+    """Where each joint has its numbers in q (nq,) and v (nv,), and in Drake's x = [q; v]; and the rotations of ball joints."""
+
+    def __init__(self, built: Built, kinds: Sequence[str]):
+        self._built = built
+        plant = built.plant
+        self.positions = plant.num_positions()
+        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
+        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
+        self.nq, self.nv = int(q[-1]), int(v[-1])
+        self.q_places = [slice(a, b) for a, b in itertools.pairwise(q)]
+        self.v_places = [slice(a, b) for a, b in itertools.pairwise(v)]
+        straight, free, ball = [], [], []
+        for index, (kind, body, joint) in enumerate(zip(kinds, built.bodies, built.joints, strict=True)):
+            own = (index, int(q[index]), int(v[index]))
+            if kind in ("hinge", "slide"):
+                straight.append((*own, joint.position_start(), joint.velocity_start()))
+            elif kind == "ball":
+                ball.append((*own, joint.position_start(), joint.velocity_start()))
+            elif kind == "free":
+                free.append((*own, body.floating_positions_start(), body.floating_velocities_start_in_v()))
+        table = np.array(straight, dtype=np.intp).reshape(-1, 5)
+        self.q, self.v, self.drake_q, self.drake_v = table[:, 1], table[:, 2], table[:, 3], table[:, 4]
+        self.free, self.free_q, self.free_v, self.free_drake_q, self.free_drake_v = _wide(free, (7, 6, 7, 6))
+        self.ball, self.ball_q, self.ball_v, _, self.ball_drake_v = _wide(ball, (4, 3, 3, 3))
+        self.turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(ball), 1))
+        self._frames = [built.turns[index] for index in self.ball.tolist()]
+
+    def state(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v) of Drake's state and the present rotations of the balls."""
+        held, rate = x[: self.positions], x[self.positions :]
+        q, v = np.zeros(self.nq), np.zeros(self.nv)
+        q[self.q], v[self.v] = held[self.drake_q], rate[self.drake_v]
+        if len(self.free):
+            place, motion = held[self.free_drake_q], rate[self.free_drake_v]
+            turns = unit(place[:, :4])
+            q[self.free_q] = np.concatenate([place[:, 4:], turns], axis=1)
+            v[self.free_v] = np.concatenate([motion[:, 3:], rotate(conjugate(turns), motion[:, :3])], axis=1)
+        if len(self.ball):
+            q[self.ball_q], v[self.ball_v] = unit(self.turns), rate[self.ball_drake_v]
+        return q, v
+
+    def drake_state(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Drake's state for (q, v), but for the rotations of the balls, which are set."""
+        held, rate = np.zeros(self.positions), np.zeros(self.nv)
+        held[self.drake_q], rate[self.drake_v] = q[self.q], v[self.v]
+        if len(self.free):
+            place, motion = q[self.free_q], v[self.free_v]
+            turns = unit(place[:, 3:])
+            held[self.free_drake_q] = np.concatenate([turns, place[:, :3]], axis=1)
+            rate[self.free_drake_v] = np.concatenate([rotate(turns, motion[:, 3:]), motion[:, :3]], axis=1)
+        if len(self.ball):
+            self.turns, rate[self.ball_drake_v] = unit(q[self.ball_q]), v[self.ball_v]
+        return np.concatenate([held, rate])
+
+    def effort(self, x: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """A generalised effort (nv,) in Drake's coordinates."""
+        found = np.zeros(self.nv)
+        found[self.drake_v] = effort[self.v]
+        if len(self.free):
+            given, turns = effort[self.free_v], unit(x[self.free_drake_q][:, :4])
+            found[self.free_drake_v] = np.concatenate([rotate(turns, given[:, 3:]), given[:, :3]], axis=1)
+        if len(self.ball):
+            found[self.ball_drake_v] = effort[self.ball_v]
+        return found
+
+    def effort_back(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """The inverse of :meth:`effort`; for several efforts at once as the columns of (nv, n)."""
+        found = np.zeros_like(given)
+        found[self.v] = given[self.drake_v]
+        for places, own, turn in zip(self.free_v, self.free_drake_v, self.matrices(x), strict=True):
+            found[places[:3]], found[places[3:]] = given[own[3:]], turn.T @ given[own[:3]]
+        if len(self.ball):
+            found[self.ball_v] = given[self.ball_drake_v]
+        return found
+
+    def matrices(self, x: np.ndarray) -> np.ndarray:
+        """Rotations (n, 3, 3) of the free bodies."""
+        turns = unit(x[self.free_drake_q][:, :4]) if len(self.free) else np.zeros((0, 4))
+        columns = [rotate(turns, np.tile(axis, (len(turns), 1))) for axis in np.eye(3)]
+        return np.stack(columns, axis=-1)
+
+    def turn(self, before: np.ndarray, after: np.ndarray, timestep: float) -> None:
+        """Write the rotations of the free bodies into ``after``, and those of the balls into the context's parameters to come:
+        R' = exp(dt ω) R with the new ω. Drake's own are off by 1e-5 (measured)."""
+        rate = after[self.positions :]
+        if len(self.free):
+            turns = product(exponential(timestep * rate[self.free_drake_v[:, :3]]), before[self.free_drake_q[:, :4]])
+            after[self.free_drake_q[:, :4]] = unit(turns)
+        if len(self.ball):
+            after[: self.positions][self._ball_drake_q()] = 0.0
+            self.turns = unit(product(self.turns, exponential(timestep * rate[self.ball_drake_v])))
+
+    def _ball_drake_q(self) -> np.ndarray:
+        joints = self._built.joints
+        return np.array([joints[index].position_start() for index in self.ball.tolist()])[:, None] + np.arange(3)
+
+    def write_turns(self, context: Any) -> None:
+        """Put the rotations of the balls into the context."""
+        drake = self._built.drake
+        for frame, turn in zip(self._frames, self.turns, strict=True):
+            frame.SetPoseInParentFrame(context, drake.transform((0.0, 0.0, 0.0), turn))
+
+
+def _wide(rows: Sequence[Sequence[int]], sizes: Sequence[int]) -> tuple[np.ndarray, ...]:
+    """The bodies of some rows, and their places as arrays (rows, size)."""
+    table = np.array(rows, dtype=np.intp).reshape(-1, 5)
+    return (table[:, 0], *(table[:, 1 + k : 2 + k] + np.arange(size) for k, size in enumerate(sizes)))

@@ -1,0 +1,271 @@
+"""Drake: MultibodyPlant, built by calls from the format ``world``. Facts marked *measured*: Drake 1.51.1."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.engines.drake.building import MOST_PLANES, import_drake
+from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
+from simspec.engines.drake.expected import expected
+from simspec.engines.drake.inventory import inventory, neutral
+from simspec.engines.drake.readback import read_back
+from simspec.engines.drake.simulation import Simulation
+from simspec.engines.kit.contract import (
+    CollisionUnit,
+    Deviation,
+    Engine,
+    Setting,
+    empty_contacts,
+    pick_blocks,
+    restore_velocities,
+    sorted_pairs,
+    written_settings,
+)
+from simspec.engines.kit.labels import expected_labels
+from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
+from simspec.formats.contact_plan import Rules, contact_plan
+from simspec.formats.passes import solid_shapes
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import HeldValue, ReadBack, World
+
+_COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
+_NOT_YET = "simspec does not write it for Drake yet"
+SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
+_LIFTS = (
+    "SAP's contact is convex: what slides is lifted by up to μ times its slip, so that a push at 1.6 times the limit meets "
+    "between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within 1 %)"
+)
+_LIFTS_IMPACT = (
+    "SAP's contact is convex: friction in an impact throws the bodies apart, by 0.3 μ to 0.6 μ times the slip"
+)
+_SLOW_RECOVERY = (
+    "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
+)
+
+
+def planes_covered(world: World) -> str | None:
+    """None, or why Drake does not have the planes of this world."""
+    groups = rigid_groups(world)
+    plan = contact_plan(world, Drake.RULES, Drake.LAYERS)
+    planes = [(body, shape) for body in world.bodies for shape in solid_shapes(body) if shape.kind == "plane"]
+    moving = [body.name for body, _ in planes if groups[body.name] != "world"]
+    if moving:
+        return f"Drake crashes beside half spaces on bodies that move, as {moving[0]!r}"
+    if sum(len(plan.layers(shape.material)) for _, shape in planes) > MOST_PLANES:
+        return f"Drake crashes with many half spaces; up to {MOST_PLANES} are given to it, copies included"
+    return None
+
+
+class Drake(Engine):
+    """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
+
+    NAME: ClassVar[str] = "drake"
+    FORMAT: ClassVar[str] = "world"
+    DISTRIBUTION: ClassVar[str] = "drake"
+    EXTRA: ClassVar[str] = "drake"
+    RULES: ClassVar[Rules] = Rules("harmonic", "none")
+    LAYERS: ClassVar[bool] = True
+    BY_DEFAULT: ClassVar[bool] = False
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
+        Feature.JOINT_BALL: Support(
+            Level.EXACT,
+            "BallRpyJoint at its zero, on a frame that carries the rotation: it has no place at a pitch of 90°",
+        ),
+        Feature.LIMIT_POSITION: approximate(
+            "TAMSI's limits are springs: under gravity a joint sinks 2.6e-3 rad, or 1e-3 m, beyond them at 1 ms (with dt²), at "
+            "10 rad/s 0.035 rad, and comes back at an eighth of its speed; SAP's stop within the step",
+            stops,
+            "with contact_approximation: tamsi limits are springs: 0.035 rad deep at 10 rad/s and 1 ms",
+        ),
+        Feature.DAMPING: via_api(_COMPUTED),
+        Feature.BALL_DAMPING: via_api(_COMPUTED),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.DRY_FRICTION: unsupported("Drake has no dry friction in joints"),
+        Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
+        Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", planes_covered),
+        Feature.SHAPE_VISUAL: Support(Level.EXACT, "Drake is not given visual-only shapes"),
+        Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
+        Feature.RESTITUTION: unsupported("Drake's contact has no restitution"),
+        Feature.RESTITUTION_PAIRS: unsupported("Drake's contact has no restitution"),
+        Feature.RESTITUTION_THRESHOLD: Support(Level.EXACT, "nothing bounces"),
+        Feature.TORSIONAL_FRICTION: unsupported("Drake's point contact has no moment about the normal"),
+        Feature.ROLLING_FRICTION: unsupported("Drake's point contact has no moment across the normal"),
+        Feature.HARDNESS_TIME_CONSTANT: unsupported(_NOT_YET),
+        Feature.HARDNESS_STIFFNESS: unsupported(_NOT_YET),
+        Feature.HARDNESS_NATIVE: unsupported(_NOT_YET),
+        Feature.HARDNESS_PAIRS: unsupported(_NOT_YET),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported("Drake has the elliptic cone only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("Drake has the elliptic cone only"),
+        Feature.CONE_ELLIPTIC: approximate(
+            f"exact by TAMSI (to 0.01 %), and without friction. {_LIFTS}; stops are up to 15 % off from μ = 1 on",
+            coulomb,
+            "by SAP: pushed and sliding bodies are lifted, friction is 0.7 to 1.7 times what it should be",
+        ),
+        Feature.IMPACT_FRICTION: approximate(
+            f"exact by TAMSI, and without friction. {_LIFTS_IMPACT}: up to 62 % too much",
+            coulomb,
+            "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
+        ),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: unsupported(_NOT_YET),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "contact_approximation": Setting(
+            "auto",
+            "auto: tamsi where something that meets has friction, no joint has limits, and one body with collision shapes "
+            f"moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms over their number; else "
+            "sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 boxes 30 ms a step, SAP 5), "
+            "and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction and stops joints at their "
+            "limits; its friction lifts what slides.",
+            ("auto", "sap", "tamsi"),
+        ),
+        "stiffness": Setting(
+            1e8,
+            "Of every shape (N/m); two in contact have half. With 1e12 SAP fails in its line search; with 1e8 what weighs "
+            "10 kg rests 2 µm deep.",
+            minimum=1.0,
+        ),
+        "dissipation": Setting(
+            1000.0,
+            "Of Hunt and Crossley's law (s/m): TAMSI takes overlaps back at 1/dissipation at most. 100 makes that 10 mm/s and "
+            "e is 0.01; with 10000 a ball dropped at 8 ms rests 1.3 mm deep.",
+            minimum=0.0,
+            needs=("contact_approximation", ("auto", "tamsi")),
+        ),
+        "stiction_tolerance": Setting(
+            1e-6,
+            "Slip (m/s) below which TAMSI's friction is less than μ N: what is held below the limit creeps slower than that "
+            "(6e-7 m/s measured).",
+            minimum=1e-12,
+            needs=("contact_approximation", ("auto", "tamsi")),
+        ),
+        "faces": Setting(
+            "corners",
+            "Drake has one point of contact for each pair of geometries. corners: boxes get balls of 0.1 mm in their eight "
+            "corners, cylinders eight on each rim, capsules their two ends, which touch too, so that faces stand on "
+            "faces. point: the shapes alone; a box on a floor then turns about one corner, and towers fall.",
+            ("corners", "point"),
+        ),
+    }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        Deviation("overlap", 1e-3, _SLOW_RECOVERY, relative=False, setting=TAMSI),
+        *(
+            Deviation(name, size, _LIFTS, friction=friction, setting=SAP)
+            for name in ("push", "push-oblong")
+            for size, friction in ((0.31, 0.1), (0.7, 0.51))
+        ),
+        *(Deviation(name, 0.15, _LIFTS, friction=0.51, setting=SAP) for name in ("stop", "stop-oblong")),
+        Deviation("stick", 1.3e-4, _LIFTS, relative=False, friction=1.01, timestep=0.0144, setting=SAP),
+        *(
+            Deviation("oblique", size, _LIFTS_IMPACT, friction=friction, setting=SAP)
+            for size, friction in ((0.31, 0.1), (0.63, 0.51))
+        ),
+        *(
+            Deviation("oblique-separation", size, _LIFTS_IMPACT, relative=False, friction=friction, setting=SAP)
+            for size, friction in ((0.31, 0.1), (0.63, 0.51))
+        ),
+    )
+    UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "shape.visual": "Drake is not given what is only seen",
+        "control.native": "Drake's own controllers are not used",
+        "collision_group": "Drake's filter is told by pairs of geometries",
+    }
+
+    @classmethod
+    def chosen_settings(
+        cls, world: World, settings: Mapping[str, bool | int | float | str]
+    ) -> dict[str, bool | int | float | str]:
+        return chosen(world, settings)
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        plan = contact_plan(world, cls.RULES, cls.LAYERS)
+        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+
+    def __init__(self) -> None:
+        self._sim: Simulation | None = None
+
+    @property
+    def _simulation(self) -> Simulation:
+        if self._sim is None:
+            raise RuntimeError("load first")
+        return self._sim
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_drake()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        self._sim = Simulation(folder, sidecar)
+
+    def read_back(self) -> ReadBack:
+        sim = self._simulation
+        held = read_back(sim, dict(self.UNREADABLE))
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.set_state(q, v)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._simulation.get_state()
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        sim = self._simulation
+        return restore_velocities(*sim.file_frames(), sim.offsets)
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return pick_blocks(blocks, self._simulation.mass_parts())
+
+    def bias_force(self) -> np.ndarray:
+        return self._simulation.bias()
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        self._simulation.advance(count, effort)
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        sim = self._simulation
+        held = sim.last_contacts()
+        if not held:
+            return empty_contacts()
+        bodies = sim.built.shapes
+        points = [one.point_pair() for one in held]
+        normal = np.array([one.nhat_BA_W for one in points])
+        force = np.array([one.contact_force() for one in held])  # on the second
+        return {
+            "body": np.array(
+                [[bodies[sim.shape_of[side]][0] for side in (one.id_A, one.id_B)] for one in points], dtype=np.int64
+            ),
+            "position": np.array([one.contact_point() for one in held]),
+            "normal": normal,
+            "distance": -np.array([one.depth for one in points]),
+            "normal_force": np.maximum(-np.sum(normal * force, axis=1), 0.0),
+        }
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]
+
+    def detect_units(self) -> np.ndarray:
+        return sorted_pairs(self._simulation.touching())
+
+    def disable_contact(self) -> None:
+        self._simulation.disable_contact()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """Drake has none."""
+
+    def energy(self) -> tuple[float, float]:
+        return self._simulation.energy()
+
+    def log(self) -> list[str]:
+        return list(self._simulation.log)
+
+    def close(self) -> None:
+        self._sim = None

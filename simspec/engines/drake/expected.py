@@ -1,0 +1,123 @@
+"""What Drake's inventory must be (``inventory.py``), from the world and the settings that follow from it alone.
+
+Runs outside the engine's process, without Drake.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from simspec.engines.drake.building import ERROR_REDUCTION
+from simspec.engines.drake.corners import corners
+from simspec.engines.drake.inventory import finite
+from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
+from simspec.formats.contact_plan import ContactPlan
+from simspec.formats.passes import recentre_free_roots, solid_shapes
+from simspec.world import frames
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World
+
+APPROXIMATIONS = {"sap": "kSap", "tamsi": "kTamsi"}
+Settings = Mapping[str, bool | int | float | str]
+
+
+def expected(
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
+) -> dict[str, HeldValue]:
+    """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are Drake's own values."""
+    groups = rigid_groups(world)
+    moved, _ = recentre_free_roots(world)
+    found = dict(neutral)
+    chosen = str(settings["contact_approximation"])
+    turned = sum(body.joint.kind != "free" for body in world.bodies)
+    balls = sum(body.joint.kind == "ball" for body in world.bodies)
+    found |= {
+        "contact.model": "kPoint",
+        "contact.approximation": APPROXIMATIONS[chosen],
+        "contact.solver": APPROXIMATIONS[chosen],
+        "contact.near_rigid_threshold": 0.0,
+        "contact.adjacent_filter": False,
+        "sampled_outputs": False,
+        "stiction_tolerance": settings["stiction_tolerance"],
+        "sidecar.bodies": listed([body.name for body in world.bodies]),
+        "port.actuation": False,
+        "port.wrenches": False,
+        "count.bodies": len(world.bodies),
+        "count.joints": len(world.bodies),
+        "count.actuators": sum(_driven(body) for body in world.bodies),
+        "count.force_elements": 1,
+        "count.constraints": 0,
+        "count.frames": turned + balls,
+        "count.models": len({body.model for body in world.bodies}),
+    }
+    carriers, count, small = [], 0, 0
+    for body in moved.bodies:
+        found |= _body(body, groups[body.name] == "world")
+        for shape in solid_shapes(body):
+            balls_of = corners(shape.kind, shape.size) if settings["faces"] == "corners" else []
+            for layer in plan.layers(shape.material):
+                name = f"{shape.name}.{layer}"
+                carriers.append(Carrier(name, body.name, shape.material, layer))
+                friction = float(plan.numbers[shape.material, layer].friction or 0.0)
+                found |= _surface(name, shape, balls_of, friction, settings, world.physics.timestep)
+                count, small = count + 1 + len(balls_of), small + len(balls_of)
+    found["count.geometries"] = count
+    found |= {"apart.corners": small, "apart.odd_corners": ""}
+    return found | expected_apart(world, plan, carriers)
+
+
+def _driven(body: Body) -> bool:
+    return bool(body.joint.armature) or body.joint.effort_limit is not None
+
+
+def _body(body: Body, still: bool) -> dict[str, HeldValue]:
+    joint = body.joint
+    q, v = POSITION_SIZE[joint.kind], VELOCITY_SIZE[joint.kind]
+    q -= joint.kind == "ball"
+    lower, upper = joint.position_limits or (-math.inf, math.inf)
+    speed = math.inf if joint.velocity_limit is None else joint.velocity_limit
+    found: dict[str, HeldValue] = {
+        "model": f"model.{body.model}",
+        "gravity": True,
+        "joint": joint.name,
+        "joint.own_name": "" if joint.kind == "free" else joint.name,
+        "joint.locked": False,
+        "joint.damping": (0.0,) * v,
+        "joint.position_limits": finite((lower,) * q + (upper,) * q),
+        "joint.velocity_limits": finite((-speed,) * v + (speed,) * v),
+        "joint.acceleration_limits": finite((-math.inf,) * v + (math.inf,) * v),
+        "shapes": tuple(shape.name for shape in solid_shapes(body)),
+    }
+    if _driven(body):
+        effort = math.inf if joint.effort_limit is None else joint.effort_limit
+        found |= {
+            "actuator": f"actuator.{joint.name}",
+            "actuator.gear": 1.0,
+            "actuator.rotor": joint.armature,
+            "actuator.effort_limit": finite((effort,)),
+            "actuator.controller": False,
+        }
+    if still:
+        mass = body.inertial
+        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
+    return {f"body.{body.name}.{field}": value for field, value in found.items()}
+
+
+def _surface(
+    name: str, shape: Shape, balls: list, friction: float, settings: Settings, timestep: float
+) -> dict[str, HeldValue]:
+    numbers = {
+        "static_friction": friction,
+        "dynamic_friction": friction,
+        "point_contact_stiffness": float(settings["stiffness"]),
+        "hunt_crossley_dissipation": float(settings["dissipation"]),
+        "relaxation_time": 0.5 * timestep * (1.0 - ERROR_REDUCTION) / ERROR_REDUCTION,
+    }
+    parts = ("shape", *(f"corner{index}" for index in range(len(balls))))
+    found: dict[str, HeldValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
+    found[f"surface.{name}.parts"] = parts
+    for index, (centre, radius) in enumerate(balls):
+        place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
+        found[f"surface.{name}.corner{index}"] = ("Sphere", *place, radius)
+    return found

@@ -1,0 +1,150 @@
+"""Everything that Drake holds beside the fields of the read-back, and that can act; what it must be says ``expected.py``.
+
+The filter of contacts is Drake's own answer for every two geometries. What cannot be asked for: the stiction tolerance, which
+is what Drake was told.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from simspec.engines.drake.readback import SHAPE, actuator_of, geometries_of, inertial, joint_of, surface
+from simspec.engines.drake.simulation import Simulation
+from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.labels import sidecar_labels
+from simspec.world.types import HeldValue
+
+BIG = 1e308
+"""Stands for infinity, which is no number in JSON."""
+CONFIG = (
+    *("compliance_type", "hydroelastic_modulus", "resolution_hint", "slab_thickness", "margin", "dynamic_friction"),
+    *("static_friction", "hunt_crossley_dissipation", "relaxation_time", "point_stiffness"),
+)
+
+
+def finite(values: Any) -> tuple[float, ...]:
+    """Numbers with ``BIG`` for infinity."""
+    return tuple(max(-BIG, min(BIG, float(value))) for value in values)
+
+
+def inventory(sim: Simulation) -> dict[str, HeldValue]:
+    """Everything else that is held, by name."""
+    found = of_plant(sim.built.drake, sim.plant, sim.built.scene)
+    found["stiction_tolerance"] = sim.settings["stiction_tolerance"]
+    found |= sidecar_labels(sim.sidecar)
+    found["sidecar.bodies"] = listed([body.name() for body in sim.built.bodies])
+    found["port.actuation"] = bool(sim.plant.get_actuation_input_port().HasValue(sim.context))
+    found["port.wrenches"] = bool(sim.plant.get_applied_spatial_force_input_port().HasValue(sim.context))
+    groups: dict[str, dict[str, Any]] = {}
+    for index, held in enumerate(sim.built.bodies):
+        found |= _body(sim, index, held)
+        for (shape, layer), parts in geometries_of(sim, held).items():
+            groups[f"{shape}.{layer}"] = parts
+            found |= _surface(sim, f"{shape}.{layer}", parts)
+    return found | _filter(sim, groups)
+
+
+def neutral(sim: Simulation) -> dict[str, HeldValue]:
+    """What an empty plant of Drake's holds."""
+    drake = sim.built.drake
+    builder = drake.framework.DiagramBuilder()  # owns both
+    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(sim.timestep))
+    plant.Finalize()
+    return of_plant(drake, plant, scene)
+
+
+def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
+    """A plant's own numbers."""
+    frames = [plant.get_frame(drake.tree.FrameIndex(index)) for index in range(plant.num_frames())]
+    found: dict[str, HeldValue] = {
+        "contact.model": plant.get_contact_model().name,
+        "contact.approximation": plant.get_discrete_contact_approximation().name,
+        "contact.solver": plant.get_discrete_contact_solver().name,
+        "contact.near_rigid_threshold": plant.get_sap_near_rigid_threshold(),
+        "contact.representation": plant.get_contact_surface_representation().name,
+        "contact.adjacent_filter": plant.get_adjacent_bodies_collision_filters(),
+        "sampled_outputs": plant.has_sampled_output_ports(),
+        "count.bodies": plant.num_bodies() - 1,
+        "count.joints": plant.num_joints(),
+        "count.actuators": plant.num_actuators(),
+        "count.force_elements": plant.num_force_elements(),
+        "count.constraints": plant.num_constraints(),
+        "count.frames": sum(not (one.is_body_frame() or one.is_ephemeral()) for one in frames),
+        "count.geometries": plant.num_collision_geometries(),
+        "count.models": plant.num_model_instances() - 2,
+    }
+    defaults = scene.get_config().default_proximity_properties
+    for name in CONFIG:
+        value = getattr(defaults, name)
+        found[f"scene.{name}"] = "none" if value is None else value
+    return found
+
+
+def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
+    joint, name = joint_of(sim, index), held.name()
+    found: dict[str, HeldValue] = {
+        "model": sim.plant.GetModelInstanceName(held.model_instance()),
+        "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
+        "joint": sim.content["bodies"][index]["joint"]["name"],
+        "joint.own_name": "" if joint.is_ephemeral() else joint.name(),
+        "joint.locked": joint.is_locked(sim.context),
+        "joint.damping": tuple(map(float, joint.GetDampingVector(sim.context))),
+        "joint.position_limits": finite((*joint.position_lower_limits(), *joint.position_upper_limits())),
+        "joint.velocity_limits": finite((*joint.velocity_lower_limits(), *joint.velocity_upper_limits())),
+        "joint.acceleration_limits": finite((*joint.acceleration_lower_limits(), *joint.acceleration_upper_limits())),
+        "shapes": tuple(dict.fromkeys(shape for shape, _ in geometries_of(sim, held))),
+    }
+    actuator = actuator_of(sim, joint)
+    if actuator is not None:
+        found |= {
+            "actuator": actuator.name(),
+            "actuator.gear": float(actuator.gear_ratio(sim.context)),
+            "actuator.rotor": float(actuator.rotor_inertia(sim.context)),
+            "actuator.effort_limit": finite((actuator.effort_limit(),)),
+            "actuator.controller": actuator.has_controller(),
+        }
+    if sim.plant.IsAnchored(held):
+        mass = inertial(sim, held)
+        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
+    return {f"body.{name}.{field}": value for field, value in found.items()}
+
+
+def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, HeldValue]:
+    """The numbers of a copy of a shape, which its corners have too, and where these are."""
+    inspector = sim.query().inspector()
+    numbers = {part: surface(sim, one) for part, one in parts.items()}
+    found: dict[str, HeldValue] = {
+        f"surface.{name}.{key}": tuple(held[key] for held in numbers.values()) for key in numbers[SHAPE]
+    }
+    found[f"surface.{name}.parts"] = tuple(parts)
+    for part, one in parts.items():
+        if part != SHAPE:
+            place = inspector.GetPoseInFrame(one).translation().tolist()
+            found[f"surface.{name}.{part}"] = (type(shape := inspector.GetShape(one)).__name__, *place, shape.radius())
+    return found
+
+
+def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, HeldValue]:
+    """For every copy of a shape the others that it does not touch, itself not counted; and whether its corners are kept from
+    touching the same, and each other."""
+    filtered = sim.query().inspector().CollisionFiltered
+    apart: dict[str, set[str]] = {name: set() for name in groups}
+    for (one, parts), (other, others) in itertools.combinations(groups.items(), 2):
+        if filtered(parts[SHAPE], others[SHAPE]):
+            apart[one].add(other)
+            apart[other].add(one)
+    found: dict[str, HeldValue] = {f"apart.{name}": named_set(names) for name, names in apart.items()}
+    small = [(name, part, one) for name, parts in groups.items() for part, one in parts.items() if part != SHAPE]
+    odd = [
+        f"{name}.{part} {other}"
+        for name, part, one in small
+        for other, parts in groups.items()
+        if filtered(one, parts[SHAPE]) != (other in apart[name] or other == name)
+    ]
+    odd += [
+        f"{a}.{part} {b}.{other}"
+        for (a, part, one), (b, other, two) in itertools.combinations(small, 2)
+        if not filtered(one, two)
+    ]
+    return found | {"apart.corners": len(small), "apart.odd_corners": listed(odd)}

@@ -1,0 +1,201 @@
+"""A world in Drake, in its initial state: stepping, efforts, contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.drake.building import NAME, build, warnings_into
+from simspec.engines.drake.coordinates import Coordinates, logarithm
+from simspec.errors import EngineError
+from simspec.formats.world_reader import check_sidecar, read_content
+
+
+class Simulation:
+    """A loaded world."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        try:
+            self.content = read_content(folder)
+            check_sidecar(sidecar, self.content)
+        except (ValueError, FileNotFoundError) as error:
+            raise EngineError(NAME, str(error)) from error
+        self.sidecar, self.settings = sidecar, sidecar["settings"]
+        self.log: list[str] = []
+        bodies = self.content["bodies"]
+        with warnings_into(self.log):
+            try:
+                self.built = build(self.content, self.settings)
+            except KeyError as error:
+                raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
+            self.root = self.built.diagram.CreateDefaultContext()
+        self.plant = self.built.plant
+        self.context = self.plant.GetMyMutableContextFromRoot(self.root)
+        self.coordinates = Coordinates(self.built, [body["joint"]["kind"] for body in bodies])
+        self.names = [body["name"] for body in bodies]
+        self.offsets = np.array([one["frame_offset"] for one in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self.timestep = float(self.plant.time_step())
+        self._losses()
+        self._port = self.plant.get_applied_generalized_force_input_port()
+        self._given: np.ndarray | None = None
+        self._push(np.zeros(self.coordinates.nv))
+        self.shape_of = {one.id: one.shape for one in self.built.geometries}
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        q, v = [], []
+        for body in bodies:
+            position, velocity = body["joint"].get("position", ()), body["joint"].get("velocity", ())
+            q.extend(position)
+            v.extend(velocity if body["joint"]["kind"] != "free" else [*velocity[:3], *_into(position, velocity[3:])])
+        self.set_state(np.array(q, dtype=float), np.array(v, dtype=float))
+
+    def _losses(self) -> None:
+        """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""
+        self.damping, self.stiffness, self.rest = np.zeros((3, self.coordinates.nv))
+        for body, at in zip(self.content["bodies"], self.coordinates.v_places, strict=True):
+            self.damping[at] = body["joint"].get("damping", 0.0)
+            self.stiffness[at] = body["joint"].get("spring_stiffness", 0.0)
+            self.rest[at] = body["joint"].get("spring_rest", 0.0)
+        self._losing = bool(self.damping.any() or self.stiffness.any())
+
+    # --- state ------------------------------------------------------------------------------------------------
+
+    @property
+    def x(self) -> np.ndarray:
+        """Drake's state."""
+        return np.array(self.context.get_discrete_state_vector().value())
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into the state (q, v)."""
+        self._put(self.coordinates.drake_state(np.asarray(q, dtype=float), np.asarray(v, dtype=float)))
+        self._before = None
+
+    def _put(self, x: np.ndarray) -> None:
+        self.context.SetDiscreteState(x)
+        self.coordinates.write_turns(self.context)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        return self.coordinates.state(self.x)
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        count = len(self.built.bodies)
+        poses, velocities = np.zeros((count, 7)), np.zeros((count, 6))
+        free = self.coordinates.free
+        x, start = self.x, self.coordinates.positions
+        if len(free):
+            place, motion = x[self.coordinates.free_drake_q], x[start:][self.coordinates.free_drake_v]
+            poses[free] = np.concatenate([place[:, 4:], place[:, :4]], axis=1)
+            velocities[free] = np.concatenate([motion[:, 3:], motion[:, :3]], axis=1)
+        for index in sorted(set(range(count)) - set(free.tolist())):
+            body = self.built.bodies[index]
+            place, motion = body.EvalPoseInWorld(self.context), body.EvalSpatialVelocityInWorld(self.context)
+            poses[index, :3], poses[index, 3:] = place.translation(), place.rotation().ToQuaternion().wxyz()
+            velocities[index, :3], velocities[index, 3:] = motion.translational(), motion.rotational()
+        poses[poses[:, 3] < 0.0, 3:] *= -1.0
+        return poses, velocities
+
+    # --- steps ------------------------------------------------------------------------------------------------
+
+    def _push(self, effort: np.ndarray) -> None:
+        """Apply an effort, in Drake's coordinates."""
+        if self._given is None or (effort != self._given).any():
+            self._port.FixValue(self.context, effort)
+            self._given = effort
+
+    def _stretch(self, q: np.ndarray) -> np.ndarray:
+        """q − rest of all coordinates of v: of a ball log R."""
+        found = np.zeros(self.coordinates.nv)
+        found[self.coordinates.v] = q[self.coordinates.q]
+        if len(self.coordinates.ball):
+            found[self.coordinates.ball_v] = logarithm(q[self.coordinates.ball_q])
+        return found - self.rest
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
+        coordinates, context, plant = self.coordinates, self.context, self.plant
+        given = np.zeros(coordinates.nv) if effort is None else np.asarray(effort, dtype=float)
+        turning = bool(len(coordinates.ball))
+        x = self.x
+        for _ in range(count):
+            total = given
+            if self._losing:
+                q, v = coordinates.state(x)
+                total = given - self.damping * v - self.stiffness * self._stretch(q)
+            self._push(coordinates.effort(x, total))
+            self._before = x, coordinates.turns
+            try:
+                after = np.array(plant.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
+            except RuntimeError as error:
+                raise EngineError(NAME, f"a step failed: {error}") from error
+            coordinates.turn(x, after, self.timestep)
+            context.SetDiscreteState(after)
+            if turning:
+                coordinates.write_turns(context)
+            x = after
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J), springs included."""
+        q, _ = self.get_state()
+        springs = 0.5 * float(np.sum(self.stiffness * self._stretch(q) ** 2))
+        return (
+            float(self.plant.CalcKineticEnergy(self.context)),
+            float(self.plant.CalcPotentialEnergy(self.context)) + springs,
+        )
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The mass matrix in the coordinates v, as parts (places, M)."""
+        x, coordinates = self.x, self.coordinates
+        half = coordinates.effort_back(x, self.plant.CalcMassMatrix(self.context))
+        return [(np.arange(coordinates.nv), coordinates.effort_back(x, half.T))]
+
+    def bias(self) -> np.ndarray:
+        """Coriolis, centrifugal and gravity forces (nv,)."""
+        held = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
+        return self.coordinates.effort_back(self.x, held)
+
+    # --- contact ----------------------------------------------------------------------------------------------
+
+    def last_contacts(self) -> list[Any]:
+        """The points of contact that the last step used, with their forces."""
+        if self._before is None:
+            return []
+        now, turns = self.x, self.coordinates.turns
+        before, self.coordinates.turns = self._before
+        try:
+            self._put(before)
+            results = self.plant.get_contact_results_output_port().Eval(self.context)
+            return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
+        finally:
+            self.coordinates.turns = turns
+            self._put(now)
+
+    def query(self) -> Any:
+        """Drake's answers on geometry at the present state."""
+        return self.plant.get_geometry_query_input_port().Eval(self.context)
+
+    def touching(self) -> np.ndarray:
+        """Pairs (n, 2) of the places of shapes that touch at the present state."""
+        pairs = self.query().ComputePointPairPenetration()
+        return np.array([(self.shape_of[one.id_A], self.shape_of[one.id_B]) for one in pairs], dtype=np.int64).reshape(
+            -1, 2
+        )
+
+    def disable_contact(self) -> None:
+        """Nothing touches anything."""
+        geometry = self.built.drake.geometry
+        every = geometry.GeometrySet([one.id for one in self.built.geometries])
+        context = self.built.scene.GetMyMutableContextFromRoot(self.root)
+        self.built.scene.collision_filter_manager(context).Apply(
+            geometry.CollisionFilterDeclaration().ExcludeWithin(every)
+        )
+
+
+def _into(position: Any, vector: Any) -> list[float]:
+    """A vector in the axes of a free body."""
+    from simspec.world import frames
+
+    return list(frames.rotate(frames.conjugate(tuple(position[3:7])), tuple(vector)))
