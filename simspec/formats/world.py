@@ -49,6 +49,12 @@ class WorldJson(Format):
     def emit(self, world: World, target: Target) -> dict[str, str]:
         """``world.json`` and ``sidecar.json``."""
         moved, offsets = recentre_free_roots(world)
+        copies = {
+            (shape.material, layer)
+            for body in world.bodies
+            for shape in solid_shapes(body)
+            for layer in target.plan.layers(shape.material)
+        }
         used = {body.collision_group for body in world.bodies if solid_shapes(body)}
         content = {
             "schema": SCHEMA,
@@ -56,7 +62,11 @@ class WorldJson(Format):
             "timestep": world.physics.timestep,
             "friction_cone": world.contact.friction_cone,
             "bodies": [_body(body, target.plan) for body in moved.bodies],
-            "meets": [[*pair, layer] for pair, layer in sorted(target.plan.layer_of.items())],
+            "meets": [
+                [*pair, layer]
+                for pair, layer in sorted(target.plan.layer_of.items())
+                if {(material, layer) for material in pair} <= copies
+            ],
             "apart": {
                 "bodies": excluded_pairs_to_write(world),
                 "groups": [pair for pair in world.contact.ignored_groups if set(pair) <= used],

@@ -59,7 +59,7 @@ def test_labels_of_a_command():
     assert engine_names(words) == ["mujoco", "mujoco@3.3", "dart"]
     assert names_alone(words) == ["mujoco", "dart"]
     assert interpreters(["dart=/b/python"], words) == {"mujoco@3.3": "/a/python", "dart": "/b/python"}
-    assert engine_names(None) == list(engines())
+    assert engine_names(None) == [name for name, engine in engines().items() if engine.BY_DEFAULT]
     assert find_engine("mujoco@3.3") is find_engine("mujoco")
     with pytest.raises(SpecError, match="two interpreters"):
         interpreters(["mujoco@3.3=/b/python"], words)
