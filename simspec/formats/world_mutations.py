@@ -38,6 +38,8 @@ TABLE = MutationTable(
         "sidecar.json": (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
     },
     inert=(
+        Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
+        Inert("*quaternion*", "q and −q are one rotation", ("sign",), WORLD),
         Inert("bodies.*.shapes.*.colour*", SEEN, (), WORLD),
         *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
     ),

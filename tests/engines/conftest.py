@@ -20,8 +20,8 @@ ENGINES = [
 """Every engine that must pass all suites of this folder."""
 
 EVERY = [*ENGINES, "drake"]
-"""Every engine that must pass the shared suite. Of Drake's contact the deviations are not all declared yet, and its gaps are
-asserted in test_drake.py."""
+"""Every engine that must pass the shared suite. Of Drake's contact the deviations are measured, and its gaps
+asserted, in test_drake.py."""
 
 ACCEPTED = (
     "contact.friction.impact",

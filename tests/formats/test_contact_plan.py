@@ -15,14 +15,16 @@ from simspec.formats.contact_plan import (
     QUANTITIES,
     Rules,
     _cross,
+    _harmonic,
     combine,
+    combined,
     contact_plan,
     meeting_laws,
     pair_needs,
     parts,
     shape_pairs,
 )
-from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, World
+from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World
 from tests import worlds
 
 ENGINE_RULES = {
@@ -224,3 +226,27 @@ def test_bodies_are_split_by_material_and_layer():
         (material, layer) for material in ("m0", "m1") for layer in plan.layers(material)
     }
     assert all(part.surface == plan.numbers[part.material, part.layer] for part in found)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {("a", "a"): 0.5},
+        {("a", "b"): 0.3},
+        {("a", "a"): 0.5, ("a", "b"): 0.3},
+        {("a", "a"): 0.0, ("a", "b"): 0.0, ("b", "b"): 0.7},
+        {("a", "b"): 0.4, ("a", "c"): 0.5, ("b", "c"): 0.6},
+    ],
+)
+def test_the_harmonic_mean_is_inverted(values):
+    numbers = _harmonic(("a", "b", "c"), values, dict.fromkeys("abc", 0.2))
+    rules = Rules("harmonic", "none")
+    for (one, other), value in values.items():
+        pair = [Surface(numbers[name]) for name in (one, other)]
+        assert combined(rules, "friction", *pair) == pytest.approx(value, abs=1e-15)
+
+
+def test_what_no_harmonic_mean_gives_comes_out_otherwise():
+    """Half of a number cannot be had: the mean of x and anything is more than that, up to 2 x."""
+    numbers = _harmonic(("a", "b"), {("a", "a"): 0.2, ("a", "b"): 0.5}, {"a": 0.1, "b": 0.1})
+    assert numbers["b"] == 0.0
