@@ -113,7 +113,7 @@ def _shape(shape: Shape, plan: ContactPlan) -> dict[str, Any]:
         "kind": shape.kind,
         "size": shape.size,
         "pose": shape.pose,
-        "material": shape.material,
+        "material": shape.material if shape.collision else "",
         "colour": shape.colour if shape.visual else None,
         "copies": copies,
     }

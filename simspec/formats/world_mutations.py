@@ -40,6 +40,11 @@ TABLE = MutationTable(
     inert=(
         Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
         Inert("*quaternion*", "q and −q are one rotation", ("sign",), WORLD),
+        Inert("bodies.*.joint.position.*", "q and −q are one rotation", ("sign",), WORLD),
+        Inert("bodies.*.shapes.*.pose.quaternion.*", "a turn of what is round", (), WORLD),
+        Inert("bodies.*.shapes.*.pose.position.*", "a shift of a plane within itself", (), WORLD),
+        Inert("bodies.*.shapes.*", "the order of what is seen among what is solid", ("swapped",), WORLD),
+        Inert("apart.bodies.*", "engines keep what is welded together apart themselves", ("element removed",), WORLD),
         Inert("bodies.*.shapes.*.colour*", SEEN, (), WORLD),
         *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
     ),

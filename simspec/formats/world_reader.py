@@ -123,6 +123,8 @@ def read_content(folder: Path) -> dict[str, Any]:
         above.add(body["name"])
     check_distinct((shape["name"] for body in content["bodies"] for shape in body["shapes"]), f"{WORLD} (shapes)")
     check_distinct((body["joint"]["name"] for body in content["bodies"]), f"{WORLD} (joints)")
+    for one, other in content["apart"]["bodies"]:
+        check_distinct((one, other), f"{WORLD}.apart.bodies")
     check_known((name for pair in content["apart"]["bodies"] for name in pair), above, f"{WORLD}.apart.bodies")
     groups = {body["group"] for body in content["bodies"] if any(shape["copies"] for shape in body["shapes"])}
     check_known((name for pair in content["apart"]["groups"] for name in pair), groups, f"{WORLD}.apart.groups")
@@ -173,6 +175,8 @@ def _check_shape(shape: Mapping[str, Any], at: str) -> None:
         check_fields(shape["colour"], ListOf(float, 4), f"{at}.colour")
     elif not shape["copies"]:
         raise ValueError(f"{at} is neither visual nor collision")
+    if shape["material"] and not shape["copies"]:
+        raise ValueError(f"{at} has the material {shape['material']!r} and is no collision shape")
     layers = [copy["layer"] for copy in shape["copies"]]
     if layers != sorted(set(layers)):
         raise ValueError(f"{at}.copies are not in the order of their layers, each once")

@@ -194,6 +194,14 @@ def test_sap_with_friction_is_accepted_by_name():
     compile_world(boxes(2), ["drake"])
 
 
+@pytest.mark.parametrize("world", [worlds.every_joint, lambda: worlds.limits_and_armature(armature=0.05)])
+def test_the_mass_matrix_of_many_trees_is_that_of_drake(load, monkeypatch, world):
+    engine = load(told(world()))
+    whole = engine.mass_matrix()
+    monkeypatch.setattr("simspec.engines.drake.simulation.WHOLE", 0)
+    np.testing.assert_allclose(engine.mass_matrix(), whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+
+
 @pytest.mark.parametrize("approximation", ["sap", "tamsi"])
 @pytest.mark.parametrize("kind", ["box", "cylinder"])
 def test_faces_stand_on_faces(load, kind, approximation):

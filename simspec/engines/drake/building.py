@@ -230,17 +230,20 @@ def relaxation(timestep: float) -> float:
 
 
 def _shape(built: Built, index: int, shape: Mapping[str, Any], timestep: float, settings: Mapping[str, Any]) -> None:
-    """Add the geometries of a collision shape: in each of its layers itself, and its corners."""
-    if not shape["copies"]:
-        return
+    """Add the geometries of a shape: one to be seen, and where it is solid, in each of its layers itself, and its corners."""
     drake, number = built.drake, len(built.shapes)
-    built.shapes.append((index, shape["name"]))
     place = drake.transform(shape["pose"]["position"], shape["pose"]["quaternion"])
     body = built.bodies[index]
-    if shape["kind"] == "plane":
+    if shape["kind"] == "plane" and shape["copies"]:
         if body.name() not in built.places:
             raise EngineError(NAME, f"does not support planes on bodies that move, as {shape['name']!r}")
         body, place = built.plant.world_body(), built.places[body.name()].multiply(place)
+    if shape["colour"] is not None:
+        name, kind = f"{shape['name']}.seen", solid(drake, shape["kind"], shape["size"])
+        built.plant.RegisterVisualGeometry(body, place, kind, name, shape["colour"])
+    if not shape["copies"]:
+        return
+    built.shapes.append((index, shape["name"]))
     parts = [("shape", solid(drake, shape["kind"], shape["size"]), place)]
     if settings["faces"] == "corners":
         for order, (centre, radius) in enumerate(corners(shape["kind"], shape["size"])):

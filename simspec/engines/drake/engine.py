@@ -90,7 +90,6 @@ class Drake(Engine):
         Feature.DRY_FRICTION: unsupported("Drake has no dry friction in joints"),
         Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", planes_covered),
-        Feature.SHAPE_VISUAL: Support(Level.EXACT, "Drake is not given visual-only shapes"),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: unsupported("Drake's contact has no restitution"),
         Feature.RESTITUTION_PAIRS: unsupported("Drake's contact has no restitution"),
@@ -173,7 +172,6 @@ class Drake(Engine):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "shape.visual": "Drake is not given what is only seen",
         "control.native": "Drake's own controllers are not used",
         "collision_group": "Drake's filter is told by pairs of geometries",
     }

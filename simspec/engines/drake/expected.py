@@ -88,6 +88,7 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
         "joint.velocity_limits": finite((-speed,) * v + (speed,) * v),
         "joint.acceleration_limits": finite((-math.inf,) * v + (math.inf,) * v),
         "shapes": tuple(shape.name for shape in solid_shapes(body)),
+        "seen": tuple(shape.name for shape in body.shapes if shape.visual),
     }
     if _driven(body):
         effort = math.inf if joint.effort_limit is None else joint.effort_limit

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from simspec.engines.drake.readback import SHAPE, actuator_of, geometries_of, inertial, joint_of, surface
+from simspec.engines.drake.readback import SHAPE, actuator_of, geometries_of, inertial, joint_of, seen_of, surface
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.kit.expected_filter import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
@@ -94,6 +94,7 @@ def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
         "joint.velocity_limits": finite((*joint.velocity_lower_limits(), *joint.velocity_upper_limits())),
         "joint.acceleration_limits": finite((*joint.acceleration_lower_limits(), *joint.acceleration_upper_limits())),
         "shapes": tuple(dict.fromkeys(shape for shape, _ in geometries_of(sim, held))),
+        "seen": tuple(seen_of(sim, held)),
     }
     actuator = actuator_of(sim, joint)
     if actuator is not None:

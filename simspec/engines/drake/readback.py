@@ -131,20 +131,31 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     )
 
 
-def geometries_of(sim: Simulation, held: Any) -> dict[tuple[str, int], dict[str, Any]]:
-    """Drake's geometries of a body, by shape and layer, and there by part; from their names. Planes are on the world's body."""
+def _names(sim: Simulation, held: Any, of: str) -> list[tuple[list[str], Any]]:
+    """Drake's geometries of a body, each with the parts of its name; ``of`` is the plant's method. Planes are on the world's
+    body."""
     inspector = sim.query().inspector()
-    found: dict[tuple[str, int], dict[str, Any]] = {}
-    own = sim.plant.GetCollisionGeometriesForBody(held)
+    ask = getattr(sim.plant, of)
+    own = [(inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(held)]
     if held.name() in sim.built.places:
-        planes = {name for body, name in sim.built.shapes if sim.built.bodies[body].name() == held.name()}
-        for one in sim.plant.GetCollisionGeometriesForBody(sim.plant.world_body()):
-            if inspector.GetName(one).rpartition("::")[2].split(".")[0] in planes:
-                own.append(one)
-    for one in own:
-        shape, layer, part = inspector.GetName(one).rpartition("::")[2].split(".")
+        body = next(body for body in sim.content["bodies"] if body["name"] == held.name())
+        planes = {shape["name"] for shape in body["shapes"] if shape["kind"] == "plane"}
+        every = ((inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(sim.plant.world_body()))
+        own += [(words, one) for words, one in every if words[0] in planes]
+    return own
+
+
+def geometries_of(sim: Simulation, held: Any) -> dict[tuple[str, int], dict[str, Any]]:
+    """Drake's collision geometries of a body, by shape and layer, and there by part; from their names."""
+    found: dict[tuple[str, int], dict[str, Any]] = {}
+    for (shape, layer, part), one in _names(sim, held, "GetCollisionGeometriesForBody"):
         found.setdefault((shape, int(layer)), {})[part] = one
     return found
+
+
+def seen_of(sim: Simulation, held: Any) -> dict[str, Any]:
+    """Drake's visual geometries of a body, by shape."""
+    return {words[0]: one for words, one in _names(sim, held, "GetVisualGeometriesForBody")}
 
 
 def place_of(sim: Simulation, held: Any, geometry: Any) -> Any:
@@ -168,23 +179,40 @@ def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
     }
 
 
+def _shape(sim: Simulation, held: Any, name: str, geometry: Any) -> Shape:
+    """A geometry as a shape that is neither seen nor solid."""
+    shape = sim.query().inspector().GetShape(geometry)
+    kind, sizes = SIZES[type(shape).__name__]
+    size = tuple(float(getattr(shape, word)()) for word in sizes)
+    return Shape(name, kind, size, pose_of(place_of(sim, held, geometry)), collision=False, visual=False)
+
+
 def _shapes(sim: Simulation, held: Any) -> tuple[Shape, ...]:
-    """The collision shapes of a body; copies that are alike are one shape's."""
-    inspector = sim.query().inspector()
+    """The shapes of a body; copies that are alike, and what is seen of them, are one shape's."""
     found: dict[str, list[Shape]] = {}
+
+    def add(one: Shape) -> None:
+        held_so_far = found.setdefault(one.name, [])
+        for index, other in enumerate(held_so_far):
+            if (other.kind, other.size, other.pose) == (one.kind, one.size, one.pose):
+                held_so_far[index] = dataclasses.replace(
+                    other,
+                    collision=other.collision or one.collision,
+                    visual=other.visual or one.visual,
+                    colour=one.colour if one.visual else other.colour,
+                    surfaces=other.surfaces + one.surfaces,
+                )
+                return
+        held_so_far.append(one)
+
     for (name, _), parts in sorted(geometries_of(sim, held).items()):
-        shape = inspector.GetShape(parts[SHAPE])
-        kind, sizes = SIZES[type(shape).__name__]
-        size = tuple(float(getattr(shape, word)()) for word in sizes)
         numbers = surface(sim, parts[SHAPE])
         if numbers["static_friction"] != numbers["dynamic_friction"]:
             raise EngineError(NAME, f"holds two frictions for the shape {name!r}")
-        pose = pose_of(place_of(sim, held, parts[SHAPE]))
-        copy = Shape(name, kind, size, pose, visual=False, surfaces=(Surface(numbers["dynamic_friction"]),))
-        same = [one for one in found.get(name, ()) if (one.kind, one.size, one.pose) == (kind, size, pose)]
-        if same:
-            joined = dataclasses.replace(same[0], surfaces=same[0].surfaces + copy.surfaces)
-            found[name][found[name].index(same[0])] = joined
-        else:
-            found.setdefault(name, []).append(copy)
+        surfaces = (Surface(numbers["dynamic_friction"]),)
+        add(dataclasses.replace(_shape(sim, held, name, parts[SHAPE]), collision=True, surfaces=surfaces))
+    for name, geometry in seen_of(sim, held).items():
+        held_colour = sim.query().inspector().GetIllustrationProperties(geometry).GetProperty("phong", "diffuse")
+        colour = (held_colour.r(), held_colour.g(), held_colour.b(), held_colour.a())
+        add(dataclasses.replace(_shape(sim, held, name, geometry), visual=True, colour=colour))
     return tuple(shape for copies in found.values() for shape in copies)

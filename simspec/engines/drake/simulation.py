@@ -13,6 +13,9 @@ from simspec.engines.drake.coordinates import Coordinates, logarithm
 from simspec.errors import EngineError
 from simspec.formats.world_reader import check_sidecar, read_content
 
+WHOLE = 600
+"""Velocities up to which the mass matrix is asked for whole."""
+
 
 class Simulation:
     """A loaded world."""
@@ -147,10 +150,38 @@ class Simulation:
         )
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The mass matrix in the coordinates v, as parts (places, M)."""
+        """The mass matrix in the coordinates v, as parts (places, M): whole, or of many bodies one part for each tree."""
         x, coordinates = self.x, self.coordinates
+        if coordinates.nv > WHOLE:
+            return self._mass_by_trees(x)
         half = coordinates.effort_back(x, self.plant.CalcMassMatrix(self.context))
         return [(np.arange(coordinates.nv), coordinates.effort_back(x, half.T))]
+
+    def _mass_by_trees(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """By inverse dynamics of unit accelerations, of all trees at once, which do not act on each other: Drake gives M whole
+        alone, and that of 2,000 free bodies would be 1 GB."""
+        root: dict[str, str] = {}
+        trees: dict[str, list[int]] = {}
+        for body, at in zip(self.content["bodies"], self.coordinates.v_places, strict=True):
+            parent = body["joint"].get("parent")
+            root[body["name"]] = body["name"] if parent is None else root[parent]
+            trees.setdefault(root[body["name"]], []).extend(range(at.start, at.stop))
+        places = [np.array(tree) for tree in trees.values() if tree]
+        parts = [(tree, np.zeros((len(tree), len(tree)))) for tree in places]
+        nothing = self.built.drake.tree.MultibodyForces(self.plant)
+
+        def force(acceleration: np.ndarray) -> np.ndarray:
+            return self.plant.CalcInverseDynamics(self.context, acceleration, nothing)
+
+        still = force(np.zeros(self.coordinates.nv))
+        for column in range(max(len(tree) for tree in places)):
+            ours = np.zeros(self.coordinates.nv)
+            ours[[tree[column] for tree in places if column < len(tree)]] = 1.0
+            found = self.coordinates.effort_back(x, force(self.coordinates.effort(x, ours)) - still)
+            for tree, mass in parts:
+                if column < len(tree):
+                    mass[:, column] = found[tree]
+        return parts
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,)."""
