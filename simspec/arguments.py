@@ -113,12 +113,12 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
 
 def engine_names(words: list[str] | None) -> list[str]:
     """The engines asked for, by label (a format stands for its engines); when none is, all that are taken by default."""
-    from simspec.engines.kit.contract import engines, find_engine
+    from simspec.engines.kit.contract import default_engines, engines, find_engine
     from simspec.engines.kit.identity import parse
 
     known = engines()
     labels: dict[str, None] = {}
-    for word in words or [name for name, engine in known.items() if engine.BY_DEFAULT]:
+    for word in words or default_engines():
         readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
         given = parse(word)
         if not readers:

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 from simspec.features import Feature, needs
 from simspec.proof.verify import LEVELS
 from tests.random_specs import spec
 
 ROOT = Path(__file__).resolve().parent.parent
-ENGINES = sorted(engines())
+ENGINES = sorted(default_engines())
 RARE = {
     Feature.IMPACT_FRICTION,
     Feature.TREE_SIZE,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import run
 from simspec.world.kinematics import poses
@@ -20,7 +20,7 @@ from simspec.world.types import Inertial
 
 ROOT = Path(__file__).resolve().parent.parent
 SPECS = ROOT / "specs"
-ENGINES = sorted(engines())
+ENGINES = sorted(default_engines())
 LIMIT = 0.01
 
 

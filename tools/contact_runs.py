@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 from simspec.engines.kit.process import Operation, Reply, call
 from simspec.errors import EngineError, UnsupportedError
 from simspec.features import Feature
@@ -33,7 +33,7 @@ from simspec.world.types import (
 
 Settings = tuple[tuple[str, bool | int | float | str], ...]
 
-ENGINES = tuple(engines())
+ENGINES = tuple(default_engines())
 RUNS: Mapping[str, tuple[str, Settings]] = {
     **{name: (name, ()) for name in ENGINES},
     "mujoco, coulomb": ("mujoco", (("friction", "coulomb"),)),

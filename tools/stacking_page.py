@@ -9,7 +9,7 @@ from typing import Any
 
 from pace import PARTS
 
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "stacking.json"
@@ -21,7 +21,7 @@ TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
 SEEDS = (0, 1, 2)
 ASLEEP = (1.0, 4.0)
 """ms: timesteps of the runs with sleeping."""
-COLOURS = dict(zip(engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
+COLOURS = dict(zip(default_engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
 """A colour for each engine."""
 
 
@@ -59,7 +59,7 @@ def _verdict(row: dict[str, Any] | None) -> str:
 
 def tables(known: Mapping[str, dict[str, Any]]) -> dict[str, str]:
     """The generated parts of the page, by name."""
-    names = list(engines())
+    names = list(default_engines())
     lines = [f"| timestep | {' | '.join(names)} |", f"|---|{'---|' * len(names)}"]
     for step in TIMESTEPS:
         cells = [cell([known.get(key(name, step, seed)) for seed in SEEDS]) for name in names]
@@ -115,7 +115,7 @@ def picture(known: Mapping[str, dict[str, Any]]) -> None:
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
     axes = figure.subplots()
     top = 40.0
-    for name, marker in zip(engines(), "osD^v", strict=False):
+    for name, marker in zip(default_engines(), "osD^v", strict=False):
         for seed in SEEDS:
             rows = [(step, known.get(key(name, step, seed))) for step in TIMESTEPS]
             there = [(step, row) for step, row in rows if row is not None]

@@ -472,6 +472,11 @@ def engines() -> Mapping[str, type[Engine]]:
     return _offered().good
 
 
+def default_engines() -> list[str]:
+    """The names of the engines that are taken where none is named."""
+    return [name for name, engine in engines().items() if engine.BY_DEFAULT]
+
+
 def broken_engines() -> Mapping[str, str]:
     """The engines that are offered and cannot be used, with the reason."""
     return _offered().broken
