@@ -30,7 +30,6 @@ TABLE = MutationTable(
         "bodies.*.shapes.*.kind": ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "something-else"),
         "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
         "settings.contact_approximation": ("auto", "sap", "tamsi", "something-else"),
-        "settings.faces": ("corners", "point", "something-else"),
     },
     integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
     additions={

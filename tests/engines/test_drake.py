@@ -20,6 +20,7 @@ from simspec.formats.world import WORLD
 from simspec.formats.world_reader import read_content
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
+from simspec.world import frames
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
@@ -92,7 +93,7 @@ def test_the_inventory_is_what_the_world_demands(name, load):
 @pytest.mark.parametrize(
     "settings",
     [
-        {"contact_approximation": "sap", "faces": "point", "stiffness": 2e7},
+        {"contact_approximation": "sap", "stiffness": 2e7},
         {"contact_approximation": "tamsi", "dissipation": 50.0, "stiction_tolerance": 1e-5},
     ],
 )
@@ -216,10 +217,21 @@ def test_faces_stand_on_faces(load, kind, approximation):
     assert contacts["normal_force"][on_floor].sum() == pytest.approx(3 * 9.81, rel=1e-3)
 
 
-def test_without_corners_a_box_has_one_point(load):
-    engine = load(told(boxes(1), faces="point"))
-    engine.step(50)
-    assert len(engine.contacts()["distance"]) == 1
+@pytest.mark.parametrize("kind", ["cylinder", "capsule"])
+@pytest.mark.parametrize("turn", [0.0, 0.2])
+def test_what_lies_on_a_line_rolls_on_it(load, kind, turn):
+    """With one point of contact it would sink to one side, and balls on the rims alone would make a polygon of it."""
+    world = boxes(1, kind="cylinder")
+    lying = frames.multiply(
+        frames.from_axis_angle((1.0, 0.0, 0.0), -np.pi / 2), frames.from_axis_angle((0.0, 0.0, 1.0), turn)
+    )
+    body = world.bodies[1]
+    joint = dataclasses.replace(body.joint, position=(0.0, 0.0, 0.05, *lying), velocity=(0.25, 0.0, 0.0, 0.0, 5.0, 0.0))
+    body = dataclasses.replace(body, joint=joint, shapes=(Shape("b0_0", kind, (0.05, 0.2), material="a"),))
+    engine = load(told(dataclasses.replace(world, bodies=(world.bodies[0], body))))
+    engine.step(1000)
+    place = engine.body_states()[0][1]
+    np.testing.assert_allclose(place[:3], (0.25, 0.0, 0.05), atol=1e-4)
 
 
 def test_looking_at_contacts_changes_nothing(load):

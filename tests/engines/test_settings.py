@@ -84,6 +84,8 @@ SAID = {
     ("dart", "dry_friction_tolerance", "contact_solver", "dantzig"),
     ("dart", "iterations", "contact_solver", "dantzig"),
     ("dart", "tolerance", "contact_solver", "dantzig"),
+    ("drake", "dissipation", "contact_approximation", "sap"),
+    ("drake", "stiction_tolerance", "contact_approximation", "sap"),
     ("mujoco", "friction_cushion", "friction", "coulomb"),
     ("mujoco", "friction_rate", "friction", "coulomb"),
     ("mujoco", "friction_share", "friction", "coulomb"),

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.contract import default_engines, find_engine
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
@@ -159,7 +159,7 @@ ASIDE = {("pybullet", "push-oblong"): 0.2226, ("pybullet", "stop-oblong"): 0.298
 """Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
 
 
-@pytest.mark.parametrize("engine", sorted(engines()))
+@pytest.mark.parametrize("engine", sorted(default_engines()))
 @pytest.mark.parametrize("name", ["push-oblong", "stop-oblong"])
 def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, name, tmp_path):
     """It would not, were it square: PyBullet's figures must be off by what is declared, the others' in tolerance."""
@@ -201,7 +201,7 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
     assert abs(figure.measured / figure.expected - 1.0) < 0.003
 
 
-@pytest.mark.parametrize("engine", sorted(engines()))
+@pytest.mark.parametrize("engine", sorted(default_engines()))
 @pytest.mark.parametrize("name", PROBES)
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):

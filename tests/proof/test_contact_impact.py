@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 from simspec.proof.contact import compliance, impact
 from simspec.proof.contact.compliance import Oscillator
 from simspec.proof.contact.impact import bounce_ratio
@@ -15,7 +15,7 @@ from simspec.proof.contact.probe import GRAVITY, Motion
 from simspec.world.types import Hardness
 from tests.proof.contact_probing import figures, law
 
-ENGINES = sorted(engines())
+ENGINES = sorted(default_engines())
 DT = 0.001
 RESTITUTION, REST, OVERLAP = (impact.PROBES[name] for name in ("restitution", "rest", "overlap"))
 COMPLIANCE = compliance.PROBES["compliance"]

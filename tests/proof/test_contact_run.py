@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import Deviation, engines, find_engine
+from simspec.engines.kit.contract import Deviation, default_engines, find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.formats.defects import NAMES
 from simspec.proof.certificate import Certificate, EngineProof
@@ -22,7 +22,7 @@ from simspec.proof.verify import verify
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
 
-ENGINES = sorted(engines())
+ENGINES = sorted(default_engines())
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0
 ASIDE = {"pybullet": ("push-oblong", "stop-oblong"), "mujoco": ("oblique",)}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.contract import default_engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import spin
 from simspec.proof.contact.probe import GRAVITY, Motion
@@ -16,7 +16,7 @@ from tests.proof.contact_probing import figures, law, world_of
 
 TORSIONAL, ROLLING = spin.PROBES["torsional"], spin.PROBES["rolling"]
 WITH_MOMENTS = []
-for _name in sorted(engines()):
+for _name in sorted(default_engines()):
     _law = law(torsional_friction=0.005, rolling_friction=0.005)
     try:
         compile_world(world_of(_law, TORSIONAL.trials(_law)[0]), [_name])
@@ -59,7 +59,7 @@ def test_another_length_is_measured_as_such(engine, probe, quantity, tmp_path):
     assert left.passed
 
 
-@pytest.mark.parametrize("engine", sorted(engines()))
+@pytest.mark.parametrize("engine", sorted(default_engines()))
 def test_a_dropped_moment_is_caught(engine, tmp_path):
     slowing, left = figures(engine, TORSIONAL, law(torsional_friction=0.004), tmp_path, compiled=law())
     assert slowing.measured == pytest.approx(0.0, abs=1e-6)

@@ -245,10 +245,9 @@ def _shape(built: Built, index: int, shape: Mapping[str, Any], timestep: float, 
         return
     built.shapes.append((index, shape["name"]))
     parts = [("shape", solid(drake, shape["kind"], shape["size"]), place)]
-    if settings["faces"] == "corners":
-        for order, (centre, radius) in enumerate(corners(shape["kind"], shape["size"])):
-            at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
-            parts.append((f"corner{order}", drake.geometry.Sphere(radius), place.multiply(at)))
+    for order, (kind, size, centre) in enumerate(corners(shape["kind"], shape["size"])):
+        at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
+        parts.append((f"corner{order}", solid(drake, kind, size), place.multiply(at)))
     for copy in shape["copies"]:
         for part, kind, pose in parts:
             name = f"{shape['name']}.{copy['layer']}.{part}"

@@ -1,8 +1,9 @@
-"""Small balls in the corners of shapes, so that faces have several points of contact.
+"""Small shapes within a shape, so that faces and edges have several points of contact.
 
 Drake has one point of contact for each pair of geometries: a box on a floor stands on one of its corners, and turns about it.
-Balls that touch the shape's surface from within give a point for each corner that is under the other's surface, at the same
-depth as the corner itself but for ``RADIUS`` (√3 − 1) on an edge.
+What is put in touches the shape's surface from within, and gives a point of its own where it is under the other's: balls in
+the corners of boxes and along the rims of cylinders, a thin disc at each end of a cylinder, which lies on both, and the two
+round ends of a capsule, which are its own.
 """
 
 from __future__ import annotations
@@ -18,22 +19,23 @@ SHARE = 0.05
 RIM = 8
 """Balls on each rim of a cylinder."""
 
-Ball = tuple[tuple[float, float, float], float]
+Part = tuple[str, tuple[float, ...], tuple[float, float, float]]
+"""The kind, size and centre, in the shape's frame and along its axes."""
 
 
-def corners(kind: str, size: Sequence[float]) -> list[Ball]:
-    """Centre and radius of the balls of a shape, in its frame. A capsule has its own two ends."""
+def corners(kind: str, size: Sequence[float]) -> list[Part]:
+    """What is put into a shape."""
     if kind == "box":
         radius = min(RADIUS, SHARE * min(size))
-        reach = [edge / 2.0 - radius for edge in size]
-        return [
-            ((x * reach[0], y * reach[1], z * reach[2]), radius) for x, y, z in itertools.product((-1.0, 1.0), repeat=3)
-        ]
+        x, y, z = (edge / 2.0 - radius for edge in size)
+        signs = itertools.product((-1.0, 1.0), repeat=3)
+        return [("sphere", (radius,), (a * x, b * y, c * z)) for a, b, c in signs]
     if kind == "cylinder":
         radius = min(RADIUS, SHARE * min(size))
         out, up = size[0] - radius, size[1] / 2.0 - radius
         turns = [2.0 * math.pi * index / RIM for index in range(RIM)]
-        return [((out * math.cos(a), out * math.sin(a), z), radius) for z in (-up, up) for a in turns]
+        rims = [("sphere", (radius,), (out * math.cos(a), out * math.sin(a), z)) for z in (-up, up) for a in turns]
+        return [*rims, *(("cylinder", (size[0], 2.0 * radius), (0.0, 0.0, z)) for z in (-up, up))]
     if kind == "capsule":
-        return [((0.0, 0.0, z), size[0]) for z in (-size[1] / 2.0, size[1] / 2.0)]
+        return [("sphere", (size[0],), (0.0, 0.0, z)) for z in (-size[1] / 2.0, size[1] / 2.0)]
     return []

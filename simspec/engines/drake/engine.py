@@ -36,6 +36,7 @@ from simspec.world.types import HeldValue, ReadBack, World
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake yet"
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
+_ONE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
     "SAP's contact is convex: what slides is lifted by up to μ times its slip, so that a push at 1.6 times the limit meets "
     "between 0.7 and 1.7 times the friction (measured at μ of 0.5 to 1.5; at 0.1 within 1 %)"
@@ -89,6 +90,12 @@ class Drake(Engine):
         Feature.BALL_SPRING: via_api(_COMPUTED),
         Feature.DRY_FRICTION: unsupported("Drake has no dry friction in joints"),
         Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
+        Feature.SHAPE_BOX: Support(Level.EXACT, f"with eight balls in its corners: {_ONE_POINT}"),
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
+        ),
+        Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", planes_covered),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: unsupported("Drake's contact has no restitution"),
@@ -144,13 +151,6 @@ class Drake(Engine):
             "(6e-7 m/s measured).",
             minimum=1e-12,
             needs=("contact_approximation", ("auto", "tamsi")),
-        ),
-        "faces": Setting(
-            "corners",
-            "Drake has one point of contact for each pair of geometries. corners: boxes get balls of 0.1 mm in their eight "
-            "corners, cylinders eight on each rim, capsules their two ends, which touch too, so that faces stand on "
-            "faces. point: the shapes alone; a box on a floor then turns about one corner, and towers fall.",
-            ("corners", "point"),
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (

@@ -55,7 +55,7 @@ def expected(
     for body in moved.bodies:
         found |= _body(body, groups[body.name] == "world")
         for shape in solid_shapes(body):
-            balls_of = corners(shape.kind, shape.size) if settings["faces"] == "corners" else []
+            balls_of = corners(shape.kind, shape.size)
             for layer in plan.layers(shape.material):
                 name = f"{shape.name}.{layer}"
                 carriers.append(Carrier(name, body.name, shape.material, layer))
@@ -118,7 +118,7 @@ def _surface(
     parts = ("shape", *(f"corner{index}" for index in range(len(balls))))
     found: dict[str, HeldValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
     found[f"surface.{name}.parts"] = parts
-    for index, (centre, radius) in enumerate(balls):
+    for index, (kind, size, centre) in enumerate(balls):
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
-        found[f"surface.{name}.corner{index}"] = ("Sphere", *place, radius)
+        found[f"surface.{name}.corner{index}"] = (kind, *place, *size)
     return found

@@ -9,7 +9,16 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from simspec.engines.drake.readback import SHAPE, actuator_of, geometries_of, inertial, joint_of, seen_of, surface
+from simspec.engines.drake.readback import (
+    SHAPE,
+    SIZES,
+    actuator_of,
+    geometries_of,
+    inertial,
+    joint_of,
+    seen_of,
+    surface,
+)
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.kit.expected_filter import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
@@ -121,8 +130,9 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
     found[f"surface.{name}.parts"] = tuple(parts)
     for part, one in parts.items():
         if part != SHAPE:
-            place = inspector.GetPoseInFrame(one).translation().tolist()
-            found[f"surface.{name}.{part}"] = (type(shape := inspector.GetShape(one)).__name__, *place, shape.radius())
+            place, shape = inspector.GetPoseInFrame(one).translation().tolist(), inspector.GetShape(one)
+            kind, sizes = SIZES[type(shape).__name__]
+            found[f"surface.{name}.{part}"] = (kind, *place, *(float(getattr(shape, word)()) for word in sizes))
     return found
 
 
