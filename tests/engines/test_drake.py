@@ -90,6 +90,16 @@ def test_the_inventory_is_what_the_world_demands(name, load):
     assert check.count > 40
 
 
+def test_the_inventory_of_a_plane_among_other_shapes(load):
+    world = boxes(1, floor="plane")
+    stone = Shape("floor_1", "box", (0.1, 0.1, 0.1), Pose((1.0, 0.0, 0.0)), "a")
+    floor = dataclasses.replace(world.bodies[0], shapes=(*world.bodies[0].shapes, stone))
+    world = told(dataclasses.replace(world, bodies=(floor, world.bodies[1])))
+    held = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail
+
+
 @pytest.mark.parametrize(
     "settings",
     [

@@ -77,6 +77,8 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
     q -= joint.kind == "ball"
     lower, upper = joint.position_limits or (-math.inf, math.inf)
     speed = math.inf if joint.velocity_limit is None else joint.velocity_limit
+    # planes are on the world's own body, and told last
+    told = sorted(body.shapes, key=lambda shape: shape.kind == "plane" and shape.collision)
     found: dict[str, HeldValue] = {
         "model": f"model.{body.model}",
         "gravity": True,
@@ -87,8 +89,8 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
         "joint.position_limits": finite((lower,) * q + (upper,) * q),
         "joint.velocity_limits": finite((-speed,) * v + (speed,) * v),
         "joint.acceleration_limits": finite((-math.inf,) * v + (math.inf,) * v),
-        "shapes": tuple(shape.name for shape in solid_shapes(body)),
-        "seen": tuple(shape.name for shape in body.shapes if shape.visual),
+        "shapes": tuple(shape.name for shape in told if shape.collision),
+        "seen": tuple(shape.name for shape in told if shape.visual),
     }
     if _driven(body):
         effort = math.inf if joint.effort_limit is None else joint.effort_limit
