@@ -21,7 +21,7 @@ from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees
 from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, Record, World
 
-TABLE = Path(__file__).parent / "spec" / "data" / "table.yaml"
+TABLE = Path(__file__).parent / "language" / "data" / "table.yaml"
 ARM = TABLE.parent / "models" / "arm.yaml"
 SOLID = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}
 HINGE = {"type": "hinge", "axis": [0, 0, 1]}

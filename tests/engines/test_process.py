@@ -129,7 +129,7 @@ def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch,
 
 
 def test_an_unknown_engine_is_named():
-    with pytest.raises(EngineError, match="no such engine; known: dart, mujoco, pybullet"):
+    with pytest.raises(EngineError, match=f"no such engine; known: {', '.join(base.engines())}"):
         call("bullet9", Path(), [])
 
 

@@ -151,8 +151,13 @@ def test_more_materials_than_are_split_are_refused_by_name(engine, tmp_path):
         f"simspec: 1\nname: many\ncontact:\n  materials: {{{materials}}}\n  pairs:\n{pairs}\nbodies:\n{balls}\n",
         encoding="utf-8",
     )
-    (problem,) = refused(path, engine)
+    problems = refused(path, engine)
+    accepted = [one.hint.rpartition("[")[2].rstrip("]") for one in problems if "accept it by name" in (one.hint or "")]
+    if accepted:  # what has to be accepted first is told first
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"engines: {{{engine}: {{accept: [{', '.join(accepted)}]}}}}\n")
+        problems = refused(path, engine)
+    (problem,) = problems
     assert "friction" in problem.message
-    assert "more pairs)" in problem.message
     assert f"up to {MOST_SPLIT_MATERIALS} materials" in problem.message
     assert problem.location is not None

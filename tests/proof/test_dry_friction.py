@@ -13,13 +13,16 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.contract import engines
+from simspec.features import Feature, Level
 from simspec.proof import dry_friction
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_checks
 from simspec.proof.verify import verify
 from simspec.world.types import Physics, World
 from tests import worlds
 
-ENGINES = sorted(engines())
+ENGINES = sorted(
+    name for name, engine in engines().items() if engine.SUPPORT[Feature.DRY_FRICTION].level is not Level.UNSUPPORTED
+)
 ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
 
