@@ -38,18 +38,20 @@ def pile(count: int) -> dict:
 
 def one(kind: str, count: int, format_name: str) -> str:
     import simspec
-    from simspec.engines.kit.contract import engines, resolve_settings
+    from simspec.compiler import target_of
+    from simspec.engines.kit.contract import engines
     from simspec.errors import UnsupportedError
-    from simspec.formats.base import Target, formats
+    from simspec.formats.base import formats
 
     spec = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](count))
     started = time.perf_counter()
     world = spec.resolve()
     resolved = time.perf_counter() - started
     engine = next(found for found in engines().values() if format_name == found.FORMAT)
-    target = Target(engine.NAME, engine.FRICTION_RULE, engine.RESTITUTION_RULE, resolve_settings(engine, world))
+    target = target_of(world, engine)
     emitter = formats()[format_name]
-    emitter.emit(simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](2)).resolve(), target)  # warm templates
+    small = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](2)).resolve()
+    emitter.emit(small, target_of(small, engine))  # warm templates
     started = time.perf_counter()
     try:
         files = emitter.emit(world, target)

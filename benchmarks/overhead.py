@@ -20,7 +20,7 @@ from pathlib import Path
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.contract import default_engines, find_engine
 from simspec.formats.base import read_sidecar
 
 SCENARIOS = ("spheres-216", "ur10e")
@@ -106,7 +106,7 @@ def main() -> int:
         return 0
     print(f"{'scenario':14} {'engine':9} {'simspec µs':>10} {'bare µs':>10} {'ratio':>7}")
     for scenario in SCENARIOS:
-        for name in engines():
+        for name in default_engines():
             command = [
                 sys.executable,
                 __file__,
