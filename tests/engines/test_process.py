@@ -128,6 +128,11 @@ def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch,
         call("stub", tmp_path, [])
 
 
+def test_artifacts_that_are_not_there_are_the_engine_s_failure(stub, tmp_path):
+    with pytest.raises(EngineError, match=r"stub: its artifacts are not there: .*nowhere"):
+        call("stub", tmp_path / "nowhere", [Operation("read_back")])
+
+
 def test_an_unknown_engine_is_named():
     with pytest.raises(EngineError, match=f"no such engine; known: {', '.join(base.engines())}"):
         call("bullet9", Path(), [])

@@ -116,7 +116,10 @@ def start(
     if python is None and engine_class.version() is None:
         raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
     with scratch_folder(engine) as folder:
-        write_request(folder, engine_class, artifacts, operations)
+        try:
+            write_request(folder, engine_class, artifacts, operations)
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise EngineError(engine, f"its artifacts are not there: {error.filename}") from None
         command = engine_class.command(folder)
         if command is not None and python is not None:
             raise EngineError(engine, "is a program of its own: no Python can be chosen for it")
