@@ -242,19 +242,18 @@ def test_an_error_of_the_system_names_the_target(root, monkeypatch, call):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, call, full)
-    for write in (
-        lambda: write_folder(NEW, Path("out"), COMPILED),
-        lambda: build_folder(lambda fresh: [], Path("out"), COMPILED),
-        lambda: update_folder(lambda found: NEW, Path("out"), COMPILED),
-        lambda: add_file(Path("out"), COMPILED, "report.json", "1"),
-        lambda: write_file(Path("file"), "text", NEVER),
-    ):
-        with pytest.raises(OSError, match="No space left") as caught:
-            write()
-        assert Path(caught.value.filename).name in ("out", "file")
-    monkeypatch.undo()
-    os.chdir(root)
+    with monkeypatch.context() as failing:  # undone here: undo() of the whole would leave the test's folder, too
+        failing.setattr(os, call, full)
+        for write in (
+            lambda: write_folder(NEW, Path("out"), COMPILED),
+            lambda: build_folder(lambda fresh: [], Path("out"), COMPILED),
+            lambda: update_folder(lambda found: NEW, Path("out"), COMPILED),
+            lambda: add_file(Path("out"), COMPILED, "report.json", "1"),
+            lambda: write_file(Path("file"), "text", NEVER),
+        ):
+            with pytest.raises(OSError, match="No space left") as caught:
+                write()
+            assert Path(caught.value.filename).name in ("out", "file")
     assert content(root / "out") in (OLD, OLD | {"report.json": "1"})
     assert not stray(root)
 

@@ -6,12 +6,15 @@ import dataclasses
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.types import Expectation, Joint, World
 from tests import worlds
+
+ROOT = Path(__file__).parents[2]
 
 WORLDS = [
     worlds.every_joint(),
