@@ -39,17 +39,17 @@ def pile(count: int) -> dict:
 def one(kind: str, count: int, format_name: str) -> str:
     import simspec
     from simspec.compiler import target_of
-    from simspec.engines.kit.contract import engines
+    from simspec.dialects.kit.contract import dialects
+    from simspec.engines.kit.contract import engines, format_of
     from simspec.errors import UnsupportedError
-    from simspec.formats.base import formats
 
     spec = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](count))
     started = time.perf_counter()
     world = spec.resolve()
     resolved = time.perf_counter() - started
-    engine = next(found for found in engines().values() if format_name == found.FORMAT)
+    engine = next(found for found in engines().values() if format_name == format_of(found))
     target = target_of(world, engine)
-    emitter = formats()[format_name]
+    emitter = dialects()[engine.DIALECT]
     small = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](2)).resolve()
     emitter.emit(small, target_of(small, engine))  # warm templates
     started = time.perf_counter()

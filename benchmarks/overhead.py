@@ -20,8 +20,8 @@ from pathlib import Path
 
 import simspec
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import default_engines, find_engine
-from simspec.formats.base import read_sidecar
 
 SCENARIOS = ("spheres-216", "ur10e")
 ROOT = Path(__file__).resolve().parent.parent

@@ -113,13 +113,13 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
 
 def engine_names(words: list[str] | None) -> list[str]:
     """The engines asked for, by label (a format stands for its engines); when none is, all that are taken by default."""
-    from simspec.engines.kit.contract import default_engines, engines, find_engine
+    from simspec.engines.kit.contract import default_engines, engines, find_engine, format_of
     from simspec.engines.kit.identity import parse
 
     known = engines()
     labels: dict[str, None] = {}
     for word in words or default_engines():
-        readers = [name for name, engine in known.items() if word not in known and word == engine.FORMAT]
+        readers = [name for name, engine in known.items() if word not in known and word == format_of(engine)]
         given = parse(word)
         if not readers:
             find_engine(given.name)

@@ -8,13 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.control.native import fed_forward
-from simspec.engines.kit.contract import Engine, check_settings, engines, find_engine, written_settings
-from simspec.engines.kit.identity import engine_name
-from simspec.errors import Location, Problem, UnsupportedError
-from simspec.features import Decision, Feature, combine, negotiate
-from simspec.formats.base import Target, formats
-from simspec.formats.contact_plan import (
+from simspec.contact.plan import (
     MOST_SPLIT_MATERIALS,
     ContactPlan,
     contact_plan,
@@ -23,7 +17,15 @@ from simspec.formats.contact_plan import (
     pair_needs,
     unreachable,
 )
+from simspec.control.native import fed_forward
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.target import Target
+from simspec.engines.kit.contract import Engine, check_settings, engines, find_engine, format_of, written_settings
+from simspec.engines.kit.identity import engine_name
+from simspec.errors import Location, Problem, UnsupportedError
+from simspec.formats.kit.contract import formats
 from simspec.outputs.writing import write_private
+from simspec.support.features import Decision, Feature, combine, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
@@ -35,6 +37,7 @@ class Compiled:
     """The artifacts of one world for one engine: {relative path: text}, and how each needed feature is realised."""
 
     engine: str
+    dialect: str
     format: str
     files: Mapping[str, str]
     decisions: tuple[Decision, ...]
@@ -105,7 +108,7 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
     names: dict[str, None] = {}
     for target in targets:
         if target in formats() and target not in engines():
-            names.update(dict.fromkeys(name for name, engine in engines().items() if target == engine.FORMAT))
+            names.update(dict.fromkeys(name for name, engine in engines().items() if target == format_of(engine)))
         else:
             find_engine(target)
             names[target] = None
@@ -123,8 +126,8 @@ def _negotiate(
 
 def _emit(world: World, label: str, plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
     engine = find_engine(label)
-    files = formats()[engine.FORMAT].emit(world, target_of(world, engine, plan))
-    return Compiled(label, engine.FORMAT, files, decisions)
+    files = dialects()[engine.DIALECT].emit(world, target_of(world, engine, plan))
+    return Compiled(label, engine.DIALECT, format_of(engine), files, decisions)
 
 
 def needed_decisions(
@@ -134,7 +137,7 @@ def needed_decisions(
     plan: ContactPlan | None = None,
 ) -> list[Decision]:
     """How each feature that ``world`` needs is realised in ``engine``; nothing is emitted. Raises UnsupportedError."""
-    table = combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)
+    table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     return negotiate(world, engine.NAME, table, locate, extra)
 

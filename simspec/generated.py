@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec.compiler import Compiled, compile_world, output_files
+from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.errors import Location, Problem, SpecError
-from simspec.formats.base import SIDECAR, read_sidecar
 from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
 from simspec.outputs.reading import files_below, read_bytes, read_text
 from simspec.outputs.writing import update_folder
@@ -203,7 +203,7 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
         for engine, wanted in certificate.artifacts_sha256.items():
             files = {name: content.decode() for name, content in now.items() if name.startswith(f"{engine}/")}
             texts = {name.removeprefix(f"{engine}/"): text for name, text in files.items()}
-            if Compiled(engine, "", texts, ()).sha256 != wanted:
+            if Compiled(engine, "", "", texts, ()).sha256 != wanted:
                 message = f"{folder / engine}: other files than those that were proven; the certificate is not written"
                 raise SpecError([Problem(message, hint="verify again")])
         try:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from xml.etree import ElementTree
 
-from simspec.formats.base import SIDECAR, sidecar_text
+from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
 from simspec.world.types import (
     Body,
     Contact,

@@ -36,7 +36,7 @@ WORLD = spheres(2)
 def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> Built:
     """A compiled world of made-up engines, whose files are what the real ones' are: a model and a sidecar."""
     sidecar = json.dumps({"schema": 1, "world": sha256(world)})
-    compiled = {name: Compiled(name, "xml", {"model.xml": text, "sidecar.json": sidecar}, ()) for name in engines}
+    compiled = {name: Compiled(name, "x", "xml", {"model.xml": text, "sidecar.json": sidecar}, ()) for name in engines}
     files = {"world.json": canonical_json(world) + "\n"}
     files |= {f"{name}/{path}": content for name, one in compiled.items() for path, content in one.files.items()}
     return Built(world, compiled, files)

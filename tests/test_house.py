@@ -23,8 +23,10 @@ ORDER = (
     "dynamics",
     "control",
     "resolve",
-    "features",
+    "support",
+    "contact",
     "formats",
+    "dialects",
     "engines",
     "compiler",
     "proof",
@@ -45,7 +47,7 @@ ENTRANCES = ("__init__.py", "__main__.py")
 LONGEST = 500
 ENGINE_WORDS = ("mujoco", "pybullet", "dart", "bullet", "drake")
 FORMAT_WORDS = ("mjcf", "urdf", "skel")
-HOMES = ("engines", "formats")
+HOMES = ("engines", "dialects", "formats")
 
 WRITING = {
     *("rmtree", "write_text", "write_bytes", "rename", "renames", "replace", "unlink", "remove", "removedirs", "rmdir"),

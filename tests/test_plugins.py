@@ -10,16 +10,16 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.contact.plan import Rules
+from simspec.dialects.kit import contract as dialects_base
 from simspec.engines.kit import contract as base
 from simspec.engines.kit.contract import Engine, broken_engines, engines, find_engine
 from simspec.errors import EngineError
-from simspec.features import EXACT, Feature
-from simspec.formats import base as formats_base
-from simspec.formats.contact_plan import Rules
+from simspec.support.features import EXACT, Feature
 
 
 def an_engine(**more):
-    words = {"NAME": "odd", "FORMAT": "mjcf", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
+    words = {"NAME": "odd", "DIALECT": "mujoco", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
     words |= {"LAYERS": False, "SUPPORT": dict.fromkeys(Feature, EXACT), "SETTINGS": {}} | more
     return type("Odd", (Engine,), {name: value for name, value in words.items() if value is not None})
 
@@ -46,7 +46,7 @@ def offer(monkeypatch):
 
     yield offered
     base._offered.cache_clear()
-    formats_base._offered.cache_clear()
+    dialects_base._offered.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def offer(monkeypatch):
         (17, "it is no Engine"),
         (Engine, "it does not say its NAME"),
         (an_engine(NAME="other"), "it calls itself 'other'"),
-        (an_engine(FORMAT="word"), "it reads 'word', which no format is"),
+        (an_engine(DIALECT="word"), "it is told worlds in 'word', which no dialect is"),
         (an_engine(SETTINGS=None), "it does not say its SETTINGS"),
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),
     ],

@@ -6,7 +6,7 @@ import dataclasses
 import math
 import random
 
-from simspec.features import Feature
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
     Body,

@@ -14,8 +14,8 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.contract import default_engines
 from simspec.engines.kit.process import Operation, Reply, call
 from simspec.errors import EngineError, UnsupportedError
-from simspec.features import Feature
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.support.features import Feature
 from simspec.world.kinematics import layout
 from simspec.world.types import (
     Body,

@@ -22,9 +22,9 @@ from contact_runs import RUNS, probe_world, tower
 
 import simspec
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.formats.base import read_sidecar
-from simspec.formats.mjcf_contact import COULOMB, NATIVE
 from simspec.proof.contact.probe import Law
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 

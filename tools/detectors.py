@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.dart.detectors import UNSOUND
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.dart.engine import Dart
-from simspec.features import Feature
-from simspec.formats.base import read_sidecar
-from simspec.formats.skel_detectors import UNSOUND
 from simspec.proof.touch.geometry import Solid, gap, solids, transform
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
     SHAPE_KINDS,
@@ -174,7 +174,7 @@ A cell shows the share of overlaps that are missed, of 0.1 / 1 / 10 mm; after a 
 gaps of 0.1 / 1 mm that are taken for a touch. **Bold**: more than 1 % missed at 1 mm or deeper. *Refused*: simspec refuses the
 pair with this detector unless the shape is accepted by name. That counts more than what this page asks, which is only whether
 two shapes touch: a flat face that gets one contact sinks, and depths and normals can be wrong (the measured reasons are in
-`simspec/formats/skel_detectors.py`). What is overlooked in pairs that are not refused is said by `simspec compile --explain`
+`simspec/dialects/dart/detectors.py`). What is overlooked in pairs that are not refused is said by `simspec compile --explain`
 where a world has such pairs.
 """
 

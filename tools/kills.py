@@ -22,8 +22,8 @@ import time
 from pathlib import Path
 
 from simspec.compiler import WORLD_FILE
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.errors import SpecError
-from simspec.formats.base import read_sidecar
 from simspec.outputs.marker import read_marker
 from simspec.runner.store import load_run
 

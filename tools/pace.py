@@ -28,10 +28,10 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import default_engines, engines, find_engine
 from simspec.engines.kit.process import ONE_THREAD
 from simspec.engines.kit.recorder import MOST_BYTES, Recording, Stepper
-from simspec.formats.base import read_sidecar
 from simspec.world.types import EngineOptions, World
 
 PARTS = ("step", "control", "record")

@@ -20,9 +20,9 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.recorder import Stepper
-from simspec.formats.base import read_sidecar
 from simspec.world.types import World
 
 ENGINE = "pybullet"

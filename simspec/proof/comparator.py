@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from simspec.contact.plan import QUANTITIES, Rules, combined, contact_plan, meeting_laws, shape_pairs
 from simspec.control.native import natives
-from simspec.formats.contact_plan import QUANTITIES, Rules, combined, contact_plan, meeting_laws, shape_pairs
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups

@@ -1,6 +1,6 @@
 """The complete self-test: every change that compiled files can suffer, one at a time, and what the proof makes of it.
 
-Each mutation (``formats/mutations.py``) is tried in stages, and leaves at the first that notices it. One that the engine
+Each mutation (``dialects/kit/mutations.py``) is tried in stages, and leaves at the first that notices it. One that the engine
 refuses needs no proof. Then what the engine says it holds (levels L1, L2 and L4). One that its format declares inert must now
 move every body as the unchanged files do, with contact, without and under control, within 1e-12. All else goes on to what the
 engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact probes (L5); what that does not notice is
@@ -23,11 +23,11 @@ from itertools import islice
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations
 from simspec.engines.kit.contract import Engine, find_engine
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.errors import EngineError, UnsupportedError
-from simspec.formats.base import formats
-from simspec.formats.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations
 from simspec.proof.checks import Check
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
@@ -112,9 +112,9 @@ class CompleteTest:
         return found
 
 
-def table_of(format_name: str) -> MutationTable:
-    """The table of a format: ``TABLE`` of the module beside its own called ``<format>_mutations``; empty without one."""
-    name = f"{type(formats()[format_name]).__module__}_mutations"
+def table_of(dialect: str) -> MutationTable:
+    """The table of a dialect: ``TABLE`` of the module ``mutations`` beside its own; empty without one."""
+    name = f"{type(dialects()[dialect]).__module__.rpartition('.')[0]}.mutations"
     try:
         module = importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -190,7 +190,7 @@ class _Bench:
         again = tuple(_seen(answer) for answer in answers[len(scenes) :])
         if _departure(still, again) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not move twice alike")
-        table = table_of(compiled.format)
+        table = table_of(compiled.dialect)
         return cls(name, find_engine(engine), world, compiled, probes, table, scenes, still)
 
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:

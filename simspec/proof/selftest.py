@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.defects import NAMES, Plant
 from simspec.engines.kit.process import side_by_side
 from simspec.errors import UnsupportedError
-from simspec.formats.base import formats
-from simspec.formats.defects import NAMES, Plant
 from simspec.proof.checks import NOTHING
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.proof.verify import Probes, prepare, verify
@@ -60,12 +60,12 @@ class SelfTest:
         return self.planted > 0 and self.caught == self.planted
 
 
-def defects_of(format_name: str) -> Mapping[str, Plant | str]:
-    """The table of defects of a format: the module beside its own, called ``<format>_defects``.
+def defects_of(dialect: str) -> Mapping[str, Plant | str]:
+    """The table of defects of a dialect: ``DEFECTS`` of the module ``defects`` beside its own.
 
     Raises LookupError when the table leaves out a defect.
     """
-    module = importlib.import_module(f"{type(formats()[format_name]).__module__}_defects")
+    module = importlib.import_module(f"{type(dialects()[dialect]).__module__.rpartition('.')[0]}.defects")
     missing = [name for name in NAMES if name not in module.DEFECTS]
     if missing:
         raise LookupError(f"{module.__name__} says nothing of {missing}")
@@ -128,7 +128,7 @@ class _Bench:
         if isinstance(sound, str):
             return Outcome(self.engine, defect, None, reason=sound)
         world, compiled, probes = sound
-        plant = defects_of(compiled.format)[defect]
+        plant = defects_of(compiled.dialect)[defect]
         if isinstance(plant, str):
             return Outcome(self.engine, defect, None, reason=plant)
         with scratch_folder("defect") as place:

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.contact.plan import meeting_laws
+from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.contract import Engine, find_engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.errors import EngineError, Location, UnsupportedError
-from simspec.features import Level
-from simspec.formats.base import formats
-from simspec.formats.contact_plan import meeting_laws
 from simspec.outputs.reading import files_below, read_text
 from simspec.proof import control, dry_friction, motion
 from simspec.proof.certificate import Certificate, EngineProof
@@ -35,6 +34,7 @@ from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
+from simspec.support.features import Level
 from simspec.world.canonical import sha256
 from simspec.world.types import ReadBack, World
 
@@ -207,7 +207,7 @@ def _contact(
 def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
     engine = find_engine(compiled.engine)
     try:
-        read = formats()[compiled.format].read(folder)
+        read = dialects()[compiled.dialect].read(folder)
     except (
         ValueError,
         LookupError,
@@ -256,7 +256,7 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
     }
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
     texts = {name: read_text(folder / name, root=folder) for name in files_below(folder)}
-    on_disk = Compiled(compiled.engine, compiled.format, texts, ())
+    on_disk = Compiled(compiled.engine, compiled.dialect, compiled.format, texts, ())
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     checks = sorted(checks, key=lambda check: check.level)
     return EngineProof(version, on_disk.sha256, tuple(checks), approximations, unreadable, seconds)

@@ -13,13 +13,13 @@ from typing import Any
 from simspec.compiler import needed_decisions
 from simspec.engines.kit.contract import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
-from simspec.features import Feature, Level
 from simspec.language.document import read_text
 from simspec.language.load import Spec
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
+from simspec.support.features import Feature, Level
 from simspec.world.types import EngineOptions, World
 
 KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}

@@ -11,10 +11,11 @@ from typing import Any
 from rich.table import Table
 
 from simspec.compiler import Compiled, write_folder
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.contract import find_engine, idle_settings, resolve_settings
-from simspec.formats.base import SIDECAR, formats
-from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
-from simspec.formats.passes import solid_shapes
 from simspec.report.terminal import decisions, table
 from simspec.scratch import scratch_folder
 from simspec.world.control import Controller
@@ -120,7 +121,7 @@ def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
     with scratch_folder("explain") as place:
         folder = place / compiled.engine
         write_folder(compiled.files, folder)
-        held = formats()[compiled.format].read(folder).pairs
+        held = dialects()[compiled.dialect].read(folder).pairs
     found: Counter[tuple[str, str]] = Counter()
     for pair in held:
         one, other = sorted((material[pair.first], material[pair.second]))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from simspec.engines.kit.contract import Engine, broken_engines, engines
-from simspec.features import MEANING, Feature, Level, Support, combine
-from simspec.formats.base import broken_formats, formats
+from simspec.dialects.kit.contract import broken_dialects, dialects
+from simspec.engines.kit.contract import Engine, broken_engines, engines, format_of
+from simspec.formats.kit.contract import broken_formats
+from simspec.support.features import MEANING, Feature, Level, Support, combine
 
 MATRIX_FILE = "docs/support-matrix.md"
 WORDS = {
@@ -34,7 +35,7 @@ HEAD = f"""# Support matrix
 
 def support(engine: type[Engine]) -> dict[Feature, Support]:
     """What an engine and the format it reads support together."""
-    return combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)
+    return combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
 
 
 def anchor(engine: str, feature: str) -> str:
@@ -46,7 +47,7 @@ def engine_data() -> dict[str, Any]:
     """Every engine: format, installed version (None = not installed), settings, support."""
     return {
         name: {
-            "format": engine.FORMAT,
+            "format": format_of(engine),
             "version": engine.version(),
             "install": f"pip install 'simspec[{engine.EXTRA}]'",
             "settings": {
@@ -66,8 +67,8 @@ def engine_data() -> dict[str, Any]:
 
 
 def broken() -> dict[str, str]:
-    """Engines and formats that are offered by installed packages and cannot be used, with the reason."""
-    return {**broken_formats(), **broken_engines()}
+    """Formats, dialects and engines that are offered by installed packages and cannot be used, with the reason."""
+    return {**broken_formats(), **broken_dialects(), **broken_engines()}
 
 
 def _cell(text: str) -> str:

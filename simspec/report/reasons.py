@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from simspec.engines.kit.contract import engines
-from simspec.features import Feature, Level
 from simspec.report.matrix import anchor, support
+from simspec.support.features import Feature, Level
 
 PAGE = "docs/support-matrix.md"
 

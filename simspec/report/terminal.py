@@ -14,7 +14,6 @@ from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.compiler import Compiled
 from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
-from simspec.features import Feature, Level
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
 from simspec.report.kit import length, number, table, verdict
@@ -24,6 +23,7 @@ from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
+from simspec.support.features import Feature, Level
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof

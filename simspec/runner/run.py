@@ -16,13 +16,13 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit import process
 from simspec.engines.kit.answers import RECORDED_BYTES, Operation
 from simspec.engines.kit.contract import find_engine, resolve_settings
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.errors import EngineError, Problem, SpecError
-from simspec.formats.base import read_sidecar
 from simspec.language.strict import near
 from simspec.mapped import parts, zeros
 from simspec.outputs.reading import files_below, read_text

@@ -101,7 +101,7 @@ class Shape:
     """A collision and/or visual shape, with its pose in the body frame.
 
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
-    that the engine has for this shape, one entry for each copy of it (see ``formats/contact_plan.py``), in the order of
+    that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
     their layers, and ``material`` is "".
     """
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.contract import Engine, find_engine
-from simspec.formats.base import read_sidecar
 from simspec.world.types import World
 from tests import worlds
-from tests.formats.test_skel import emit, write
+from tests.dialects.dart.test_dialect import emit, write
 
 ENGINES = [
     "mujoco",

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
+from simspec.contact.plan import contact_plan
+from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.contract import find_engine
 from simspec.errors import UnsupportedError
-from simspec.features import Feature, Level, combine
-from simspec.formats.base import formats
-from simspec.formats.contact_plan import contact_plan
 from simspec.proof.comparator import compare
 from simspec.proof.contact.run import measure
 from simspec.proof.selftest_worlds import surfaces
+from simspec.support.features import Feature, Level, combine
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Hardness, Shape, World
 from tests import worlds
@@ -163,7 +163,7 @@ def test_materials_that_do_not_collide_pass_through_each_other(loaded):
 def test_each_part_of_a_law_is_held_as_declared(name, loaded, feature):
     """What an engine declares for a part of the law, it holds; what it lacks, it refuses (see the other suite)."""
     kind = find_engine(name)
-    level = combine(formats()[kind.FORMAT].SUPPORT, kind.SUPPORT)[feature].level
+    level = combine(dialects()[kind.DIALECT].SUPPORT, kind.SUPPORT)[feature].level
     world = worlds.one_law(**worlds.CONTACT_GAPS[feature])
     if level is Level.UNSUPPORTED:
         with pytest.raises(UnsupportedError, match=feature.value):
@@ -183,7 +183,7 @@ def test_pairs_with_different_hardness_are_held_or_refused_by_name(name, loaded)
     )
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
     kind = find_engine(name)
-    table = combine(formats()[kind.FORMAT].SUPPORT, kind.SUPPORT)
+    table = combine(dialects()[kind.DIALECT].SUPPORT, kind.SUPPORT)
     needed = (Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_PAIRS)
     if any(table[feature].level is Level.UNSUPPORTED for feature in needed):
         with pytest.raises(UnsupportedError, match=r"contact\.hardness"):
@@ -205,5 +205,5 @@ def test_a_threshold_that_is_accepted_as_approximate_is_a_declared_deviation(nam
     assert below
     assert all(figure.passed for figure in figures)
     kind = find_engine(name)
-    level = combine(formats()[kind.FORMAT].SUPPORT, kind.SUPPORT)[Feature.RESTITUTION_THRESHOLD].level
+    level = combine(dialects()[kind.DIALECT].SUPPORT, kind.SUPPORT)[Feature.RESTITUTION_THRESHOLD].level
     assert any(figure.deviation for figure in below) == (level is Level.APPROXIMATE)

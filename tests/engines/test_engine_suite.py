@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.contact import plan as contact_plan
+from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.contract import CONTACT_FIELDS, check_settings, engines, find_engine, idle_settings
 from simspec.errors import UnsupportedError
-from simspec.features import Feature, Level, combine
-from simspec.formats import contact_plan
-from simspec.formats.base import formats
 from simspec.proof.comparator import compare
 from simspec.proof.probes import rotation_error
+from simspec.support.features import Feature, Level, combine
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World
 from tests import worlds
@@ -238,7 +238,7 @@ def test_armature_is_in_the_mass_matrix(name, loaded):
 def test_a_gap_raises_the_error_it_declares(name, feature):
     """Every feature that the engine has only approximately, outside or not at all is refused unless named."""
     engine = find_engine(name)
-    support = combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)[feature]
+    support = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)[feature]
     world = gap_world(feature)
     if world is None or support.level in (Level.EXACT, Level.VIA_API):
         return
@@ -292,7 +292,7 @@ MUST_BE_EXACT = [
 @pytest.mark.parametrize("feature", MUST_BE_EXACT, ids=str)
 def test_the_core_of_the_language_is_exact_everywhere(name, feature):
     engine = find_engine(name)
-    support = combine(formats()[engine.FORMAT].SUPPORT, engine.SUPPORT)[feature]
+    support = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)[feature]
     assert support.level in (Level.EXACT, Level.VIA_API)
 
 

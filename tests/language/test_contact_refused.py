@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.contact.plan import MOST_SPLIT_MATERIALS
 from simspec.engines.kit.contract import engines
 from simspec.errors import UnsupportedError
-from simspec.features import Feature, Level
-from simspec.formats.contact_plan import MOST_SPLIT_MATERIALS
 from simspec.language.load import load
 from simspec.language.models import Contact
+from simspec.support.features import Feature, Level
 from tests.language.test_contact import BODIES, written
 
 CONES = {

@@ -10,8 +10,8 @@ import numpy as np
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.contract import engines, find_engine
 from simspec.engines.kit.process import Operation, call
-from simspec.features import Feature
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
+from simspec.support.features import Feature
 from simspec.world.kinematics import layout
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 

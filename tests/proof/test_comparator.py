@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from simspec.formats.contact_plan import Rules, contact_plan, shape_pairs, surfaces
+from simspec.contact.plan import Rules, contact_plan, shape_pairs, surfaces
 from simspec.proof.comparator import compare, held_apart, inventory_checks
 from simspec.world import frames
 from simspec.world.types import (

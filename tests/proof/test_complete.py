@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from simspec.formats.mutations import Inert, MutationTable
+from simspec.dialects.kit.mutations import Inert, MutationTable
 from simspec.proof import complete
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.proof.mutation_worlds import WORLDS
@@ -135,14 +135,14 @@ def test_the_table_counts_by_engine_and_kind():
 
 
 def test_a_format_without_a_table_gets_an_empty_one(monkeypatch):
-    monkeypatch.setattr(complete, "formats", lambda: {"odd": type("Odd", (), {"__module__": "tests.worlds"})()})
+    monkeypatch.setattr(complete, "dialects", lambda: {"odd": type("Odd", (), {"__module__": "tests.worlds"})()})
     assert complete.table_of("odd") == MutationTable()
 
 
 def test_a_table_that_cannot_be_imported_is_an_error(monkeypatch):
     monkeypatch.setattr(complete.importlib, "import_module", _missing_other)
     with pytest.raises(ModuleNotFoundError):
-        complete.table_of("mjcf")
+        complete.table_of("mujoco")
 
 
 def _missing_other(name):

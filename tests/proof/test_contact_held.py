@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world, write_folder
+from simspec.contact.plan import contact_plan, meeting_laws
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import engines, find_engine
 from simspec.errors import UnsupportedError
-from simspec.formats.base import formats, read_sidecar
-from simspec.formats.contact_plan import contact_plan, meeting_laws
 from simspec.proof.contact import held as module
 from simspec.proof.contact.held import held, of_pair
 from simspec.proof.selftest_worlds import WORLDS
@@ -81,8 +82,8 @@ def told(monkeypatch, world, engine, folder, change):
     """What is held when the files say what ``change`` makes of their read-back."""
     kind = find_engine(engine)
     files = written(world, engine, folder)
-    said = change(formats()[kind.FORMAT].read(files))
-    monkeypatch.setattr(module, "formats", lambda: {kind.FORMAT: Stub(said)})
+    said = change(dialects()[kind.DIALECT].read(files))
+    monkeypatch.setattr(module, "dialects", lambda: {kind.DIALECT: Stub(said)})
     return held(world, kind, files)
 
 

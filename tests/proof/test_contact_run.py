@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.defects import NAMES
 from simspec.engines.kit.contract import Deviation, default_engines, find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
-from simspec.formats.defects import NAMES
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.contact import cache, run, size
 from simspec.proof.contact.probe import Figure, Law
@@ -134,7 +134,7 @@ def test_planted_defects_are_measured(engine, defect, probe, tmp_path, monkeypat
     monkeypatch.setattr(run, "PROBES", {name: run.PROBES[name] for name in probe.split(", ")})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
     world = WORLDS[NAMES[defect]](installed(engine))
-    plant = defects_of(find_engine(engine).FORMAT)[defect]
+    plant = defects_of(find_engine(engine).DIALECT)[defect]
     if isinstance(plant, str):  # files of this format cannot hold the defect, and say why
         assert plant
         return

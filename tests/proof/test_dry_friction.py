@@ -13,10 +13,10 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.contract import engines
-from simspec.features import Feature, Level
 from simspec.proof import dry_friction
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_checks
 from simspec.proof.verify import verify
+from simspec.support.features import Feature, Level
 from simspec.world.types import Physics, World
 from tests import worlds
 

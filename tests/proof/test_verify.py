@@ -109,7 +109,7 @@ def test_every_planted_defect_is_caught(engine):
 
 
 def test_a_defect_that_changes_nothing_is_an_error():
-    plant = defects_of("mjcf")["gravity"]
+    plant = defects_of("mujoco")["gravity"]
     with pytest.raises((ValueError, LookupError, KeyError)):
         plant({"model.xml": "<mujoco><option/></mujoco>"})
 

@@ -10,14 +10,14 @@ import pytest
 
 from simspec import cli
 from simspec.compiler import compile_world
+from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.contract import engines, find_engine
 from simspec.errors import SpecError
-from simspec.features import Feature, Level
-from simspec.formats.base import formats
 from simspec.language.load import load
 from simspec.report import reasons
 from simspec.report.accepting import edited
 from simspec.report.matrix import support
+from simspec.support.features import Feature, Level
 
 SCENE = """# my scene
 simspec: 1
@@ -126,7 +126,7 @@ def test_comments_before_the_next_key_stay_with_it():
 
 DECLARED = [
     (owner.NAME, feature.value, short)
-    for owner in (*formats().values(), *engines().values())
+    for owner in (*dialects().values(), *engines().values())
     for feature, one in owner.SUPPORT.items()
     for short, counts in (
         (one.short, one.level in (Level.APPROXIMATE, Level.OUTSIDE) or one.accepted_in is not None),

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.contract import dialects
 from simspec.errors import SpecError
-from simspec.formats.base import formats
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import Figure
 from simspec.report import polar
@@ -149,7 +149,7 @@ def compiled(world, engine):
 def listed(one, folder):
     """The explicit pairs of shapes in an engine's files, by the format's own reader."""
     write_folder(one.files, folder)
-    return formats()[one.format].read(folder).pairs
+    return dialects()[one.dialect].read(folder).pairs
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.dart.dialect import SMALL_TURN
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError
-from simspec.formats.skel import SMALL_TURN
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion, Vector3
 
@@ -45,7 +45,7 @@ def turn_of(vector: Sequence[float]) -> Quaternion:
 
 
 def vector_of(q: Sequence[float]) -> Vector3:
-    """log R of a unit quaternion; short turns the long way round (see ``SMALL_TURN`` in ``formats/skel.py``)."""
+    """log R of a unit quaternion; short turns the long way round (see ``SMALL_TURN`` in ``dialects/dart/dialect.py``)."""
     w, x, y, z = q
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z

@@ -13,7 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.plan import Rules, contact_plan
 from simspec.control.native import Servos
+from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
 from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
@@ -32,9 +34,7 @@ from simspec.engines.kit.contract import (
     sorted_pairs,
 )
 from simspec.engines.kit.labels import expected_labels
-from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
-from simspec.formats.contact_plan import Rules, contact_plan
-from simspec.formats.skel_detectors import accepted_contact, detector_of, overlooked
+from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
 
@@ -108,7 +108,7 @@ class Dart(Engine):
     """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
 
     NAME: ClassVar[str] = "dart"
-    FORMAT: ClassVar[str] = "skel"
+    DIALECT: ClassVar[str] = "dart"
     DISTRIBUTION: ClassVar[str] = "dartpy"
     EXTRA: ClassVar[str] = "dart"
     RULES: ClassVar[Rules] = Rules("min", "product")

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.dart.inventory import finite, part_name
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
-from simspec.formats.contact_plan import ContactPlan, parts
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World
 

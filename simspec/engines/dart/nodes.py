@@ -1,6 +1,6 @@
 """DART's body nodes: the world's bodies, and the welded nodes that hold further copies of their shapes.
 
-DART holds friction and restitution per shape, but filters collision per body node (see ``formats/skel_copies.py``).
+DART holds friction and restitution per shape, but filters collision per body node (see ``dialects/dart/copies.py``).
 Facts marked *measured*: dartpy 6.20.0.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from simspec.dialects.dart.dialect import WORLD, file_name
 from simspec.engines.dart.coordinates import NAME
 from simspec.errors import EngineError
-from simspec.formats.skel import WORLD, file_name
 
 
 def shape_nodes(node: Any) -> list[Any]:

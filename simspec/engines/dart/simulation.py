@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.dart.dialect import WORLD
+from simspec.dialects.dart.reading import without_pictures
+from simspec.dialects.dart.sidecar import check_sidecar
 from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
 from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
 from simspec.errors import EngineError
-from simspec.formats.skel import WORLD
-from simspec.formats.skel_reader import without_pictures
-from simspec.formats.skel_sidecar import check_sidecar
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.formats.contact_plan import meeting_laws
-from simspec.formats.passes import solid_shapes
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import meeting_laws
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import World
 

@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import Rules, contact_plan
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
 from simspec.engines.drake.expected import expected
@@ -27,9 +29,7 @@ from simspec.engines.kit.contract import (
     written_settings,
 )
 from simspec.engines.kit.labels import expected_labels
-from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
-from simspec.formats.contact_plan import Rules, contact_plan
-from simspec.formats.passes import solid_shapes
+from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, ReadBack, World
 
@@ -66,7 +66,7 @@ class Drake(Engine):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
-    FORMAT: ClassVar[str] = "world"
+    DIALECT: ClassVar[str] = "drake"
     DISTRIBUTION: ClassVar[str] = "drake"
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")

@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import ContactPlan
 from simspec.engines.drake.building import ERROR_REDUCTION
 from simspec.engines.drake.corners import corners
 from simspec.engines.drake.inventory import finite
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
-from simspec.formats.contact_plan import ContactPlan
-from simspec.formats.passes import recentre_free_roots, solid_shapes
+from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.drake.reading import check_sidecar, read_content
 from simspec.engines.drake.building import NAME, build, warnings_into
 from simspec.engines.drake.coordinates import Coordinates, logarithm
 from simspec.errors import EngineError
-from simspec.formats.world_reader import check_sidecar, read_content
 
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""

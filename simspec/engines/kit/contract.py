@@ -18,13 +18,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.plan import Rules
 from simspec.control.native import Servos
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
-from simspec.features import Table, check_total
-from simspec.formats.contact_plan import Rules
 from simspec.plugins import Offered, offered
+from simspec.support.features import Table, check_total
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -111,8 +111,8 @@ class Engine:
     """
 
     NAME: ClassVar[str]
-    FORMAT: ClassVar[str]
-    """The format it reads."""
+    DIALECT: ClassVar[str]
+    """The dialect (``simspec/dialects``) in which it is told a world."""
     DISTRIBUTION: ClassVar[str]
     """The package whose version is the engine's version."""
     EXTRA: ClassVar[str]
@@ -122,7 +122,7 @@ class Engine:
     RULES: ClassVar[Rules]
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
-    """Whether pairs that no numbers give are had by copies of shapes in layers (see ``formats/contact_plan.py``)."""
+    """Whether pairs that no numbers give are had by copies of shapes in layers (see ``contact/plan.py``)."""
     BY_DEFAULT: ClassVar[bool] = True
     """Whether it is taken where no engine is named. One that most worlds are refused by is asked for by name."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
@@ -441,7 +441,7 @@ def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.nd
     return poses, velocities
 
 
-DECLARED = ("NAME", "FORMAT", "DISTRIBUTION", "EXTRA", "SUPPORT", "SETTINGS", "RULES", "LAYERS")
+DECLARED = ("NAME", "DIALECT", "DISTRIBUTION", "EXTRA", "SUPPORT", "SETTINGS", "RULES", "LAYERS")
 """What an engine's class must say."""
 
 
@@ -452,7 +452,7 @@ def _offered() -> Offered:
 
 def _sound(name: str, engine: Any) -> type[Engine]:
     """The engine, if it is one that can be used. Raises TypeError, ValueError."""
-    from simspec.formats.base import formats
+    from simspec.dialects.kit.contract import dialects
 
     if not (isinstance(engine, type) and issubclass(engine, Engine)):
         raise TypeError("it is no Engine")
@@ -461,8 +461,8 @@ def _sound(name: str, engine: Any) -> type[Engine]:
         raise ValueError(f"it does not say its {', '.join(missing)}")
     if name != engine.NAME:
         raise ValueError(f"it calls itself {engine.NAME!r}")
-    if engine.FORMAT not in formats():
-        raise ValueError(f"it reads {engine.FORMAT!r}, which no format is")
+    if engine.DIALECT not in dialects():
+        raise ValueError(f"it is told worlds in {engine.DIALECT!r}, which no dialect is")
     engine.version()
     return engine
 
@@ -470,6 +470,13 @@ def _sound(name: str, engine: Any) -> type[Engine]:
 def engines() -> Mapping[str, type[Engine]]:
     """Every known engine by name (entry points ``simspec.engines``), installed or not."""
     return _offered().good
+
+
+def format_of(engine: type[Engine]) -> str:
+    """The name of the format that an engine reads."""
+    from simspec.dialects.kit.contract import dialects
+
+    return dialects()[engine.DIALECT].FORMAT
 
 
 def default_engines() -> list[str]:

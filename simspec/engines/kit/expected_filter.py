@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from simspec.formats.contact_plan import ContactPlan
+from simspec.contact.plan import ContactPlan
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, World
 

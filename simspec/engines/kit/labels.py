@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simspec.engines.kit.contract import Engine, written_settings
-from simspec.formats.base import SIDECAR_SCHEMA
+from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
+from simspec.engines.kit.contract import Engine, format_of, written_settings
 from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, World
 
@@ -21,6 +21,6 @@ def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
 
 def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
     """What :func:`sidecar_labels` must be for ``world``."""
-    values = (SIDECAR_SCHEMA, engine.FORMAT, engine.NAME, sha256(world), world.contact.friction_cone)
+    values = (SIDECAR_SCHEMA, format_of(engine), engine.NAME, sha256(world), world.contact.friction_cone)
     labels: dict[str, HeldValue] = {f"sidecar.{name}": value for name, value in zip(LABELS, values, strict=True)}
     return labels | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}

@@ -268,7 +268,7 @@ def _requested(folder: Path, request: dict[str, Any]) -> Iterator[tuple[dict[str
 
 def _entry(engine_class: Any, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
     """What result.json says of one operation, done with an engine loaded anew; and the arrays to be stored."""
-    from simspec.formats.base import read_sidecar
+    from simspec.dialects.kit.sidecar import read_sidecar
 
     engine = engine_class()
     failing = True

@@ -11,9 +11,9 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.engines.kit.contract import Deviation
-from simspec.features import Feature, Level, Support, approximate, unsupported
-from simspec.formats.mjcf_contact import COULOMB, NATIVE
+from simspec.support.features import Feature, Level, Support, approximate, unsupported
 from simspec.world.types import World
 
 COULOMB_COSTS = (

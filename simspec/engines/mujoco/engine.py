@@ -14,7 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.plan import Rules
 from simspec.control.native import Servos
+from simspec.dialects.mujoco.contact import COULOMB, NATIVE
+from simspec.dialects.mujoco.dialect import FLAGS, KEYFRAME, MODEL, file_name
 from simspec.engines.kit.contract import (
     Actuation,
     CollisionUnit,
@@ -34,10 +37,7 @@ from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
-from simspec.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
-from simspec.formats.contact_plan import Rules
-from simspec.formats.mjcf import FLAGS, KEYFRAME, MODEL, file_name
-from simspec.formats.mjcf_contact import COULOMB, NATIVE
+from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
 DISTRIBUTIONS = ("mujoco-core", "mujoco")
@@ -52,14 +52,14 @@ class MuJoCo(Engine):
     """MuJoCo's semi-implicit Euler in generalised coordinates, with its convex contact solver.
 
     Every quantity of two shapes is the larger of their numbers; explicit pairs of shapes override both. Contact is one
-    constraint law for all pairs (see :class:`simspec.formats.mjcf.Mjcf`). MuJoCo's friction cone is associated (convex): what
+    constraint law for all pairs (see :class:`MujocoDialect`). MuJoCo's friction cone is associated (convex): what
     slides is lifted. On the cushion of frictional pairs that lift stays below 0.1 mm at 1 m/s and μ = 0.5; at 5 m/s and
     μ = 1 bodies hop by 3 to 4 mm. A body at rest under load creeps, 1.7e-6 m/s at 60 % of the limit, and of an impact's
     friction 80 to 90 % is missing (measured). The setting ``friction: coulomb`` has neither (``mujoco_coulomb.py``).
     """
 
     NAME: ClassVar[str] = "mujoco"
-    FORMAT: ClassVar[str] = "mjcf"
+    DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")

@@ -1,7 +1,7 @@
 """What a loaded ``mjModel`` must hold beside the fields of a read-back, from the world and the settings resolved from it.
 
 This states MuJoCo's numbers a second time, from the law: it shares no code with what writes them (``formats/mjcf*.py``). Only
-the plan of which numbers materials get (``formats/contact_plan.py``) is common to all sides.
+the plan of which numbers materials get (``contact/plan.py``) is common to all sides.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from simspec.contact.plan import Pair, Rules, contact_plan, meeting_laws, shape_pairs
 from simspec.control.native import natives
+from simspec.dialects.kit.sidecar import flat
 from simspec.engines.mujoco.fields import NEUTRAL
-from simspec.formats.base import flat
-from simspec.formats.contact_plan import Pair, Rules, contact_plan, meeting_laws, shape_pairs
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import free_rigid, rigid_groups

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.mujoco.dialect import KEYFRAME, MODEL, NO_RATING, file_name, world_name
+from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.inventory import inventory
 from simspec.errors import EngineError
-from simspec.formats.mjcf import KEYFRAME, MODEL, NO_RATING, file_name, world_name
-from simspec.formats.mjcf_surface import CommonLaw, surface
-from simspec.formats.passes import restore_frames, tensor
+from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,

@@ -1,4 +1,4 @@
-"""Which shapes which of PyBullet's links carries (see ``formats/urdf_contact.py``)."""
+"""Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``)."""
 
 from __future__ import annotations
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from simspec.contact.plan import meeting_laws
 from simspec.engines.kit.contract import Deviation
-from simspec.formats.contact_plan import meeting_laws
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Shape, World
 
@@ -22,7 +22,7 @@ CONE = (
     "that is up to 22 % of μ N off; a disc that spins on its rim is braked 2.6 % too little. Exact for balls, for what sticks, "
     "and for slips along these axes"
 )
-"""Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm (``tests/test_contact_findings.py``).
+"""Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm (``tests/proof/test_contact_findings.py``).
 Shorter steps and more iterations do not help: Bullet's solver for multibodies takes a step along each axis, divided by the
 axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts up to 32° aside of the slip, but for balls and along the axes"

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.plan import Rules, contact_plan
 from simspec.control.native import Servos
 from simspec.engines.kit.contract import (
     Actuation,
@@ -38,8 +39,7 @@ from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
-from simspec.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
-from simspec.formats.contact_plan import Rules, contact_plan
+from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
 
@@ -75,7 +75,7 @@ class PyBullet(Engine):
     """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
 
     NAME: ClassVar[str] = "pybullet"
-    FORMAT: ClassVar[str] = "urdf"
+    DIALECT: ClassVar[str] = "pybullet"
     DISTRIBUTION: ClassVar[str] = "pybullet"
     EXTRA: ClassVar[str] = "pybullet"
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")

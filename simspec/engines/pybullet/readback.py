@@ -12,7 +12,7 @@ from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.simulation import JOINT_KINDS, Link, Simulation, Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
-from simspec.formats.passes import restore_frames, tensor
+from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.world import frames
 from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack, Shape, Surface
 

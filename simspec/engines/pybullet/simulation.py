@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.pybullet.sidecar import check_sidecar
 from simspec.engines.kit.vectors import cross
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
 from simspec.engines.pybullet.sleeping import Sleepers
 from simspec.engines.pybullet.turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
 from simspec.errors import EngineError
-from simspec.formats.urdf_sidecar import check_sidecar
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
 

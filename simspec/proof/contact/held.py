@@ -12,12 +12,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import QUANTITIES, ContactPlan, Pair, contact_plan, meeting_laws, shape_pairs
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import Engine, idle_settings
 from simspec.errors import Problem, UnsupportedError
-from simspec.features import Feature
-from simspec.formats.base import formats, read_sidecar
-from simspec.formats.contact_plan import QUANTITIES, ContactPlan, Pair, contact_plan, meeting_laws, shape_pairs
-from simspec.formats.passes import solid_shapes
+from simspec.support.features import Feature
 from simspec.world.types import (
     FRICTION_CONES,
     Contact,
@@ -49,7 +50,7 @@ def held(world: World, engine: type[Engine], folder: Path) -> Held:
 
     Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
     """
-    read = formats()[engine.FORMAT].read(folder)
+    read = dialects()[engine.DIALECT].read(folder)
     # what the engine's own file says counts, not what is said beside it
     settings = read_sidecar(folder)["settings"] | {
         name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")

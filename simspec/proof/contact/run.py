@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.contact.plan import meeting_laws
 from simspec.engines.kit.contract import Deviation, Engine, find_engine
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.errors import EngineError, UnsupportedError
-from simspec.formats.contact_plan import meeting_laws
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
 from simspec.proof.contact.held import Held, held, of_pair

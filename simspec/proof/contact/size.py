@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.formats.contact_plan import meeting_laws
-from simspec.formats.passes import solid_shapes
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import meeting_laws
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout

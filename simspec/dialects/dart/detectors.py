@@ -1,0 +1,224 @@
+"""Which of DART's collision detectors is sound for which shapes.
+
+*Measured* with dartpy 6.20.0: 40 random poses of each pair of shapes at an overlap of 1 mm (missed, wrong depth, wrong
+normal), and bodies of about 0.2 m let down on a fixed plane, box, or flat end of a cylinder, in three to four poses (how deep
+their lowest point came to lie after 4 s). All detectors lose a flat face where they give it one contact instead of three
+or four. Pairs that are not listed are sound:
+contacts to 0.06 mm, and no body goes in deeper than one step's way of its impact, which DART takes back at 1 mm/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from simspec.contact.meeting import solid_shapes
+from simspec.errors import Problem
+from simspec.world.kinematics import CollisionFilter, rigid_groups
+from simspec.world.types import Body, World
+
+Pairs = Mapping[tuple[str, str], str]
+
+_ONE = "one contact for a flat face or a long side: it sinks by"
+_ROUNDED = "edges and corners are rounded by a tenth of the smallest half-size"
+"""Bullet's margin, in pairs without a way of their own: a cylinder on its edge at 45° is found (√2 − 1) margins late
+(measured to 1e-11 m, ``tests/engines/dart/test_contact.py``)."""
+_NO_CAPSULE = "capsules are taken for spheres of 0.1 m"
+
+UNSOUND: Mapping[str, Pairs] = {
+    "dart": {
+        ("box", "plane"): f"{_ONE} 170 mm",
+        ("capsule", "plane"): f"{_ONE} 53 mm",
+        ("cylinder", "plane"): f"{_ONE} 97 mm",
+        ("ellipsoid", "plane"): "1.6 mm too deep",
+        ("box", "cylinder"): f"9 of 40 contacts missed; {_ONE} 97 mm",
+        ("capsule", "cylinder"): f"{_ONE} 53 mm",
+        ("cylinder", "cylinder"): f"5 of 40 contacts missed; {_ONE} 52 mm",
+        ("ellipsoid", "sphere"): "36 of 40 contacts missed",
+        ("box", "ellipsoid"): "18 of 40 contacts missed",
+        ("capsule", "ellipsoid"): "33 of 40 contacts missed",
+        ("cylinder", "ellipsoid"): "33 of 40 contacts missed",
+        ("ellipsoid", "ellipsoid"): "38 of 40 contacts missed",
+    },
+    "ode": {
+        ("box", "capsule"): f"{_ONE} 53 mm",
+        ("capsule", "cylinder"): f"on a flat end {_ONE} 36 mm",
+        ("cylinder", "cylinder"): f"lying on a flat end {_ONE} 46 mm; standing on it is sound",
+        **dict.fromkeys(
+            (
+                ("ellipsoid", "plane"),
+                ("ellipsoid", "sphere"),
+                ("box", "ellipsoid"),
+                ("capsule", "ellipsoid"),
+                ("cylinder", "ellipsoid"),
+                ("ellipsoid", "ellipsoid"),
+            ),
+            "ellipsoids are taken for spheres of 0.01 m",
+        ),
+    },
+    "fcl": {
+        ("box", "plane"): f"{_ONE} 68 mm",
+        ("cylinder", "plane"): f"{_ONE} 96 mm",
+        ("box", "cylinder"): f"{_ONE} 144 mm",
+        ("cylinder", "cylinder"): f"{_ONE} 46 mm",
+        **dict.fromkeys(
+            (
+                ("capsule", "plane"),
+                ("capsule", "sphere"),
+                ("box", "capsule"),
+                ("capsule", "capsule"),
+                ("capsule", "cylinder"),
+                ("capsule", "ellipsoid"),
+            ),
+            _NO_CAPSULE,
+        ),
+    },
+    "bullet": {
+        ("box", "sphere"): f"{_ROUNDED}: 31 of 100 contacts of 1 mm missed",
+        ("cylinder", "sphere"): f"{_ROUNDED}: 20 of 100 contacts of 1 mm missed",
+        ("box", "capsule"): f"{_ROUNDED}: 13 of 40 contacts of 1 mm missed",
+        ("box", "cylinder"): f"{_ROUNDED}: 35 of 40 contacts of 1 mm missed at 0.2 m",
+        ("cylinder", "plane"): f"{_ROUNDED}: one of 0.2 m comes 4 mm too deep on its edge",
+        ("capsule", "cylinder"): f"{_ROUNDED}: 10 of 40 contacts of 1 mm missed",
+        ("cylinder", "cylinder"): f"{_ROUNDED}: 16 of 40 contacts of 1 mm missed at 0.2 m",
+        ("ellipsoid", "sphere"): "34 of 40 contacts missed",
+        **dict.fromkeys(
+            (
+                ("ellipsoid", "plane"),
+                ("box", "ellipsoid"),
+                ("capsule", "ellipsoid"),
+                ("cylinder", "ellipsoid"),
+                ("ellipsoid", "ellipsoid"),
+            ),
+            "10 to 17 mm too deep",
+        ),
+    },
+}
+"""Of each detector the pairs of shapes that it gets wrong, and how."""
+
+OVERLOOKED: Mapping[str, Pairs] = {
+    "ode": {
+        (
+            "box",
+            "cylinder",
+        ): "of 100 random contacts of 0.1 to 10 mm it overlooks 2 or 3, all of an edge of the box with the rim",
+        ("capsule", "capsule"): "of 1000 random contacts of 1 to 10 mm it overlooks 2 or 3",
+    },
+}
+"""Of each detector the pairs that it gets right but for some contacts that it does not see, and how many: measured
+(docs/dart-detectors.md, ``tools/detectors.py``), and said where a world has them. They need not be accepted: of what DART has
+nothing is better for these pairs, since ``dart`` misses more and ``fcl`` has one contact for a face."""
+
+ORDER = ("dart", "ode", "fcl")
+"""In which order sound detectors are tried; ``dart`` has the exact contacts of spheres and boxes. ``bullet`` has nothing
+that is more exact: it is taken where it is asked for, as cheaper."""
+
+LESSER_EVIL = ("ode", "dart", "fcl")
+"""The order among detectors that get equally many pairs wrong: ``ode`` loses flat faces of capsules, but no contact."""
+
+TINY_FRICTION = 1e-3
+"""DART takes a friction coefficient up to this for none (measured: 0.0009 gave no deceleration, 0.002 gave 0.0020)."""
+
+
+def meeting_kinds(world: World) -> set[tuple[str, str]]:
+    """The sorted pairs of kinds of collision shapes of which some body may touch some other.
+
+    The search for one such pair of bodies passes over excluded pairs only, so that its cost grows with their number.
+    """
+    allowed = CollisionFilter(world)
+    rigid = rigid_groups(world)
+    ignored = set(world.contact.ignored_groups)
+    classes: dict[str, dict[tuple[bool, str], list[Body]]] = {}
+    for body in world.bodies:
+        key = (rigid[body.name] == "world", body.collision_group)
+        for kind in {shape.kind for shape in solid_shapes(body)}:
+            classes.setdefault(kind, {}).setdefault(key, []).append(body)
+
+    def meet(one: str, other: str) -> bool:
+        for (static, group), bodies in classes[one].items():
+            for (other_static, other_group), others in classes[other].items():
+                if static and other_static:
+                    continue
+                if (min(group, other_group), max(group, other_group)) in ignored:
+                    continue
+                if any(allowed.may_touch(a.name, b.name) for a in bodies for b in others):
+                    return True
+        return False
+
+    return {(one, other) for one in classes for other in classes if one <= other and meet(one, other)}
+
+
+def choose(world: World, engine: str) -> str:
+    """The detector that gets the fewest pairs of shapes wrong that may touch, first of all pairs that are not accepted."""
+    kinds, accepted = meeting_kinds(world), _accepted(world, engine)
+
+    def evil(detector: str) -> tuple[int, int, int]:
+        wrong = kinds & set(UNSOUND[detector])
+        order = LESSER_EVIL if wrong else ORDER
+        return sum(accepted.isdisjoint(pair) for pair in wrong), len(wrong), order.index(detector)
+
+    return min(ORDER, key=evil)
+
+
+def _accepted(world: World, engine: str) -> set[str]:
+    """The kinds of shapes whose contact may be approximate."""
+    prefix = "shape."
+    return {name.removeprefix(prefix) for name in world.options(engine).accept if name.startswith(prefix)}
+
+
+def detector_of(world: World, engine: str, setting: str) -> str:
+    """The setting ``collision_detector``, with ``auto`` resolved by the collision shapes that may touch."""
+    return choose(world, engine) if setting == "auto" else setting
+
+
+def accepted_contact(world: World, detector: str, engine: str, kind: str) -> str | None:
+    """What the detector gets wrong about contact of a kind of shapes that the spec accepts; None if nothing."""
+    if kind not in _accepted(world, engine):
+        return None
+    wrong = sorted(pair for pair in meeting_kinds(world) & set(UNSOUND[detector]) if kind in pair)
+    told = "; ".join(f"{one} and {other}: {UNSOUND[detector][one, other]}" for one, other in wrong)
+    return f"with its collision detector {detector}, {told}" if wrong else None
+
+
+def overlooked(world: World, setting: str, engine: str, kind: str) -> str | None:
+    """What the detector in use overlooks of contacts of a kind of shapes that may touch in this world; None if nothing.
+
+    ``setting``: as for :func:`detector_of`. A pair is told of one of its kinds, the rarer one.
+    """
+    pairs = {pair for table in OVERLOOKED.values() for pair in table if _rarer(pair) == kind}
+    there = {shape.kind for body in world.bodies for shape in solid_shapes(body)}
+    if not any(set(pair) <= there for pair in pairs):
+        return None
+    detector = detector_of(world, engine, setting)
+    found = sorted(pairs & set(OVERLOOKED.get(detector, {})) & meeting_kinds(world))
+    told = "; ".join(f"{one} and {other}: {OVERLOOKED[detector][one, other]}" for one, other in found)
+    return f"here its collision detector {detector} has {told}" if found else None
+
+
+def _rarer(pair: tuple[str, str]) -> str:
+    """The kind to name: boxes, planes and spheres are in every world."""
+    return next((kind for kind in pair if kind not in ("box", "plane", "sphere")), pair[0])
+
+
+def problems(world: World, detector: str, engine: str) -> list[Problem]:
+    """What the detector gets wrong in this world, but for pairs of which one kind is accepted by name."""
+    accepted = _accepted(world, engine)
+    found = []
+    for pair in sorted(meeting_kinds(world) & set(UNSOUND[detector])):
+        if accepted.isdisjoint(pair):
+            kind = _rarer(pair)
+            at = next(
+                f"bodies.{body.name}.shapes.{index}"
+                for body in world.bodies
+                for index, shape in enumerate(body.shapes)
+                if shape.collision and shape.kind == kind
+            )
+            found.append(
+                Problem(
+                    f"{engine} has contact between {pair[0]} and {pair[1]} only approximately, with its collision detector "
+                    f"{detector}: {UNSOUND[detector][pair]}",
+                    at,
+                    found=f"shapes of kinds {pair[0]} and {pair[1]} that may touch",
+                    hint=f"accept it by name: engines.{engine}.accept: [shape.{kind}]; or use other shapes",
+                )
+            )
+    return found

@@ -1,0 +1,367 @@
+"""DART's .skel: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
+
+Poses in .skel are a position and intrinsic X-Y-Z Euler angles: of bodies in the world at zero configuration, of shapes in
+their body, of joints in their child. A free root stands at the world's origin at zero configuration, so that DART's
+coordinates of a free joint are those of the world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simspec.contact.meeting import solid_shapes
+from simspec.contact.plan import ContactPlan
+from simspec.dialects.dart.copies import Node, Nodes, class_name
+from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
+from simspec.dialects.kit.contract import Dialect
+from simspec.dialects.kit.sidecar import SIDECAR, sidecar, sidecar_text
+from simspec.dialects.kit.target import Target
+from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.kit.text import environment
+from simspec.support.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
+from simspec.world import frames
+from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
+
+WORLD = "world.skel"
+
+JOINT_TYPES = {"fixed": "weld", "hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
+"""The name of each joint kind in .skel."""
+
+GEOMETRY: Mapping[str, tuple[str, tuple[tuple[str, slice], ...], float]] = {
+    "sphere": ("sphere", (("radius", slice(0, 1)),), 1.0),
+    "box": ("box", (("size", slice(0, 3)),), 1.0),
+    "cylinder": ("cylinder", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "capsule": ("capsule", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "ellipsoid": ("ellipsoid", (("size", slice(0, 3)),), 2.0),
+}
+"""For each shape kind the element, which part of ``Shape.size`` goes into which child, and what it is multiplied with: an
+ellipsoid's size are its diameters."""
+
+PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,))))
+
+RESERVED = {"world": "world."}
+"""A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
+
+COPY = "{body}.{index}"
+"""The name of a body's further nodes (see ``dialects/dart/copies.py``), and of the welds that hold them; no name in a spec has
+a point."""
+
+SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
+"""Which contact solver has each cone by default (setting ``contact_solver: auto``)."""
+
+SMALL_TURN = (1e-5, 1e-3)
+"""Rotation vectors whose length lies in between are written as the same rotation the long way round (θ − 2π): DART turns
+vectors shorter than 1e-3 by a Taylor form, which is off by θ³/6, up to 1.7e-10 (measured). Below 1e-5 that is 2e-16."""
+
+_SIDECAR = "in the sidecar, set through the engine's API"
+_COPIES = "copies of shapes on welded bodies without mass; their numbers and what they touch in the sidecar"
+_COMPUTED = "in the sidecar: .skel's own is implicit in time"
+
+
+class DartDialect(Dialect):
+    """DART's own XML, for dartpy 6."""
+
+    NAME: ClassVar[str] = "dart"
+    FORMAT: ClassVar[str] = "skel"
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
+        Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
+        Feature.LIMIT_EFFORT: via_api(_SIDECAR),
+        Feature.DAMPING: via_api(_COMPUTED),
+        Feature.BALL_DAMPING: via_api(_COMPUTED),
+        Feature.ARMATURE: via_api(_SIDECAR),
+        Feature.SPRING: via_api(_COMPUTED),
+        Feature.BALL_SPRING: via_api(_COMPUTED),
+        Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+        Feature.FRICTION: via_api(_SIDECAR),
+        Feature.FRICTION_PAIRS: via_api(_COPIES),
+        Feature.RESTITUTION: via_api(_SIDECAR),
+        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
+        Feature.PASSING_PAIRS: via_api(_SIDECAR),
+        Feature.IMPACT_FRICTION: EXACT,
+        Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
+        Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
+        Feature.COLLISION_GROUPS: via_api(_SIDECAR),
+        Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+    }
+
+    def emit(self, world: World, target: Target) -> dict[str, str]:
+        """``world.skel`` and ``sidecar.json``. Raises UnsupportedError for what this world cannot have in DART."""
+        _check(world, target)
+        moved, offsets = recentre_free_roots(world)
+        at_zero = poses(_at_origin(moved), at_zero=True)
+        nodes = Nodes(world, target.plan)
+        static = {name for name, group in rigid_groups(moved).items() if group == "world"}
+        content = {
+            "name": world.name,
+            "timestep": world.physics.timestep,
+            "gravity": world.physics.gravity,
+            "collision_detector": collision_detector(world, target),
+            "skeletons": [
+                {
+                    "name": root,
+                    "mobile": "false" if all(body.name in static for body in bodies) else "true",
+                    "bodies": [
+                        _body(body, node, at_zero[body.name], target.plan)
+                        for body in bodies
+                        for node in nodes.of[body.name]
+                    ],
+                    "joints": [
+                        _joint(body) if node.index == 0 else _weld(node)
+                        for body in bodies
+                        for node in nodes.of[body.name]
+                    ],
+                }
+                for root, bodies in trees(moved).items()
+            ],
+        }
+        return {
+            WORLD: environment().get_template("skel/world.skel.j2").render(content),
+            SIDECAR: sidecar_text(_sidecar(self.FORMAT, world, target, nodes, offsets)),
+        }
+
+    def read(self, folder: Path) -> ReadBack:
+        """Read ``world.skel`` with the standard library's XML parser (see ``dialects/dart/reading.py``)."""
+        from simspec.dialects.dart.reading import read_folder
+
+        return read_folder(folder)
+
+
+def file_name(name: str) -> str:
+    """The name of a body in the file."""
+    return RESERVED.get(name, name)
+
+
+def world_name(name: str) -> str:
+    """The inverse of :func:`file_name`."""
+    return {there: here for here, there in RESERVED.items()}.get(name, name)
+
+
+def node_name(node: Node) -> str:
+    """The name of a body's node in the file."""
+    own = file_name(node.body)
+    return own if node.index == 0 else COPY.format(body=own, index=node.index)
+
+
+def contact_solver(world: World, target: Target) -> str:
+    """The setting ``contact_solver``, with ``auto`` resolved by the friction cone."""
+    chosen = str(target.settings["contact_solver"])
+    return SOLVERS.get(world.contact.friction_cone, "nsgs") if chosen == "auto" else chosen
+
+
+def collision_detector(world: World, target: Target) -> str:
+    """The setting ``collision_detector``, with ``auto`` resolved."""
+    return detector_of(world, target.engine, str(target.settings["collision_detector"]))
+
+
+def _check(world: World, target: Target) -> None:
+    """Raise UnsupportedError for settings that would change the model, and for contact that DART gets wrong."""
+    found = problems(world, collision_detector(world, target), target.engine)
+    accepted = world.options(target.engine).accept
+    found += [
+        Problem(
+            f"{target.engine} takes a friction coefficient of up to {TINY_FRICTION} for none",
+            f"contact.pairs.{pair.first}.{pair.second}.friction",
+            found=f"{pair.friction}",
+            allowed=f"0, or above {TINY_FRICTION}",
+            hint=f"accept it by name: engines.{target.engine}.accept: [material.friction]",
+        )
+        for pair in world.contact.pairs
+        if pair.collide and 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted
+    ]
+    if found:
+        raise UnsupportedError(found)
+
+
+def rotation_vector(q: Quaternion) -> Vector3:
+    """log R, in DART's coordinates (see ``SMALL_TURN``)."""
+    w, x, y, z = q
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return (0.0, 0.0, 0.0)
+    turn = 2.0 * frames.angle(sine, w)
+    if SMALL_TURN[0] < turn < SMALL_TURN[1]:
+        turn -= 2.0 * math.pi
+    factor = turn / sine
+    return (x * factor, y * factor, z * factor)
+
+
+def _at_origin(world: World) -> World:
+    """The world with every free root at the origin, unturned."""
+    return dataclasses.replace(
+        world,
+        bodies=tuple(
+            dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=(0.0, 0.0, 0.0, *frames.IDENTITY)))
+            if body.joint.kind == "free"
+            else body
+            for body in world.bodies
+        ),
+    )
+
+
+def _transformation(pose: Pose) -> tuple[float, ...]:
+    return (*pose.position, *frames.to_euler_xyz(pose.quaternion))
+
+
+def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> dict[str, Any]:
+    """A body's own node with what is seen of it, or a further one, without mass."""
+    inertial = body.inertial if node.index == 0 else Inertial(0.0)
+    copies = [
+        _shape(shape)
+        for shape in solid_shapes(body)
+        for layer in plan.layers(shape.material)
+        if (shape.material, layer) in node.parts
+    ]
+    return {
+        "name": node_name(node),
+        "pose": _transformation(at_zero),
+        "mass": inertial.mass,
+        "inertia": inertial.inertia,
+        "centre_of_mass": inertial.centre_of_mass,
+        "seen": [_shape(shape) for shape in body.shapes if shape.visual] if node.index == 0 else [],
+        "solid": copies,
+    }
+
+
+def _shape(shape: Shape) -> dict[str, Any]:
+    if shape.kind == "plane":
+        tag, sizes = PLANE
+    else:
+        tag, parts, factor = GEOMETRY[shape.kind]
+        sizes = tuple((name, tuple(value * factor for value in shape.size[part])) for name, part in parts)
+    return {
+        "tag": tag,
+        "sizes": sizes,
+        "pose": _transformation(shape.pose),
+        "colour": shape.colour,
+    }
+
+
+def _joint(body: Body) -> dict[str, Any]:
+    joint = body.joint
+    position, velocity = _coordinates(joint)
+    return {
+        "name": joint.name,
+        "type": JOINT_TYPES[joint.kind],
+        "parent": "world" if joint.parent is None else file_name(joint.parent),
+        "child": file_name(body.name),
+        "axis": joint.axis if joint.kind in ("hinge", "slide") else None,
+        "limits": joint.position_limits,
+        "dry_friction": joint.dry_friction,
+        "position": position,
+        "velocity": velocity,
+    }
+
+
+def _weld(node: Node) -> dict[str, Any]:
+    """What holds a further node to the body's own."""
+    nothing = {"axis": None, "limits": None, "dry_friction": 0.0, "position": (), "velocity": ()}
+    name, parent = node_name(node), file_name(node.body)
+    return {"name": name, "type": JOINT_TYPES["fixed"], "parent": parent, "child": name, **nothing}
+
+
+def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A joint's initial position and velocity in DART's coordinates; of a free joint the rotation comes first."""
+    if joint.kind == "ball":
+        return rotation_vector(joint.position), joint.velocity  # type: ignore[arg-type]
+    if joint.kind == "free":
+        turn = rotation_vector(joint.position[3:7])  # type: ignore[arg-type]
+        return (*turn, *joint.position[:3]), (*joint.velocity[3:], *joint.velocity[:3])
+    return joint.position, joint.velocity
+
+
+def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
+    settings = dict(target.settings)
+    settings["contact_solver"] = contact_solver(world, target)
+    settings["collision_detector"] = collision_detector(world, target)
+    groups: dict[str, list[str]] = {}
+    for body in world.bodies:
+        if solid_shapes(body):
+            groups.setdefault(body.collision_group, []).append(body.name)
+    ignored = [pair for pair in world.contact.ignored_groups if pair[0] in groups and pair[1] in groups]
+    named = {group for pair in ignored for group in pair}
+
+    def entries(field: str) -> list[dict[str, Any]]:
+        return [
+            {"body": body.name, "value": getattr(body.joint, field)}
+            for body in world.bodies
+            if getattr(body.joint, field)
+        ]
+
+    return sidecar(
+        name,
+        world,
+        dataclasses.replace(target, settings=settings),
+        offsets,
+        models=[body.model for body in world.bodies],
+        shapes=[
+            {
+                "name": shape.name,
+                "body": body.name,
+                "visual": shape.visual,
+                "material": shape.material if shape.collision else "",
+                "surfaces": _surfaces(shape, nodes.of[body.name], target.plan),
+            }
+            for body in world.bodies
+            for shape in body.shapes
+        ],
+        enforce_limits=[body.name for body in world.bodies if body.joint.position_limits is not None],
+        velocity_limits=entries("velocity_limit"),
+        effort_limits=entries("effort_limit"),
+        damping=entries("damping"),
+        armature=entries("armature"),
+        springs=[
+            {"body": body.name, "stiffness": body.joint.spring_stiffness, "rest": body.joint.spring_rest}
+            for body in world.bodies
+            if body.joint.spring_stiffness
+        ],
+        ignored_groups=ignored,
+        groups={group: names for group, names in sorted(groups.items()) if group in named},
+        excluded=excluded_pairs_to_write(world),
+        copies=[
+            {"node": node_name(node), "body": body.name}
+            for body in world.bodies
+            for node in nodes.of[body.name]
+            if node.index > 0
+        ],
+        filter=_filter(nodes),
+    )
+
+
+def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> list[dict[str, Any]]:
+    """The copies of a shape in the order of their layers: the node each is on, and its numbers there."""
+    if not shape.collision:
+        return []
+    place = {part: node_name(node) for node in nodes for part in node.parts}
+    return [
+        {
+            "node": place[shape.material, layer],
+            "layer": layer,
+            "friction": plan.numbers[shape.material, layer].friction,
+            "restitution": plan.numbers[shape.material, layer].restitution,
+        }
+        for layer in plan.layers(shape.material)
+    ]
+
+
+def _filter(nodes: Nodes) -> dict[str, Any]:
+    """Classes of nodes, and the pairs of classes that do not touch; only the classes that such a pair names. ``layers`` tells
+    a reader what the filter is for: (material, material, the layer they meet in, or null)."""
+    apart = nodes.apart()
+    named = {one for pair in apart for one in pair}
+    return {
+        "classes": {
+            class_name(parts): [node_name(node) for node in held]
+            for parts, held in nodes.classes().items()
+            if parts in named
+        },
+        "apart": [[class_name(one), class_name(other)] for one, other in apart],
+        "layers": nodes.layers() if apart else [],
+    }

@@ -1,0 +1,184 @@
+"""Defects planted into ``world.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from simspec.dialects.drake.dialect import WORLD
+from simspec.dialects.kit.defects import STEP, Files, Plant
+from simspec.dialects.kit.sidecar import sidecar_text
+from simspec.world import frames
+
+
+def _world(change: Callable[[dict], None]) -> Plant:
+    """A defect made by changing the content of ``world.json``."""
+
+    def plant(files: Files) -> dict[str, str]:
+        content = json.loads(files[WORLD])
+        change(content)
+        text = sidecar_text(content)
+        if text == files[WORLD]:
+            raise ValueError(f"the defect changed nothing in {WORLD}")
+        return {**files, WORLD: text}
+
+    return plant
+
+
+def _body(content: Mapping[str, Any], name: str) -> Any:
+    return next(body for body in content["bodies"] if body["name"] == name)
+
+
+def _number(body: str, *path: str | int, by: float = STEP, times: float = 1.0) -> Plant:
+    """Move, or scale, a number of a body."""
+
+    def edit(content: dict) -> None:
+        place = _body(content, body)
+        for step in path[:-1]:
+            place = place[step]
+        place[path[-1]] = place[path[-1]] * times if times != 1.0 else place[path[-1]] + by
+
+    return _world(edit)
+
+
+def _turned(vector: list[float]) -> list[float]:
+    """A quaternion turned a little about its own x axis."""
+    return list(frames.multiply(tuple(vector), frames.from_axis_angle((1.0, 0.0, 0.0), STEP)))  # type: ignore[arg-type]
+
+
+def _orientation(body: str, *path: str | int) -> Plant:
+    def edit(content: dict) -> None:
+        place = _body(content, body)
+        for step in path:
+            place = place[step]
+        place["quaternion"] = _turned(place["quaternion"])
+
+    return _world(edit)
+
+
+def _axis(content: dict) -> None:
+    joint = _body(content, "upper")["joint"]
+    joint["axis"] = list(frames.rotate(frames.from_axis_angle((1.0, 0.0, 0.0), STEP), tuple(joint["axis"])))
+
+
+def _reversed(content: dict) -> None:
+    joint = _body(content, "upper")["joint"]
+    joint["axis"] = [-x for x in joint["axis"]]
+
+
+def _set(body: str, part: str, field: str, value: Any) -> Plant:
+    def edit(content: dict) -> None:
+        _body(content, body)[part][field] = value
+
+    return _world(edit)
+
+
+def _drop_cube(content: dict) -> None:
+    content["bodies"].remove(_body(content, "cube"))
+    content["apart"]["bodies"] = [pair for pair in content["apart"]["bodies"] if "cube" not in pair]
+
+
+def _sphere_for_box(content: dict) -> None:
+    _body(content, "cube")["shapes"][0].update(kind="sphere", size=[0.05])
+
+
+def _not_solid(content: dict) -> None:
+    _body(content, "cube")["shapes"][0]["copies"].clear()
+
+
+def _pair_value(content: dict) -> None:
+    """Halve ice's number in the layer where it meets rubber."""
+    layer = next(layer for one, other, layer in content["meets"] if {one, other} == {"ice", "rubber"})
+    copies = _body(content, "ice_cube")["shapes"][0]["copies"]
+    next(copy for copy in copies if copy["layer"] == layer)["friction"] *= 0.5
+
+
+def _cone(content: dict) -> None:
+    content["friction_cone"] = "pyramid-circumscribed"
+
+
+def _copy_filter(content: dict) -> None:
+    """Ice and rubber meet in another layer."""
+    entry = next(entry for entry in content["meets"] if {entry[0], entry[1]} == {"ice", "rubber"})
+    entry[2] = 1 - entry[2]
+
+
+def _passing_pair(content: dict) -> None:
+    content["meets"].append(["ghost", "ice", 0])
+
+
+def _apart(*, drop: tuple[str, str] | None = None, add: tuple[str, str] | None = None) -> Plant:
+    def edit(content: dict) -> None:
+        if drop:
+            content["apart"]["bodies"].remove(list(drop))
+        if add:
+            content["apart"]["bodies"].append(list(add))
+
+    return _world(edit)
+
+
+def _no_groups(content: dict) -> None:
+    content["apart"]["groups"].clear()
+
+
+def _group(content: dict) -> None:
+    _body(content, "quiet")["group"] = "default"
+    content["apart"]["groups"] = [["arm", "default"]]
+
+
+def _gravity(content: dict) -> None:
+    content["gravity"][2] += STEP
+
+
+def _timestep(content: dict) -> None:
+    content["timestep"] *= 1.0 + STEP
+
+
+DEFECTS: Mapping[str, Plant | str] = {
+    "mass": _number("lower", "mass", times=1.0 + STEP),
+    "centre of mass": _number("lower", "centre_of_mass", 0),
+    "inertia, diagonal": _number("lower", "inertia", 0, times=1.0 + STEP),
+    "inertia, sign of a product": _number("lower", "inertia", 3, times=-1.0),
+    "body dropped": _world(_drop_cube),
+    "joint type": _set("upper", "joint", "kind", "slide"),
+    "axis": _world(_axis),
+    "axis reversed": _world(_reversed),
+    "joint origin, position": _number("lower", "joint", "origin", "position", 0),
+    "joint origin, orientation": _orientation("lower", "joint", "origin"),
+    "position limit": _number("upper", "joint", "position_limits", 1),
+    "position limit dropped": _set("upper", "joint", "position_limits", None),
+    "velocity limit": _number("upper", "joint", "velocity_limit"),
+    "effort limit": _number("upper", "joint", "effort_limit"),
+    "damping": _number("upper", "joint", "damping"),
+    "spring stiffness": _number("lower", "joint", "spring_stiffness"),
+    "spring rest": _number("lower", "joint", "spring_rest"),
+    "dry friction": _number("upper", "joint", "dry_friction", times=1.0 + STEP),
+    "armature": _number("upper", "joint", "armature"),
+    "ball damping": _number("bob", "joint", "damping"),
+    "ball spring": _number("bob", "joint", "spring_stiffness"),
+    "initial position": _number("upper", "joint", "position", 0),
+    "initial velocity": _number("upper", "joint", "velocity", 0),
+    "shape type": _world(_sphere_for_box),
+    "shape size": _number("ball", "shapes", 0, "size", 0, times=1.0 + STEP),
+    "shape position": _number("lower", "shapes", 0, "pose", "position", 0),
+    "shape orientation": _orientation("lower", "shapes", 0, "pose"),
+    "shape not solid": _world(_not_solid),
+    "friction": _number("ball", "shapes", 0, "copies", 0, "friction", by=-STEP),
+    "restitution": _number("ball", "shapes", 0, "copies", 0, "restitution", by=-STEP),
+    "pair value": _world(_pair_value),
+    "cone": _world(_cone),
+    "hardness": "the engines that read it have one hardness, by a rule of their own: no file has a number for it",
+    "copy filter": _world(_copy_filter),
+    "passing pair": _world(_passing_pair),
+    "torsional friction": _number("ball", "shapes", 0, "copies", 0, "torsional_friction", times=0.5),
+    "rolling friction": _number("ball", "shapes", 0, "copies", 0, "rolling_friction", times=0.5),
+    "excluded pair dropped": _apart(drop=("ball", "cube")),
+    "excluded pair too many": _apart(add=("ball", "floor")),
+    "collision group": _world(_group),
+    "excluded pair of a mechanism dropped": _apart(drop=("lower", "upper")),
+    "excluded pair of a mechanism too many": _apart(add=("ball", "lower")),
+    "group filter dropped": _world(_no_groups),
+    "gravity": _world(_gravity),
+    "timestep": _world(_timestep),
+}

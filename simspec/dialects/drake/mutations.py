@@ -1,0 +1,50 @@
+"""What could stand in ``world.json`` and does not, and what moves nothing, for the complete self-test (see
+``dialects/kit/mutations.py``). The form is checked field by field, so that a field more or less is refused."""
+
+from __future__ import annotations
+
+from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+
+WORLD = "world.json"
+COPY = '{"layer": 7, "friction": 0.3, "torsional_friction": 0, "rolling_friction": 0, "restitution": 0}'
+
+ADDITIONS = (
+    Addition("", "1.0", "strength"),
+    Addition("bodies.*", "0.1", "drag"),
+    Addition("bodies.*.joint", "0.1", "backlash"),
+    Addition("bodies.*.shapes.*", "0.01", "margin"),
+    Addition("bodies.*.shapes.*.copies", COPY),
+    Addition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),
+    Addition("meets", '["nothing", "nothing", 0]'),
+    Addition("apart.bodies", '["nobody", "nothing"]'),
+    Addition("apart.groups", '["nobody", "nothing"]'),
+)
+
+SEEN = "only seen"
+SYMMETRIC = "the order of what is found by name, or of two that are told of each other"
+
+TABLE = MutationTable(
+    words={
+        "bodies.*.joint.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+        "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+        "bodies.*.shapes.*.kind": ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "something-else"),
+        "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
+        "settings.contact_approximation": ("auto", "sap", "tamsi", "something-else"),
+    },
+    integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
+    additions={
+        WORLD: ADDITIONS,
+        "sidecar.json": (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
+    },
+    inert=(
+        Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
+        Inert("*quaternion*", "q and −q are one rotation", ("sign",), WORLD),
+        Inert("bodies.*.joint.position.*", "q and −q are one rotation", ("sign",), WORLD),
+        Inert("bodies.*.shapes.*.pose.quaternion.*", "a turn of what is round", (), WORLD),
+        Inert("bodies.*.shapes.*.pose.position.*", "a shift of a plane within itself", (), WORLD),
+        Inert("bodies.*.shapes.*", "the order of what is seen among what is solid", ("swapped",), WORLD),
+        Inert("apart.bodies.*", "engines keep what is welded together apart themselves", ("element removed",), WORLD),
+        Inert("bodies.*.shapes.*.colour*", SEEN, (), WORLD),
+        *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
+    ),
+)

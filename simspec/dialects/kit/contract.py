@@ -1,0 +1,94 @@
+"""What a dialect is: how a world is said to an engine in the language of its files, and how what was said is understood."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar, sidecar_text
+from simspec.dialects.kit.target import Target
+from simspec.formats.kit.contract import Format, formats
+from simspec.plugins import Offered, offered
+from simspec.support.features import Table, check_total
+from simspec.world.types import ReadBack, World
+
+
+@dataclass(frozen=True, slots=True)
+class Lowered:
+    """A world in an engine's dialect: the tree that the format writes, and the sidecar for what the files cannot carry."""
+
+    tree: Any
+    sidecar: Mapping[str, Any]
+
+
+class Dialect:
+    """How one engine, or several, are told a world in the files of a format. Subclasses are in ``dialects/<name>/dialect.py``.
+
+    Beside that module, ``defects.py`` (``DEFECTS``) and ``mutations.py`` (``TABLE``) say what the self-tests plant.
+    """
+
+    NAME: ClassVar[str]
+    FORMAT: ClassVar[str]
+    """The format of the files."""
+    SUPPORT: ClassVar[Table]
+    """What files and sidecar can say of each feature. ``via_api`` = it goes into the sidecar."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        check_total(f"dialect {cls.NAME}", cls.SUPPORT)
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        """``world`` as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""
+        raise NotImplementedError
+
+    def raise_(self, document: Any, sidecar: Mapping[str, Any]) -> ReadBack:
+        """The model that a document of the format and its sidecar mean to the engine, in the world's frames and order.
+
+        It shares no code with ``lower``, so that one error cannot hide another. Sidecar values that belong to the model are
+        read too. Raises ValueError, KeyError for what is damaged.
+        """
+        raise NotImplementedError
+
+    def emit(self, world: World, target: Target) -> dict[str, str]:
+        """The files of ``world`` as {relative path: text}, ``sidecar.json`` among them."""
+        lowered = self.lower(world, target)
+        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(lowered.sidecar)}
+
+    def read(self, folder: Path) -> ReadBack:
+        """The model that the files in ``folder`` hold (proof level L0)."""
+        return self.raise_(self.format.read(folder), read_sidecar(folder))
+
+    @property
+    def format(self) -> Format:
+        """The format of the files."""
+        return formats()[self.FORMAT]
+
+
+@functools.cache
+def _offered() -> Offered:
+    return offered("simspec.dialects", _sound)
+
+
+def _sound(name: str, kind: Any) -> Dialect:
+    """The dialect, if it is one that can be used. Raises TypeError, ValueError."""
+    if not (isinstance(kind, type) and issubclass(kind, Dialect)):
+        raise TypeError("it is no Dialect")
+    missing = [word for word in ("NAME", "FORMAT", "SUPPORT") if not hasattr(kind, word)]
+    if missing or name != kind.NAME:
+        raise ValueError(f"it does not say its {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
+    if kind.FORMAT not in formats():
+        raise ValueError(f"its files are {kind.FORMAT!r}, which no format is")
+    return kind()
+
+
+def dialects() -> Mapping[str, Dialect]:
+    """Every installed dialect by name (entry points ``simspec.dialects``)."""
+    return _offered().good
+
+
+def broken_dialects() -> Mapping[str, str]:
+    """The dialects that are offered and cannot be used, with the reason."""
+    return _offered().broken

@@ -1,0 +1,151 @@
+"""Defects to plant into compiled files, to see whether the proof notices: the names, and the tools to edit files with.
+
+Each format has a module ``<format>_defects`` with a table DEFECTS: for every name of ``NAMES`` a function from files to
+files with that one defect in them, or a sentence saying why files of this format cannot have it. The worlds they are planted
+into are those of ``proof/selftest_worlds.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from xml.etree import ElementTree
+
+from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
+from simspec.formats.kit.passes import tensor
+from simspec.formats.kit.text import number, numbers
+from simspec.world import frames
+
+Files = Mapping[str, str]
+Plant = Callable[[Files], dict[str, str]]
+
+NAMES: Mapping[str, str] = {
+    "mass": "model",
+    "centre of mass": "model",
+    "inertia, diagonal": "model",
+    "inertia, sign of a product": "model",
+    "body dropped": "model",
+    "joint type": "model",
+    "axis": "model",
+    "axis reversed": "model",
+    "joint origin, position": "model",
+    "joint origin, orientation": "model",
+    "position limit": "model",
+    "position limit dropped": "model",
+    "velocity limit": "model",
+    "effort limit": "model",
+    "damping": "model",
+    "spring stiffness": "model",
+    "spring rest": "model",
+    "dry friction": "dry friction",
+    "armature": "armature",
+    "ball damping": "ball joint",
+    "ball spring": "ball joint",
+    "initial position": "model",
+    "initial velocity": "model",
+    "shape type": "model",
+    "shape size": "model",
+    "shape position": "model",
+    "shape orientation": "model",
+    "shape not solid": "model",
+    "friction": "model",
+    "restitution": "bouncing",
+    "pair value": "surfaces",
+    "cone": "surfaces",
+    "hardness": "surfaces",
+    "copy filter": "surfaces",
+    "passing pair": "surfaces",
+    "torsional friction": "rolling",
+    "rolling friction": "rolling",
+    "excluded pair dropped": "model",
+    "excluded pair too many": "model",
+    "collision group": "model",
+    "excluded pair of a mechanism dropped": "model",
+    "excluded pair of a mechanism too many": "model",
+    "group filter dropped": "model",
+    "gravity": "model",
+    "timestep": "model",
+}
+"""The name of each defect, and the world it is planted into.
+
+In the world "surfaces": *pair value* the friction of ice with rubber, halved; *cone* another than the world's; *hardness*
+contact ten times as soft; *copy filter* copies of two shapes, or an explicit pair, that act where another pair of materials
+should; *passing pair* ghost and ice touch. In "rolling": the number of the pair, halved.
+"""
+
+STEP = 1e-3
+"""How far a planted length, angle or share is off: a slip of the pen, a million times the proof's tolerance."""
+
+
+def xml(path: str, change: Callable[[ElementTree.Element], None]) -> Plant:
+    """A defect made by changing the XML tree of one file."""
+
+    def plant(files: Files) -> dict[str, str]:
+        root = ElementTree.fromstring(files[path])
+        before = ElementTree.tostring(root)
+        change(root)
+        after = ElementTree.tostring(root, encoding="unicode")
+        if after.encode() == before:
+            raise ValueError(f"the defect changed nothing in {path}")
+        return {**files, path: '<?xml version="1.0" encoding="utf-8"?>\n' + after + "\n"}
+
+    return plant
+
+
+def sidecar(change: Callable[[dict], None]) -> Plant:
+    """A defect made by changing the sidecar."""
+
+    def plant(files: Files) -> dict[str, str]:
+        content = json.loads(files[SIDECAR])
+        change(content)
+        text = sidecar_text(content)
+        if text == files[SIDECAR]:
+            raise ValueError("the defect changed nothing in the sidecar")
+        return {**files, SIDECAR: text}
+
+    return plant
+
+
+def one(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    """The one element at ``path``. Raises LookupError when there is none."""
+    found = root.find(path)
+    if found is None:
+        raise LookupError(f"no element {path}")
+    return found
+
+
+def floats(text: str | None) -> list[float]:
+    """The numbers of an attribute or a text."""
+    return [float(part) for part in (text or "").split()]
+
+
+def nudged(text: str | None, index: int = 0, by: float = STEP) -> str:
+    """The same numbers with one of them moved by ``by``."""
+    values = floats(text)
+    values[index] += by
+    return numbers(values)
+
+
+def scaled(text: str | None, index: int = 0, by: float = 1.0 + STEP) -> str:
+    """The same numbers with one of them scaled."""
+    values = floats(text)
+    values[index] *= by
+    return numbers(values)
+
+
+def turned_axis(text: str | None) -> str:
+    """A unit axis turned a little about x (about y where it is x itself)."""
+    axis = tuple(floats(text))
+    about = (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)  # type: ignore[misc]
+    return numbers(frames.rotate(frames.from_axis_angle(about, STEP), axis))  # type: ignore[arg-type]
+
+
+def flipped_product(moments: tuple[float, ...], turn: tuple[float, ...]) -> tuple[float, ...]:
+    """The tensor (xx, yy, zz, xy, xz, yz) of principal moments and axes, with the sign of Ixy flipped."""
+    xx, yy, zz, xy, xz, yz = tensor(moments, turn)  # type: ignore[arg-type]
+    return (xx, yy, zz, -xy, xz, yz)
+
+
+def text_of(value: float) -> str:
+    """One number as formats print it."""
+    return number(value)

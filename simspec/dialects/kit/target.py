@@ -1,0 +1,20 @@
+"""What a dialect must know of the engine it writes for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from simspec.contact.plan import ContactPlan, Rules
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a dialect must know of the engine it writes for; data, given by the engine's module."""
+
+    engine: str
+    rules: Rules
+    """How the engine combines the numbers of two shapes."""
+    plan: ContactPlan
+    """The numbers that shapes get, and the layers of their copies."""
+    settings: Mapping[str, bool | int | float | str]

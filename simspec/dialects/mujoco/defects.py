@@ -1,0 +1,188 @@
+"""Defects planted into MJCF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from xml.etree.ElementTree import Element, SubElement
+
+from simspec.dialects.kit.defects import Plant, flipped_product, floats, nudged, one, scaled, turned_axis, xml
+from simspec.dialects.mujoco.dialect import MODEL
+from simspec.formats.kit.text import numbers
+
+BODY = ".//body[@name='{}']"
+INERTIAL = ".//body[@name='lower']/inertial"
+HINGE = ".//joint[@name='upper_joint']"
+SLIDE = ".//joint[@name='lower_joint']"
+KEY = "keyframe/key"
+
+
+def _attribute(path: str, name: str, change: Callable[[str], str]) -> Plant:
+    def edit(root: Element) -> None:
+        element = one(root, path)
+        element.set(name, change(element.attrib[name]))
+
+    return xml(MODEL, edit)
+
+
+def _flip(root: Element) -> None:
+    element = one(root, INERTIAL)
+    moments, turn = floats(element.attrib.pop("diaginertia")), floats(element.attrib.pop("quat"))
+    element.set("fullinertia", numbers(flipped_product(tuple(moments), tuple(turn))))
+
+
+def _drop_cube(root: Element) -> None:
+    one(root, "worldbody").remove(one(root, BODY.format("cube")))
+    contact = one(root, "contact")
+    for element in list(contact):
+        if "cube" in " ".join(element.attrib.values()):
+            contact.remove(element)
+    key = one(root, KEY)
+    qpos, qvel = floats(key.attrib["qpos"]), floats(key.attrib["qvel"])
+    key.set("qpos", numbers(qpos[:9] + qpos[16:]))
+    key.set("qvel", numbers(qvel[:8] + qvel[14:]))
+
+
+def _not_limited(root: Element) -> None:
+    joint = one(root, HINGE)
+    joint.set("limited", "false")
+
+
+def _sphere_for_box(root: Element) -> None:
+    geom = one(root, ".//geom[@name='cube_0']")
+    geom.set("type", "sphere")
+
+
+def _not_solid(root: Element) -> None:
+    geom = one(root, ".//geom[@name='cube_0']")
+    geom.set("contype", "0")
+    geom.set("conaffinity", "0")
+    contact = one(root, "contact")
+    for pair in contact.findall("pair"):
+        if "cube_0" in pair.attrib.values():
+            contact.remove(pair)
+
+
+def _drop_exclude(root: Element) -> None:
+    contact = one(root, "contact")
+    contact.remove(one(contact, "exclude[@body1='ball']"))
+
+
+def _exclude_too_many(root: Element) -> None:
+    contact = one(root, "contact")
+    for pair in contact.findall("pair"):
+        if set(pair.attrib.values()) >= {"floor_0", "ball_0"}:
+            contact.remove(pair)
+    SubElement(contact, "exclude", {"body1": "ball", "body2": "floor"})
+
+
+def _drop_linked(root: Element) -> None:
+    contact = one(root, "contact")
+    contact.remove(one(contact, "exclude[@body1='lower']"))
+
+
+def _linked_too_many(root: Element) -> None:
+    """An explicit pair passes by exclusions."""
+    contact = one(root, "contact")
+    for pair in contact.findall("pair"):
+        if {pair.get("geom1"), pair.get("geom2")} == {"lower_0", "ball_0"}:
+            contact.remove(pair)
+    SubElement(contact, "exclude", {"body1": "ball", "body2": "lower"})
+
+
+def _no_groups(root: Element) -> None:
+    for geom in root.iter("geom"):
+        if geom.get("class") != "visual":
+            for name in ("contype", "conaffinity"):
+                geom.attrib.pop(name, None)
+
+
+def _group(root: Element) -> None:
+    geom = one(root, ".//geom[@name='quiet_0']")
+    same = one(root, ".//geom[@name='cube_0']")
+    geom.set("contype", same.attrib["contype"])
+    geom.set("conaffinity", same.attrib["conaffinity"])
+
+
+def _pair_value(root: Element) -> None:
+    """The friction of ice with rubber, in every explicit pair of the two."""
+    for pair in _explicit(root, {"floor_ice", "rubber_cube_0"}, {"floor_rubber", "ice_cube_0"}):
+        one_value, other, *rest = floats(pair.attrib["friction"])
+        pair.set("friction", numbers((one_value / 2.0, other / 2.0, *rest)))
+
+
+def _explicit(root: Element, *pairs: set[str]) -> list[Element]:
+    found = [
+        pair for pair in one(root, "contact").findall("pair") if {pair.attrib["geom1"], pair.attrib["geom2"]} in pairs
+    ]
+    if len(found) != len(pairs):
+        raise LookupError(f"{len(found)} explicit pairs of {pairs}")
+    return found
+
+
+def _soft(root: Element) -> None:
+    """All contact takes back a tenth of what it should: pairs and classes of materials."""
+    for element in one(root, "default").iter():
+        if "solref" in element.attrib:
+            element.set("solref", scaled(element.attrib["solref"], 0, 0.1))
+
+
+def _wrong_pair(root: Element) -> None:
+    """An explicit pair that names another shape than it should."""
+    (pair,) = _explicit(root, {"floor_ice", "rubber_cube_0"})
+    pair.set("geom1" if pair.attrib["geom1"] == "rubber_cube_0" else "geom2", "ghost_cube_0")
+
+
+def _ghost_touches(root: Element) -> None:
+    """The ghost has the masks of rubber."""
+    ghost, rubber = one(root, ".//geom[@name='ghost_cube_0']"), one(root, ".//geom[@name='rubber_cube_0']")
+    for name in ("contype", "conaffinity"):
+        ghost.set(name, rubber.attrib[name])
+
+
+DEFECTS: Mapping[str, Plant | str] = {
+    "mass": _attribute(INERTIAL, "mass", scaled),
+    "centre of mass": _attribute(INERTIAL, "pos", nudged),
+    "inertia, diagonal": _attribute(INERTIAL, "diaginertia", scaled),
+    "inertia, sign of a product": xml(MODEL, _flip),
+    "body dropped": xml(MODEL, _drop_cube),
+    "joint type": _attribute(HINGE, "type", lambda _: "slide"),
+    "axis": _attribute(HINGE, "axis", turned_axis),
+    "axis reversed": _attribute(HINGE, "axis", lambda text: numbers(-x for x in floats(text))),
+    "joint origin, position": _attribute(BODY.format("lower"), "pos", nudged),
+    "joint origin, orientation": _attribute(BODY.format("lower"), "quat", lambda text: nudged(text, 1)),
+    "position limit": _attribute(HINGE, "range", lambda text: nudged(text, 1)),
+    "position limit dropped": xml(MODEL, _not_limited),
+    "velocity limit": _attribute(HINGE, "user", lambda text: nudged(text, 0)),
+    "effort limit": _attribute(HINGE, "user", lambda text: nudged(text, 1)),
+    "damping": _attribute(HINGE, "damping", scaled),
+    "spring stiffness": _attribute(SLIDE, "stiffness", scaled),
+    "spring rest": _attribute(SLIDE, "springref", nudged),
+    "dry friction": _attribute(HINGE, "frictionloss", scaled),
+    "armature": _attribute(HINGE, "armature", scaled),
+    "ball damping": _attribute(".//joint[@name='bob_joint']", "damping", scaled),
+    "ball spring": _attribute(".//joint[@name='bob_joint']", "stiffness", scaled),
+    "initial position": _attribute(KEY, "qpos", nudged),
+    "initial velocity": _attribute(KEY, "qvel", nudged),
+    "shape type": xml(MODEL, _sphere_for_box),
+    "shape size": _attribute(".//geom[@name='ball_0']", "size", scaled),
+    "shape position": _attribute(".//geom[@name='lower_0']", "pos", nudged),
+    "shape orientation": _attribute(".//geom[@name='lower_0']", "quat", lambda text: nudged(text, 1)),
+    "shape not solid": xml(MODEL, _not_solid),
+    "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
+    "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
+    "excluded pair dropped": xml(MODEL, _drop_exclude),
+    "excluded pair too many": xml(MODEL, _exclude_too_many),
+    "collision group": xml(MODEL, _group),
+    "excluded pair of a mechanism dropped": xml(MODEL, _drop_linked),
+    "excluded pair of a mechanism too many": xml(MODEL, _linked_too_many),
+    "group filter dropped": xml(MODEL, _no_groups),
+    "pair value": xml(MODEL, _pair_value),
+    "cone": _attribute("option", "cone", lambda _: "pyramidal"),
+    "hardness": xml(MODEL, _soft),
+    "copy filter": xml(MODEL, _wrong_pair),
+    "passing pair": xml(MODEL, _ghost_touches),
+    "torsional friction": _attribute("contact/pair", "friction", lambda text: scaled(text, 2, 0.5)),
+    "rolling friction": _attribute("contact/pair", "friction", lambda text: scaled(scaled(text, 3, 0.5), 4, 0.5)),
+    "gravity": _attribute("option", "gravity", lambda text: nudged(text, 2)),
+    "timestep": _attribute("option", "timestep", scaled),
+}

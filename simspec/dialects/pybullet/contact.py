@@ -1,0 +1,183 @@
+"""Contact in URDF for PyBullet: what each link holds of the law, copies of shapes on links of their own, and the filter.
+
+PyBullet holds friction, restitution and hardness once per link, multiplies two links' numbers, and filters links. So the
+shapes of a body are split by material, and copied where a table of pairs needs it (``contact/plan.py``): the first
+part stays on the body's own link, every other gets a massless link on a fixed joint.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from simspec.contact.plan import ContactPlan, Part, meeting_laws, parts
+from simspec.errors import Problem
+from simspec.formats.kit.passes import excluded_pairs_to_write
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import Body, Hardness, Surface, World
+
+FILTER_BITS = 31
+"""Collision classes that PyBullet's 32-bit group masks can tell apart (the sign bit left alone)."""
+LARGEST_FRICTION = 10.0
+"""PyBullet clamps the friction of a pair to ±10 (measured)."""
+NATIVE = "native"
+
+Key = tuple[bool, str, frozenset[tuple[str, int]]]
+"""A class of the filter: whether its links cannot move, the collision group (where it matters), and which (material, layer)
+they meet."""
+
+
+def split(body: Body, plan: ContactPlan) -> tuple[Part, ...]:
+    """The parts of a body; one without collision shapes for a body that has none."""
+    return parts(body, plan) or (Part(body.name, "", 0, (), Surface(hardness=Hardness())),)
+
+
+def copy_name(part: Part) -> str:
+    """The name of the link of a part beyond the first; no spec can give it, since names have no dots."""
+    return f"{part.body}__{part.material}.{part.layer}"
+
+
+def link_name(part: Part, first: Part) -> str:
+    """The name of a part's link."""
+    return part.body if part is first else copy_name(part)
+
+
+def contact_values(surface: Surface) -> tuple[tuple[str, float], ...]:
+    """The children of a link's ``contact`` element, by name. A pair's springs stand in series and its dampers add up, so that
+    each link has twice the stiffness and half the damping (measured)."""
+    found = [
+        ("lateral_friction", surface.friction or 0.0),
+        ("rolling_friction", surface.rolling_friction or 0.0),
+        ("spinning_friction", surface.torsional_friction or 0.0),
+        ("restitution", surface.restitution or 0.0),
+    ]
+    if surface.hardness is not None and surface.hardness.kind == "stiffness":
+        found += [("stiffness", 2.0 * surface.hardness.stiffness), ("damping", surface.hardness.damping / 2.0)]
+    return tuple(found)
+
+
+def native_contact(world: World) -> bool:
+    """Whether contact is as hard as PyBullet makes it; all pairs that meet then are (see :func:`problems`)."""
+    return any(law.hardness.kind == NATIVE for law in meeting_laws(world).values())
+
+
+def restitution_threshold(world: World) -> float:
+    """The speed below which nothing bounces: PyBullet has one for all pairs (see :func:`problems`)."""
+    return max((law.restitution_threshold for law in meeting_laws(world).values() if law.restitution), default=0.0)
+
+
+def problems(world: World) -> list[Problem]:
+    """What PyBullet holds once for all pairs, and the world has differently for some."""
+    laws = meeting_laws(world)
+    found = []
+    bouncing = {pair: law for pair, law in laws.items() if law.restitution}
+    if len({law.restitution_threshold for law in bouncing.values()}) > 1:
+        found.append(
+            _differing(
+                "one restitution_threshold for all pairs that bounce",
+                {pair: f"{law.restitution_threshold:g} m/s" for pair, law in bouncing.items()},
+                "restitution_threshold",
+            )
+        )
+    kinds = {pair: law.hardness.kind for pair, law in laws.items()}
+    if NATIVE in kinds.values() and len(set(kinds.values())) > 1:
+        found.append(_differing("its native hardness for all pairs or none", kinds, "hardness"))
+    for (first, second), law in laws.items():
+        if law.friction > LARGEST_FRICTION:
+            found.append(
+                Problem(
+                    f"PyBullet takes no friction above {LARGEST_FRICTION:g}",
+                    f"contact.pairs.{first}.{second}.friction",
+                    found=f"{law.friction:g}",
+                    allowed=f"up to {LARGEST_FRICTION:g}",
+                )
+            )
+    return found
+
+
+def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> Problem:
+    first, second = next(iter(values))
+    told = "; ".join(f"{one}, {other}: {value}" for (one, other), value in values.items())
+    return Problem(
+        f"PyBullet has {what}",
+        f"contact.pairs.{first}.{second}.{field}",
+        found=told,
+        hint="make them equal, or run without this engine",
+    )
+
+
+def collision_filter(world: World, plan: ContactPlan) -> dict[str, Any]:
+    """Classes of links (a group bit and a mask each) and pairs of links that do not touch besides.
+
+    Links are of one class when they are in groups that ignore the same, both can move or both cannot (those never touch each
+    other), and meet the same materials in the same layers. More classes than bits: what does not touch becomes pairs.
+    """
+    groups = rigid_groups(world)
+    ignored = set(world.contact.ignored_groups)
+    named = {name for pair in ignored for name in pair}
+    meets = _meeting(plan)
+    links: dict[Key, list[str]] = {}
+    of: dict[str, Key] = {}
+    holds: dict[Key, set[tuple[str, int]]] = {}
+    by_body: dict[str, list[str]] = {}
+    for body in world.bodies:
+        some = parts(body, plan)
+        for part in some:
+            group = body.collision_group if body.collision_group in named else ""
+            key = (groups[body.name] == "world", group, meets.get((part.material, part.layer), frozenset()))
+            name = link_name(part, some[0])
+            links.setdefault(key, []).append(name)
+            of[name] = key
+            holds.setdefault(key, set()).add((part.material, part.layer))
+            by_body.setdefault(body.name, []).append(name)
+    classes = sorted(links, key=lambda key: (key[0], key[1], sorted(key[2])))
+
+    def touch(one: Key, other: Key) -> bool:
+        if (one[0] and other[0]) or (min(one[1], other[1]), max(one[1], other[1])) in ignored:
+            return False
+        return not one[2].isdisjoint(holds[other])
+
+    excluded = {
+        (min(a, b), max(a, b))
+        for first, second in excluded_pairs_to_write(world)
+        for a in by_body.get(first, ())
+        for b in by_body.get(second, ())
+    }
+    for names in by_body.values():  # a body does not touch itself
+        excluded.update((min(a, b), max(a, b)) for a, b in itertools.combinations(names, 2) if touch(of[a], of[b]))
+    if len(classes) > FILTER_BITS:
+        excluded |= _apart(of, touch)
+        return {"classes": [{"group": 1, "mask": 1, "links": list(of)}], "excluded": sorted(excluded)}
+    bits = {key: 1 << index for index, key in enumerate(classes)}
+    return {
+        "classes": [
+            {
+                "group": bits[key],
+                "mask": sum(bit for other, bit in bits.items() if touch(key, other)),
+                "links": links[key],
+            }
+            for key in classes
+        ],
+        "excluded": sorted(excluded),
+    }
+
+
+def _meeting(plan: ContactPlan) -> dict[tuple[str, int], frozenset[tuple[str, int]]]:
+    """For each (material, layer) the others that it meets."""
+    found: dict[tuple[str, int], set[tuple[str, int]]] = {}
+    for (first, second), layer in plan.layer_of.items():
+        found.setdefault((first, layer), set()).add((second, layer))
+        found.setdefault((second, layer), set()).add((first, layer))
+    return {key: frozenset(others) for key, others in found.items()}
+
+
+def _apart(of: Mapping[str, Key], touch: Any) -> set[tuple[str, str]]:
+    names: Iterable[str] = sorted(of)
+    ordered = list(names)
+    return {
+        (one, other)
+        for index, one in enumerate(ordered)
+        for other in ordered[index + 1 :]
+        if not touch(of[one], of[other])
+    }

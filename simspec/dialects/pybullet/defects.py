@@ -1,0 +1,199 @@
+"""Defects planted into URDF files and their sidecar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from xml.etree.ElementTree import Element, SubElement
+
+from simspec.dialects.kit.defects import (
+    Plant,
+    flipped_product,
+    floats,
+    nudged,
+    one,
+    scaled,
+    sidecar,
+    text_of,
+    turned_axis,
+    xml,
+)
+from simspec.formats.kit.text import numbers
+from simspec.world import frames
+
+ARM, BALL, CUBE, BOB = "base.urdf", "ball.urdf", "cube.urdf", "bob.urdf"
+INERTIAL = "link[@name='lower']/inertial"
+HINGE = "joint[@name='upper_joint']"
+
+
+def _attribute(path: str, name: str, change: Callable[[str], str], file: str = ARM) -> Plant:
+    def edit(root: Element) -> None:
+        for element in root.findall(path):
+            element.set(name, change(element.attrib[name]))
+
+    return xml(file, edit)
+
+
+def _flip(root: Element) -> None:
+    origin, inertia = one(root, f"{INERTIAL}/origin"), one(root, f"{INERTIAL}/inertia")
+    turn = frames.from_rpy(*floats(origin.attrib["rpy"]))
+    moments = tuple(float(inertia.attrib[name]) for name in ("ixx", "iyy", "izz"))
+    origin.set("rpy", "0 0 0")
+    for name, value in zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), flipped_product(moments, turn), strict=True):
+        inertia.set(name, text_of(value))
+
+
+def _drop_lower(root: Element) -> None:
+    root.remove(one(root, "link[@name='lower']"))
+    root.remove(one(root, "joint[@name='lower_joint']"))
+
+
+def _not_limited(root: Element) -> None:
+    joint = one(root, HINGE)
+    joint.set("type", "continuous")
+    for name in ("lower", "upper"):  # PyBullet keeps the limits of a continuous joint that has some (measured)
+        del one(joint, "limit").attrib[name]
+
+
+def _sphere_for_box(root: Element) -> None:
+    for kind in ("visual", "collision"):
+        geometry = one(root, f"link/{kind}/geometry")
+        geometry.remove(one(geometry, "box"))
+        SubElement(geometry, "sphere", {"radius": "0.05"})
+
+
+def _not_solid(root: Element) -> None:
+    link = one(root, "link")
+    link.remove(one(link, "collision"))
+
+
+def _sidecar_number(block: str, key: str, by: float) -> Plant:
+    def edit(content: dict) -> None:
+        content[block][0][key] += by
+
+    return sidecar(edit)
+
+
+def _instance(key: str) -> Plant:
+    def edit(content: dict) -> None:
+        arm = next(instance for instance in content["instances"] if instance["file"] == ARM)
+        arm[key][0] += 1e-3
+
+    return sidecar(edit)
+
+
+def _drop_exclude(content: dict) -> None:
+    content["collision_filter"]["excluded"].remove(["ball", "cube"])
+
+
+def _exclude_too_many(content: dict) -> None:
+    content["collision_filter"]["excluded"].append(["ball", "floor"])
+
+
+def _drop_linked(content: dict) -> None:
+    content["collision_filter"]["excluded"].remove(["lower", "upper"])
+
+
+def _linked_too_many(content: dict) -> None:
+    content["collision_filter"]["excluded"].append(["ball", "lower"])
+
+
+def _no_groups(content: dict) -> None:
+    classes = content["collision_filter"]["classes"]
+    for entry in classes:
+        entry["mask"] = sum(other["group"] for other in classes)
+
+
+def _group(content: dict) -> None:
+    """The quiet body goes into the class of the cube."""
+    classes = content["collision_filter"]["classes"]
+    for one_class in classes:
+        if "quiet" in one_class["links"]:
+            one_class["links"].remove("quiet")
+    next(one_class for one_class in classes if "cube" in one_class["links"])["links"].append("quiet")
+
+
+def _class_of(content: dict, link: str) -> dict:
+    return next(one for one in content["collision_filter"]["classes"] if link in one["links"])
+
+
+def _copy_filter(content: dict) -> None:
+    """The rubber cube and its copy change places in the filter."""
+    instance = next(one for one in content["instances"] if one["bodies"] == ["rubber_cube"])
+    own, copy = "rubber_cube", instance["copies"][0]["link"]
+    for one_class in content["collision_filter"]["classes"]:
+        one_class["links"] = [{own: copy, copy: own}.get(link, link) for link in one_class["links"]]
+
+
+def _passing(content: dict) -> None:
+    ghost, ice = (_class_of(content, link) for link in ("ghost_cube", "ice_cube"))
+    ghost["mask"] |= ice["group"]
+    ice["mask"] |= ghost["group"]
+
+
+def _cone(content: dict) -> None:
+    content["friction_cone"] = "pyramid-circumscribed"
+
+
+def _softer(content: dict) -> None:
+    content["settings"]["contact_erp"] /= 10.0
+
+
+def _gravity(content: dict) -> None:
+    content["gravity"][2] += 1e-3
+
+
+def _timestep(content: dict) -> None:
+    content["timestep"] *= 1.001
+
+
+def halved(text: str | None) -> str:
+    return scaled(text, by=0.5)
+
+
+DEFECTS: Mapping[str, Plant | str] = {
+    "mass": _attribute(f"{INERTIAL}/mass", "value", scaled),
+    "centre of mass": _attribute(f"{INERTIAL}/origin", "xyz", nudged),
+    "inertia, diagonal": _attribute(f"{INERTIAL}/inertia", "ixx", scaled),
+    "inertia, sign of a product": xml(ARM, _flip),
+    "body dropped": xml(ARM, _drop_lower),
+    "joint type": _attribute(HINGE, "type", lambda _: "prismatic"),
+    "axis": _attribute(f"{HINGE}/axis", "xyz", turned_axis),
+    "axis reversed": _attribute(f"{HINGE}/axis", "xyz", lambda text: numbers(-x for x in floats(text))),
+    "joint origin, position": _attribute("joint[@name='lower_joint']/origin", "xyz", nudged),
+    "joint origin, orientation": _attribute("joint[@name='lower_joint']/origin", "rpy", nudged),
+    "position limit": _attribute(f"{HINGE}/limit", "upper", nudged),
+    "position limit dropped": xml(ARM, _not_limited),
+    "velocity limit": _attribute(f"{HINGE}/limit", "velocity", nudged),
+    "effort limit": _attribute(f"{HINGE}/limit", "effort", nudged),
+    "damping": _attribute(f"{HINGE}/dynamics", "damping", scaled),
+    "spring stiffness": _sidecar_number("springs", "stiffness", 1e-3),
+    "spring rest": _sidecar_number("springs", "rest", 1e-3),
+    "dry friction": _attribute(f"{HINGE}/dynamics", "friction", scaled),
+    "armature": _sidecar_number("armature", "armature", 1e-3),
+    "ball damping": _attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
+    "ball spring": _sidecar_number("springs", "stiffness", 1e-3),
+    "initial position": _instance("position"),
+    "initial velocity": _instance("velocity"),
+    "shape type": xml(CUBE, _sphere_for_box),
+    "shape size": _attribute("link/collision/geometry/sphere", "radius", scaled, BALL),
+    "shape position": _attribute("link[@name='lower']/collision/origin", "xyz", nudged),
+    "shape orientation": _attribute("link[@name='lower']/collision/origin", "rpy", nudged),
+    "shape not solid": xml(CUBE, _not_solid),
+    "friction": _attribute("link/contact/lateral_friction", "value", scaled, BALL),
+    "restitution": _attribute("link/contact/restitution", "value", scaled, BALL),
+    "excluded pair dropped": sidecar(_drop_exclude),
+    "excluded pair too many": sidecar(_exclude_too_many),
+    "collision group": sidecar(_group),
+    "excluded pair of a mechanism dropped": sidecar(_drop_linked),
+    "excluded pair of a mechanism too many": sidecar(_linked_too_many),
+    "group filter dropped": sidecar(_no_groups),
+    "pair value": _attribute("link/contact/lateral_friction", "value", halved, "rubber_cube.urdf"),
+    "cone": sidecar(_cone),
+    "hardness": sidecar(_softer),
+    "copy filter": sidecar(_copy_filter),
+    "passing pair": sidecar(_passing),
+    "torsional friction": _attribute("link/contact/spinning_friction", "value", halved, BALL),
+    "rolling friction": _attribute("link/contact/rolling_friction", "value", halved, BALL),
+    "gravity": sidecar(_gravity),
+    "timestep": sidecar(_timestep),
+}

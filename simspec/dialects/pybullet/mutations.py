@@ -1,0 +1,235 @@
+"""What could stand in URDF files for PyBullet and does not, and what moves nothing, for the complete self-test.
+
+The elements and attributes are those that PyBullet's reader knows (its UrdfParser), and some of plain URDF and SDF that it does
+not. See ``dialects/kit/mutations.py``.
+"""
+
+from __future__ import annotations
+
+from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
+MASSLESS = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+HEAVY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+BALL = '<geometry><sphere radius="0.3"/></geometry>'
+
+URDF_ADDITIONS = (
+    # a link's
+    Addition("contact", '<friction_anchor value="1"/>'),
+    Addition("contact", '<inertia_scaling value="2"/>'),
+    Addition("contact", '<stiffness value="1000"/>'),
+    Addition("contact", '<damping value="10"/>'),
+    Addition("contact", '<contact_cfm value="0.1"/>'),
+    Addition("contact", '<contact_erp value="0.5"/>'),
+    Addition("link", f"<collision>{BALL}</collision>"),
+    Addition("link", f'<collision group="2" mask="0">{BALL}</collision>'),
+    Addition("link", f"<visual>{BALL}</visual>"),
+    Addition("link", "<self_collide>0</self_collide>"),
+    Addition("link", '<audio_source filename="none.wav"><gain>1.0</gain></audio_source>'),
+    Addition("link", "immobile", "type"),
+    Addition("link", "true", "kinematic"),
+    Addition("collision", "2", "group"),
+    Addition("collision", "0", "mask"),
+    Addition("collision", "yes", "concave"),
+    Addition("collision", "0.05", "margin"),
+    Addition("collision", '<contact_coefficients mu="0.1" kp="10" kd="1"/>'),
+    Addition("geometry", '<box size="0.3 0.3 0.3"/>'),
+    Addition("inertial", '<mass value="9"/>'),
+    Addition("sphere", "2 2 2", "scale"),
+    Addition("box", "2 2 2", "scale"),
+    Addition("origin", "0.5 0.5 0.5 0.5", "quat"),
+    Addition("material", '<texture filename="none.png"/>'),
+    # a joint's
+    Addition("joint", '<limit lower="-0.1" upper="0.1" effort="1" velocity="0.1"/>'),
+    Addition("joint", '<limit lower="-0.1" upper="0.1" twist="0.1" effort="1" velocity="0.1"/>'),
+    Addition("joint", '<dynamics damping="3" friction="2"/>'),
+    Addition("joint", '<mimic joint="{joint[0]}" multiplier="2" offset="0.1"/>'),
+    Addition(
+        "joint", '<safety_controller k_velocity="10" k_position="15" soft_lower_limit="-1" soft_upper_limit="1"/>'
+    ),
+    Addition("joint", '<calibration rising="0.1"/>'),
+    Addition("joint", '<drive type="force" stiffness="10" damping="1"/>'),
+    Addition("limit", "-0.1", "lower"),
+    Addition("limit", "0.1", "upper"),
+    Addition("limit", "1.5", "effort"),
+    Addition("limit", "0.5", "velocity"),
+    Addition("limit", "0.1", "twist"),
+    Addition("limit", "100", "stiffness"),
+    Addition("dynamics", "50", "spring_stiffness"),
+    Addition("dynamics", "0.5", "spring_reference"),
+    # the whole file's
+    Addition("robot", f'<link name="one-more">{HEAVY}</link>'),
+    Addition(
+        "robot",
+        f'<link name="one-more">{HEAVY}</link><joint name="one-more" type="fixed"><parent link="{{link[0]}}"/>'
+        '<child link="one-more"/></joint>',
+    ),
+    Addition(
+        "robot",
+        f'<link name="one-more">{MASSLESS}<collision>{BALL}</collision></link><joint name="one-more" type="fixed">'
+        '<parent link="{link[0]}"/><child link="one-more"/></joint>',
+    ),
+    Addition("robot", '<joint name="loop" type="fixed"><parent link="{link[0]}"/><child link="{link[1]}"/></joint>'),
+    Addition("robot", '<material name="paint"><color rgba="1 0 0 1"/></material>'),
+    Addition("robot", "<gazebo><static>true</static></gazebo>"),
+    Addition("robot", '<transmission name="drive"><joint name="{joint[0]}"/></transmission>'),
+    Addition("robot", '<deformable name="cloth"><collision_margin value="0.01"/></deformable>'),
+    Addition("robot", '<self_collision value="false"/>'),
+)
+
+SIDECAR_ADDITIONS = (
+    Addition("", "[]", "sleepers"),
+    Addition("", "9.81", "strength"),
+    Addition("settings", "true", "sleeping"),
+    Addition("settings", "0.5", "global_cfm"),
+    Addition("instances.*", "true", "fixed"),
+    Addition("instances.*", "2.0", "scale"),
+    Addition("springs", '{"body": "nobody", "stiffness": 1.0, "rest": 0.0}'),
+    Addition("armature", '{"body": "nobody", "armature": 1.0}'),
+    Addition("collision_filter.classes", '{"group": 64, "mask": 64, "links": []}'),
+    Addition("collision_filter.excluded", '["nobody", "nothing"]'),
+)
+
+FIRST_ONLY = "PyBullet reads the first of such elements"
+ABSENT = "what is not given is what stands there: PyBullet's own value is the same"
+NAMED = "a name; links are known by theirs, shapes, joints and models by their places"
+SEEN = "only seen: a colour, a material, or a shape that shows the collision shape, as PyBullet does of itself"
+UNKNOWN = "PyBullet's reader does not know it"
+ELSEWHERE = "overwritten while loading, by what the sidecar says"
+ORDER = "the order of what is found by name"
+DROPPED = "of a link that cannot move: PyBullet drops mass and inertia of a fixed base"
+
+FIRST = (
+    *(
+        "axis",
+        "box",
+        "capsule",
+        "child",
+        "color",
+        "contact",
+        "cylinder",
+        "damping",
+        "dynamics",
+        "geometry",
+        "inertia",
+        "inertial",
+    ),
+    *(
+        "lateral_friction",
+        "limit",
+        "mass",
+        "material",
+        "origin",
+        "parent",
+        "plane",
+        "restitution",
+        "rolling_friction",
+        "sphere",
+    ),
+    *("spinning_friction", "stiffness"),
+)
+"""Elements of which the first counts."""
+
+STRANGE = (
+    *(
+        "contact/contact_cfm",
+        "contact/contact_erp",
+        "link/self_collide",
+        "link@type",
+        "link@kinematic",
+        "collision@margin",
+    ),
+    *(
+        "collision/contact_coefficients",
+        "sphere@scale",
+        "box@scale",
+        "origin@quat",
+        "joint/mimic",
+        "joint/safety_controller",
+    ),
+    *("joint/calibration", "joint/drive", "limit@stiffness", "dynamics@spring_stiffness", "dynamics@spring_reference"),
+    *("robot/gazebo", "robot/transmission", "robot/self_collision"),
+)
+"""Of URDF and SDF, unknown to PyBullet's reader."""
+
+TABLE = MutationTable(
+    words={
+        "joint@type": JOINT_TYPES,
+        "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
+        "instances.*.root": ("free", "fixed", "world link", "something-else"),
+        "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+    },
+    additions={"*.urdf": URDF_ADDITIONS, "sidecar.json": SIDECAR_ADDITIONS},
+    inert=(
+        *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf") for tag in FIRST),
+        *(
+            Inert(site, FIRST_ONLY, ("element added",), "*.urdf")
+            for site in (
+                *("geometry/box", "inertial/mass", "joint/limit", "joint/dynamics", "contact/stiffness"),
+                "contact/damping",
+            )
+        ),
+        *(
+            Inert(site, ABSENT, ("attribute removed", "element removed", "number dropped"), "*.urdf")
+            for site in (
+                *(
+                    "origin",
+                    "origin@*",
+                    "inertia@ix*",
+                    "inertia@iy*",
+                    "dynamics@*",
+                    "limit@*",
+                    "axis",
+                    "contact",
+                    "dynamics",
+                ),
+                *("restitution", "rolling_friction", "spinning_friction"),
+            )
+        ),
+        Inert("joint@type", "PyBullet holds a floating joint below another link as a fixed one", ("word",), "*.urdf"),
+        Inert("axis*", "the axis of a joint that has none: of a fixed or ball joint", (), "*.urdf"),
+        *(
+            Inert(site, NAMED, (), "*.urdf")
+            for site in ("robot@name", "joint@name", "visual@name", "collision@name", "material@name")
+        ),
+        Inert("plane@normal", "of a plane that is only seen; of others PyBullet normalises it", (), "*.urdf"),
+        Inert("color*", SEEN, (), "*.urdf"),
+        Inert("material", SEEN, ("element removed",), "*.urdf"),
+        Inert("material/texture", SEEN, ("element added",), "*.urdf"),
+        Inert("robot/material", SEEN, ("element added",), "*.urdf"),
+        Inert("visual", SEEN, ("element removed", "element doubled"), "*.urdf"),
+        Inert("link/visual", SEEN, ("element added",), "*.urdf"),
+        Inert("link/audio_source", "only heard", ("element added",), "*.urdf"),
+        Inert("sphere@radius", SEEN, ("moved",), "*.urdf"),
+        Inert("mass@value", DROPPED, ("moved",), "*.urdf"),
+        Inert("inertia@i*", DROPPED, ("moved",), "*.urdf"),
+        Inert("inertial", DROPPED, ("element removed",), "*.urdf"),
+        Inert("contact/inertia_scaling", DROPPED, ("element added",), "*.urdf"),
+        Inert("origin@rpy", "a turn of what is round, or of the inertial frame of a fixed base", (), "*.urdf"),
+        Inert("contact/friction_anchor", "of a link without shapes", ("element added",), "*.urdf"),
+        Inert("limit@twist", "of ball joints alone", ("attribute added",), "*.urdf"),
+        Inert("collision@concave", "of meshes alone", ("attribute added",), "*.urdf"),
+        Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
+        Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
+        *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.urdf") for site in STRANGE),
+        *(
+            Inert(site, ORDER, ("swapped",), "sidecar.json")
+            for site in (
+                *("collision_filter.classes.*", "collision_filter.classes.*.links.*", "collision_filter.excluded.*"),
+                *("collision_filter.excluded.*.*", "sleepers.*", "springs.*", "armature.*"),
+            )
+        ),
+        Inert(
+            "collision_filter.classes.*.mask",
+            "a single link does not meet itself",
+            ("scaled",),
+            "sidecar.json",
+        ),
+        Inert(
+            "instances.*.base.quaternion.*",
+            "the opposite quaternion is the same rotation",
+            ("sign",),
+            "sidecar.json",
+        ),
+    ),
+)

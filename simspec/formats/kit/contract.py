@@ -1,0 +1,49 @@
+"""What a format is: a language that files are written in. It knows no engine; several may read it, each in its dialect."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from simspec.plugins import Offered, offered
+
+
+class Format:
+    """A language of files. Subclasses are in ``formats/<name>/format.py``."""
+
+    NAME: ClassVar[str]
+
+    def write(self, tree: Any) -> dict[str, str]:
+        """The files of ``tree``, the format's own tree of plain values (its module ``tree.py``), as {relative path: text}."""
+        raise NotImplementedError
+
+    def read(self, folder: Path) -> Any:
+        """The format's own document (its module ``document.py``) of the files in ``folder``, by a parser that is neither the
+        writer's nor an engine's. Raises ValueError, which names the place, for what is not of the language."""
+        raise NotImplementedError
+
+
+@functools.cache
+def _offered() -> Offered:
+    return offered("simspec.formats", _sound)
+
+
+def _sound(name: str, kind: Any) -> Format:
+    """The format, if it is one that can be used. Raises TypeError, ValueError."""
+    if not (isinstance(kind, type) and issubclass(kind, Format)):
+        raise TypeError("it is no Format")
+    if not hasattr(kind, "NAME") or name != kind.NAME:
+        raise ValueError(f"it calls itself {getattr(kind, 'NAME', None)!r}")
+    return kind()
+
+
+def formats() -> Mapping[str, Format]:
+    """Every installed format by name (entry points ``simspec.formats``)."""
+    return _offered().good
+
+
+def broken_formats() -> Mapping[str, str]:
+    """The formats that are offered and cannot be used, with the reason."""
+    return _offered().broken

@@ -1,0 +1,47 @@
+"""Text of files: numbers that read back to the same double, and templates."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+from simspec.resources import resource_folder
+
+
+def number(value: float) -> str:
+    """The shortest text that reads back to the same double; whole numbers without a point, no negative zero.
+
+    Raises ValueError for NaN and infinity, which no format can carry.
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"{value} cannot be written")
+    if value == 0.0:
+        return "0"
+    text = repr(float(value))
+    return text[:-2] if text.endswith(".0") else text
+
+
+def numbers(values: Any) -> str:
+    """Several numbers, separated by one space."""
+    return " ".join([number(value) for value in values])
+
+
+@functools.cache
+def environment() -> Any:
+    """The one Jinja2 environment: StrictUndefined, XML autoescaping, and the filters ``number`` and ``numbers``."""
+    import jinja2
+    from markupsafe import Markup
+
+    found = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(resource_folder("templates")),
+        undefined=jinja2.StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    # digits, signs, points and e need no escaping: marking them safe spares the escape of every number
+    found.filters["number"] = lambda value: Markup(number(value))
+    found.filters["numbers"] = lambda values: Markup(numbers(values))
+    return found

@@ -1,0 +1,13 @@
+"""The format ``world``."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from simspec.formats.kit.contract import Format
+
+
+class WorldJson(Format):
+    """Files of the format ``world``."""
+
+    NAME: ClassVar[str] = "world"

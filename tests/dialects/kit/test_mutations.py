@@ -1,0 +1,117 @@
+"""The mutators change everything that stands in a file, one thing at a time, and put it back."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+
+import pytest
+
+from simspec.dialects.kit.mutations import KINDS, Addition, Inert, MutationTable, mutations
+
+XML = '<root name="r"><a name="one" size="1 0" on="true"/><a name="two" size="1 2" on="true"/><m> 3 </m></root>'
+SIDE = {"flag": True, "list": [1.5, 2.5], "word": "x", "empty": None, "count": 0}
+
+
+NOTHING = MutationTable()
+
+
+def made(table: MutationTable = NOTHING, files: dict[str, str] | None = None):
+    return list(mutations(files or {"model.xml": XML, "sidecar.json": json.dumps(SIDE)}, table))
+
+
+def changes(found, site):
+    return Counter(one.kind for one in found if one.site == site)
+
+
+def test_every_number_of_xml_is_changed_in_every_way():
+    found = made()
+    assert changes(found, "a@size") == {
+        "scaled": 3,
+        "moved": 1,
+        "sign": 3,
+        "swapped": 3,  # within each of the lists, and one list with the other
+        "number dropped": 2,
+        "attribute removed": 2,
+    }
+    assert changes(found, "m/text()") == {"scaled": 1, "sign": 1}
+    assert changes(found, "a@on") == {"flag": 2, "attribute removed": 2}
+    assert changes(found, "a") == {"element removed": 2, "element doubled": 2}
+    assert changes(found, "a@name") == {"word": 4, "attribute removed": 2, "swapped": 1}
+
+
+def test_every_field_of_json_is_changed_in_every_way():
+    found = made()
+    assert changes(found, "list.*") == {
+        "scaled": 2,
+        "sign": 2,
+        "element doubled": 2,
+        "element removed": 2,
+        "swapped": 1,
+    }
+    assert changes(found, "flag") == {"flag": 1, "field removed": 1}
+    assert changes(found, "word") == {"word": 1, "field removed": 1}
+    assert changes(found, "empty") == {"moved": 1, "field removed": 1}
+    assert changes(found, "count") == {"moved": 1, "field removed": 1}
+
+
+def test_each_is_one_change_of_the_whole_file_and_unlike_all_others():
+    found = made()
+    assert len({(one.file, one.text) for one in found}) == len(found)
+    assert len({one.name for one in found}) == len(found)
+    assert {one.kind for one in found} <= set(KINDS)
+    unchanged = json.loads(json.dumps(SIDE))
+    for one in found:
+        if one.file == "sidecar.json":
+            differing = [key for key in unchanged if json.loads(one.text).get(key, "gone") != unchanged[key]]
+            assert len(differing) == 1, one
+
+
+def test_words_integers_and_zeros_are_as_the_table_says():
+    table = MutationTable(words={"a@on": ("perhaps",)}, integers=frozenset({"m/text()"}), moved={"a@size": "7"})
+    found = made(table)
+    assert [one.change for one in found if one.site == "m/text()"] == ["[0] 3 to 4", "[0] 3 to -3"]
+    assert changes(found, "a@on")["word"] == 2
+    assert '"1 7"' in next(one.text for one in found if one.kind == "moved" and one.site == "a@size")
+
+
+def test_what_could_stand_there_is_added_to_each_place():
+    rows = (
+        Addition("a", "5", "more"),
+        Addition("a", "5", "size"),
+        Addition("root", '<b of="{a[1]}"/>'),
+        Addition("root", '<b of="{a[2]}"/>'),
+        Addition("a", "<c/>", once=True),
+    )
+    beside = (Addition("", "1", "fresh"), Addition("list", "3.5"))
+    found = made(MutationTable(additions={"*.xml": rows, "sidecar.json": beside}))
+    added = [(one.kind, one.site, one.change) for one in found if "added" in one.kind]
+    assert Counter(added) == {
+        ("attribute added", "a@more", "5"): 2,
+        ("element added", "root/b", '<b of="two"/>'): 1,
+        ("element added", "a/c", "<c/>"): 1,
+        ("field added", "fresh", "1"): 1,
+        ("field added", "list", "3.5"): 1,
+    }
+
+
+@pytest.mark.parametrize(
+    ("row", "declared"),
+    [
+        (Inert("a@*", "why"), True),
+        (Inert("a@size", "why", ("scaled",)), True),
+        (Inert("a@size", "why", ("sign",)), False),
+        (Inert("m*", "why"), False),
+        (Inert("a@size", "why", file="other.xml"), False),
+        (Inert("a@size", "why", without=".//m"), False),
+        (Inert("a@size", "why", without=".//q"), True),
+    ],
+)
+def test_what_is_declared_inert(row, declared):
+    mutation = next(one for one in made() if one.site == "a@size" and one.kind == "scaled")
+    assert (MutationTable(inert=(row,)).inertness(mutation) is row) == declared
+
+
+def test_other_files_are_refused():
+    with pytest.raises(ValueError, match=r"notes\.txt is neither"):
+        made(files={"notes.txt": "plain"})

@@ -1,0 +1,192 @@
+"""DART's inventory: it is what the world demands, whatever is told to the engine besides shows, and no getter of dartpy's is
+left unnamed."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.dialects.dart.sidecar import check_sidecar
+from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.engines.dart.engine import Dart
+from simspec.engines.dart.getters import FIELDS, GETTERS
+from simspec.errors import UnsupportedError
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.selftest_worlds import WORLDS
+
+dartpy = pytest.importorskip("dartpy")
+
+
+def told(world, *accept, **settings):
+    given = world.options("dart")
+    accepted = tuple(sorted({*given.accept, *accept}))
+    given = dataclasses.replace(given, settings=tuple(sorted(settings.items())), accept=accepted)
+    return dataclasses.replace(world, engines=(given,))
+
+
+SETTINGS = {
+    "collision_detector": "bullet",
+    "contact_overflow": "log",
+    "dry_friction_tolerance": 1e-9,
+    "exact_rotation": "always",
+    "iterations": 77,
+    "sleeping": True,
+    "tolerance": 1e-7,
+}
+SOUND = {
+    **{name: lambda make=make: make("dart") for name, make in WORLDS.items() if name != "rolling"},
+    "settings": lambda: told(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
+    "dantzig": lambda: told(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
+    "fcl": lambda: told(WORLDS["bouncing"]("dart"), collision_detector="fcl"),
+    "never": lambda: told(WORLDS["ball joint"]("dart"), exact_rotation="never"),
+}
+
+
+@pytest.fixture
+def load(tmp_path):
+    """A function that compiles and loads a world."""
+    folders = iter(range(100))
+
+    def of(world):
+        compiled = compile_world(world, ["dart"])["dart"]
+        folder = tmp_path / str(next(folders))
+        write_folder(compiled.files, folder)
+        check_sidecar(read_sidecar(folder))
+        engine = Dart()
+        engine.load(folder, read_sidecar(folder))
+        return engine
+
+    return of
+
+
+def failures(world, engine):
+    held = engine.read_back()
+    (check,) = inventory_checks(Dart.expected_inventory(world, held.neutral), held.inventory)
+    return check
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_it_is_what_the_world_demands(name, load):
+    world = SOUND[name]()
+    check = failures(world, load(world))
+    assert check.passed, check.detail
+    assert check.count > 50
+
+
+def test_every_setting_is_tried():
+    assert {*SETTINGS, "contact_solver"} == set(Dart.SETTINGS)
+    assert all(Dart.SETTINGS[name].default != value for name, value in SETTINGS.items())
+
+
+def test_what_dart_cannot_have_is_refused():
+    with pytest.raises(UnsupportedError, match="torsional_friction"):
+        compile_world(WORLDS["rolling"]("dart"), ["dart"])
+
+
+def joint(sim):
+    return sim.world.getSkeleton("base").getJoint("upper_joint")
+
+
+def node(sim):
+    return sim.world.getSkeleton("cube").getBodyNode("cube")
+
+
+def option(name, **changes):
+    """A change of one of the solver's options, of which dartpy hands out copies."""
+
+    def change(sim):
+        of = sim.world if name == "DeactivationOptions" else sim.solver
+        held = getattr(of, f"get{name}")()
+        for field, value in changes.items():
+            setattr(held, field, value)
+        getattr(of, f"set{name}")(held)
+
+    return change
+
+
+def weld(sim):
+    sim.solver.addConstraint(dartpy.constraint.WeldJointConstraint(node(sim)))
+
+
+BESIDES = {
+    "gravity": lambda sim: sim.world.getSkeleton("cube").setGravity([0.0, 0.0, -1.0]),
+    "immobile": lambda sim: sim.world.getSkeleton("cube").setMobile(False),
+    "self-collision": lambda sim: sim.world.getSkeleton("base").disableSelfCollisionCheck(),
+    "adjacent": lambda sim: sim.world.getSkeleton("base").disableAdjacentBodyCheck(),
+    "weightless": lambda sim: node(sim).setGravityMode(False),
+    "not collidable": lambda sim: node(sim).setCollidable(False),
+    "pushed": lambda sim: node(sim).addExtForce([1.0, 0.0, 0.0]),
+    "servo": lambda sim: joint(sim).setActuatorType(dartpy.dynamics.ActuatorType.SERVO),
+    "locked": lambda sim: joint(sim).setActuatorType(dartpy.dynamics.ActuatorType.LOCKED),
+    "spring": lambda sim: joint(sim).setRestPosition(0, 0.1),
+    "damping": lambda sim: joint(sim).setDampingCoefficient(0, 0.1),
+    "velocity": lambda sim: joint(sim).setVelocityUpperLimit(0, 1.0),
+    "acceleration": lambda sim: joint(sim).setAccelerationLowerLimit(0, -1.0),
+    "not enforced": lambda sim: joint(sim).setLimitEnforcement(False),
+    "coupled": lambda sim: joint(sim).setUseCouplerConstraint(True),
+    "split impulse": lambda sim: sim.solver.setSplitImpulseEnabled(True),
+    "weld": weld,
+    "timestep": lambda sim: sim.solver.setTimeStep(0.002),
+    "sleeping": option("DeactivationOptions", mEnabled=True),
+    "waking": option("DeactivationOptions", mWakeThresholdScale=9.0),
+    "matrix-free": option("MatrixFreeContactSolverOptions", mMaxIterations=3),
+    "detector": lambda sim: sim.world.setCollisionDetector(dartpy.simulation.CollisionDetectorType.ODE),
+    "shape taken out": lambda sim: sim.solver.getCollisionGroup().removeAllShapeFrames(),
+    "kept apart": lambda sim: sim.apart.append(("cube", "floor")),
+    "secondary": lambda sim: sim.solver.setSecondaryBoxedLcpSolver(None),
+}
+
+
+@pytest.mark.parametrize("name", BESIDES)
+def test_whatever_the_engine_is_told_besides_shows(name, load):
+    world = WORLDS["model"]("dart")
+    engine = load(world)
+    BESIDES[name](engine._simulation)
+    assert not failures(world, engine).passed
+
+
+QUESTION = re.compile(r"(get|is|has|are|needs)[A-Z]")
+DYNAMICS = dartpy.dynamics
+CLASSES = {
+    "World": [dartpy.simulation.World],
+    "BoxedLcpConstraintSolver": [dartpy.constraint.BoxedLcpConstraintSolver],
+    "CollisionOption": [dartpy.collision.CollisionOption],
+    "CollisionGroup": [dartpy.collision.CollisionGroup],
+    "CollisionDetector": [
+        getattr(dartpy.collision, f"{name}CollisionDetector") for name in ("DART", "Ode", "Bullet", "FCL")
+    ],
+    "BoxedLcpSolver": [
+        getattr(dartpy.constraint, name)
+        for name in ("NsgsFrictionSolver", "DantzigBoxedLcpSolver", "PgsBoxedLcpSolver")
+    ],
+    "Skeleton": [DYNAMICS.Skeleton],
+    "BodyNode": [DYNAMICS.BodyNode],
+    "Joint": [getattr(DYNAMICS, f"{name}Joint") for name in ("Weld", "Revolute", "Prismatic", "Ball", "Free")],
+    "ShapeNode": [DYNAMICS.ShapeNode],
+    "Aspect": [getattr(DYNAMICS, f"{name}Aspect") for name in ("Dynamics", "Collision", "Visual")],
+    "Inertia": [DYNAMICS.Inertia],
+    "Shape": [
+        getattr(DYNAMICS, f"{name}Shape") for name in ("Sphere", "Box", "Cylinder", "Capsule", "Ellipsoid", "Plane")
+    ],
+}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_no_getter_is_left_unnamed(name):
+    installed = {method for one in CLASSES[name] for method in dir(one) if QUESTION.match(method)}
+    named = [method for methods in GETTERS[name].values() for method in methods.split()]
+    assert sorted(named) == sorted(installed)
+
+
+def test_no_option_is_left_unnamed():
+    for path, fields in FIELDS.items():
+        found = dartpy.simulation if path.startswith("Deactivation") else dartpy.constraint
+        found = dartpy.collision if path.startswith("Collision") else found
+        for part in path.split("."):
+            found = getattr(found, part)
+        of_type = [name for name in dir(found) if not name.startswith("_") and not name.startswith("get")]
+        assert sorted(of_type) == sorted(fields)
+    assert set(CLASSES) == set(GETTERS)

@@ -1,0 +1,264 @@
+"""What is Drake's own: everything it holds, what it refuses and by which words, its choice of solvers, contact of faces."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import simspec
+from simspec.compiler import compile_world, write_folder
+from simspec.dialects.drake.dialect import WORLD
+from simspec.dialects.drake.reading import read_content
+from simspec.dialects.kit.sidecar import read_sidecar, sidecar_text
+from simspec.dynamics.oracle import Oracle
+from simspec.engines.drake.building import MOST_PLANES
+from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, approximation
+from simspec.engines.drake.corners import corners
+from simspec.engines.drake.engine import Drake
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.world import frames
+from simspec.world.kinematics import initial_state
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
+from tests import worlds
+from tests.engines.test_engine_suite import state_error
+
+FREE = (1.0, 0.0, 0.0, 0.0)
+REFUSED = ("rolling", "bouncing", "dry friction")
+
+
+def told(world, **settings):
+    accept = ("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")
+    return worlds.with_options(world, "drake", accept=accept, settings=tuple(sorted(settings.items())))
+
+
+@pytest.fixture
+def load(tmp_path):
+    """A function that compiles and loads a world, with its file changed on the way."""
+    opened = []
+
+    def of(world, change=lambda content: None):
+        folder = tmp_path / str(len(opened))
+        write_folder(compile_world(world, ["drake"])["drake"].files, folder)
+        content = read_content(folder)
+        change(content)
+        (folder / WORLD).write_text(sidecar_text(content), encoding="utf-8")
+        engine = Drake()
+        opened.append(engine)
+        engine.load(folder, read_sidecar(folder))
+        return engine
+
+    yield of
+    for engine in opened:
+        engine.close()
+
+
+def boxes(count, timestep=0.001, friction=0.5, tower=True, kind="box", floor="box"):
+    """A floor, and boxes on one another or in a row."""
+    solid = {"box": (5.0, 5.0, 1.0), "plane": ()}[floor]
+    below = Pose((0.0, 0.0, -0.5)) if floor == "box" else Pose()
+    bodies = [
+        Body(
+            "floor",
+            "floor",
+            Inertial(1.0),
+            Joint("floor_joint", "fixed"),
+            (Shape("floor_0", floor, solid, below, "a"),),
+        )
+    ]
+    size = {"box": (0.1, 0.1, 0.1), "cylinder": (0.05, 0.1), "sphere": (0.05,)}[kind]
+    for index in range(count):
+        at = (0.0, 0.0, 0.05 + 0.1 * index) if tower else (0.2 * index, 0.0, 0.05)
+        joint = Joint(f"j{index}", "free", position=(*at, *FREE), velocity=(0.0,) * 6)
+        inertial = Inertial(1.0, inertia=(0.00166, 0.00166, 0.00166, 0.0, 0.0, 0.0))
+        bodies.append(
+            Body(f"b{index}", f"b{index}", inertial, joint, (Shape(f"b{index}_0", kind, size, material="a"),))
+        )
+    contact = Contact("elliptic", (Material("a", friction),), (PairContact("a", "a", friction, 0.0),))
+    return World("boxes", tuple(bodies), contact, Physics(timestep=timestep, steps=1000))
+
+
+@pytest.mark.parametrize("name", [name for name in WORLDS if name not in REFUSED])
+def test_the_inventory_is_what_the_world_demands(name, load):
+    world = WORLDS[name]("drake")
+    held = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail
+    assert check.count > 40
+
+
+def test_the_inventory_of_a_plane_among_other_shapes(load):
+    world = boxes(1, floor="plane")
+    stone = Shape("floor_1", "box", (0.1, 0.1, 0.1), Pose((1.0, 0.0, 0.0)), "a")
+    floor = dataclasses.replace(world.bodies[0], shapes=(*world.bodies[0].shapes, stone))
+    world = told(dataclasses.replace(world, bodies=(floor, world.bodies[1])))
+    held = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"contact_approximation": "sap", "stiffness": 2e7},
+        {"contact_approximation": "tamsi", "dissipation": 50.0, "stiction_tolerance": 1e-5},
+    ],
+)
+def test_settings_are_held(load, settings):
+    world = told(boxes(2), **settings)
+    held = load(world).read_back()
+    (check,) = inventory_checks(Drake.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail
+    assert held.inventory["contact.approximation"].lower() == f"k{settings['contact_approximation']}"
+
+
+@pytest.mark.parametrize(
+    ("name", "feature"),
+    [
+        ("bouncing", "material.restitution"),
+        ("dry friction", "joint.dry_friction"),
+        ("rolling", "material.friction.rolling"),
+    ],
+)
+def test_what_drake_does_not_have_is_refused_by_name(name, feature):
+    with pytest.raises(UnsupportedError, match=feature):
+        compile_world(WORLDS[name]("drake"), ["drake"])
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "word"),
+    [
+        (("bodies", 1, "shapes", 0, "copies", 0, "restitution"), 0.5, "restitution"),
+        (("bodies", 1, "shapes", 0, "copies", 0, "rolling_friction"), 0.5, "rolling_friction"),
+        (("friction_cone",), "pyramid-inscribed", "friction cone"),
+        (("bodies", 0, "centre_of_mass"), [0.0, 0.0, "0"], "centre_of_mass"),
+        (("bodies", 1, "joint", "position"), [0.0, 0.0, 0.0, 1.0, 0.1, 0.0, 0.0], "of length 1"),
+        (("meets",), [["a", "a", 1]], "no copy in that layer"),
+        (("apart", "bodies"), [["b0", "nobody"]], "nobody"),
+        (("timestep",), 0.0, "above zero"),
+        (("schema",), 2, "schema"),
+    ],
+)
+def test_a_file_that_says_such_a_thing_is_refused_by_its_place(load, place, value, word):
+    def change(content):
+        for step in place[:-1]:
+            content = content[step]
+        content[place[-1]] = value
+
+    with pytest.raises((EngineError, ValueError), match=word):
+        load(told(boxes(1)), change)
+
+
+def test_planes_are_of_bodies_that_cannot_move_and_few(load):
+    """Beside moving bodies, and in numbers, Drake's half spaces crash the process."""
+    moving = boxes(1)
+    plane = Shape("b0_1", "plane", (), Pose(), "a")
+    body = dataclasses.replace(moving.bodies[1], shapes=(*moving.bodies[1].shapes, plane))
+    with pytest.raises(UnsupportedError, match="half spaces on bodies that move"):
+        compile_world(told(dataclasses.replace(moving, bodies=(moving.bodies[0], body))), ["drake"])
+    many = tuple(Shape(f"floor_{index}", "plane", (), Pose(), "a") for index in range(MOST_PLANES + 1))
+    floor = dataclasses.replace(moving.bodies[0], shapes=many)
+    with pytest.raises(UnsupportedError, match="many half spaces"):
+        compile_world(told(dataclasses.replace(moving, bodies=(floor, moving.bodies[1]))), ["drake"])
+    engine = load(told(boxes(40, tower=False, kind="sphere", floor="plane"), contact_approximation="sap"))
+    engine.step(2)
+    assert len(engine.detect_contacts()) == 40
+
+
+def test_a_ball_joint_passes_a_pitch_of_90_degrees(load):
+    """Drake's own joint throws there."""
+    world = WORLDS["ball joint"]("drake")
+    (body,) = world.bodies
+    joint = dataclasses.replace(body.joint, velocity=(0.0, 9.0, 0.5), damping=0.0, spring_stiffness=0.0)
+    world = dataclasses.replace(world, bodies=(dataclasses.replace(body, joint=joint),))
+    engine, oracle = load(world), Oracle(world)
+    q, v = initial_state(world)
+    engine.step(1000)
+    expected_q, expected_v = (states[-1] for states in oracle.motion(q, v, np.zeros(3), 1000, 1000))
+    found_q, found_v = engine.get_state()
+    assert state_error(world, found_q, expected_q) < 1e-10
+    np.testing.assert_allclose(found_v, expected_v, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("world", "chosen"),
+    [
+        (lambda: boxes(1, 0.016), "tamsi"),
+        (lambda: boxes(MOST_TAMSI, BODY_SECONDS / MOST_TAMSI), "tamsi"),
+        (lambda: boxes(MOST_TAMSI + 1, 1e-4), "sap"),
+        (lambda: boxes(4, 0.004), "sap"),
+        (lambda: boxes(1, friction=0.0), "sap"),
+        (lambda: WORLDS["model"]("drake"), "sap"),
+    ],
+)
+def test_the_solver_is_chosen_by_friction_size_and_limits(world, chosen):
+    assert approximation(world()) == chosen
+
+
+def test_sap_with_friction_is_accepted_by_name():
+    with pytest.raises(UnsupportedError, match=r"contact\.cone\.elliptic"):
+        compile_world(boxes(9), ["drake"])
+    compile_world(boxes(9, friction=0.0), ["drake"])
+    compile_world(boxes(2), ["drake"])
+
+
+@pytest.mark.parametrize("world", [worlds.every_joint, lambda: worlds.limits_and_armature(armature=0.05)])
+def test_the_mass_matrix_of_many_trees_is_that_of_drake(load, monkeypatch, world):
+    engine = load(told(world()))
+    whole = engine.mass_matrix()
+    monkeypatch.setattr("simspec.engines.drake.simulation.WHOLE", 0)
+    np.testing.assert_allclose(engine.mass_matrix(), whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("approximation", ["sap", "tamsi"])
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_faces_stand_on_faces(load, kind, approximation):
+    engine = load(told(boxes(3, kind=kind), contact_approximation=approximation))
+    start = engine.body_states()[0]
+    engine.step(500)
+    place = engine.body_states()[0]
+    np.testing.assert_allclose(place[:, :3], start[:, :3], atol=2e-5)
+    contacts = engine.contacts()
+    assert len(contacts["distance"]) >= 3 * len(corners(kind, (0.1, 0.1, 0.1))) / 2
+    on_floor = (contacts["body"] == 0).any(axis=1)
+    assert contacts["normal_force"][on_floor].sum() == pytest.approx(3 * 9.81, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "capsule"])
+@pytest.mark.parametrize("turn", [0.0, 0.2])
+def test_what_lies_on_a_line_rolls_on_it(load, kind, turn):
+    """With one point of contact it would sink to one side, and balls on the rims alone would make a polygon of it."""
+    world = boxes(1, kind="cylinder")
+    lying = frames.multiply(
+        frames.from_axis_angle((1.0, 0.0, 0.0), -np.pi / 2), frames.from_axis_angle((0.0, 0.0, 1.0), turn)
+    )
+    body = world.bodies[1]
+    joint = dataclasses.replace(body.joint, position=(0.0, 0.0, 0.05, *lying), velocity=(0.25, 0.0, 0.0, 0.0, 5.0, 0.0))
+    body = dataclasses.replace(body, joint=joint, shapes=(Shape("b0_0", kind, (0.05, 0.2), material="a"),))
+    engine = load(told(dataclasses.replace(world, bodies=(world.bodies[0], body))))
+    engine.step(1000)
+    place = engine.body_states()[0][1]
+    np.testing.assert_allclose(place[:3], (0.25, 0.0, 0.05), atol=1e-4)
+
+
+def test_looking_at_contacts_changes_nothing(load):
+    ends = []
+    for look in (False, True):
+        engine = load(told(boxes(3, friction=0.3)))
+        for _ in range(20):
+            engine.step(3)
+            if look:
+                engine.contacts()
+        ends.append(engine.get_state())
+    for one, other in zip(*ends, strict=True):
+        assert (one == other).all()
+
+
+def test_216_spheres_have_the_energy_that_the_other_engines_find(load):
+    """12626 J at 0.5 s in three engines."""
+    engine = load(simspec.load(simspec.find_spec("spheres-216")).resolve())
+    engine.step(500)
+    assert sum(engine.energy()) == pytest.approx(12626.0, rel=0.01)

@@ -1,0 +1,70 @@
+"""Engines that a Python cannot have are named, and the others run; every engine's extra is complete."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from simspec import cli
+from simspec.engines.kit import installing
+from simspec.engines.kit.contract import engines
+from simspec.report import session
+
+ROOT = Path(__file__).parents[3]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+NEWER = {"python_version": "3.12", "python_full_version": "3.12.4"}
+
+
+def test_every_engine_can_be_installed_on_the_oldest_python_that_is_supported():
+    assert installing.left_out({"python_version": "3.11", "python_full_version": "3.11.9"}) == {}
+    assert all(installing.why_not(engine, {"python_version": "3.11"}) is None for engine in engines().values())
+
+
+def test_an_engine_without_wheels_for_a_python_says_so():
+    found = {name: why for name, engine in engines().items() if (why := installing.why_not(engine, NEWER)) is not None}
+    assert list(found) == ["pybullet"]
+    assert found["pybullet"] == (
+        'cannot be installed on Python 3.12: pybullet has no wheels but for python_version < "3.12"'
+    )
+
+
+def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path, capsys):
+    asked = []
+    monkeypatch.setattr(installing, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
+    monkeypatch.setattr(session, "run", lambda world, names, *_, **__: asked.append(names) or 0)
+    words = ["run", "bouncing-ball", "--all-engines", "--out", str(tmp_path)]
+    assert cli.main(words) == 0
+    assert asked == [["dart", "mujoco"]]
+    said = capsys.readouterr().err
+    assert "pybullet is left out: it cannot be installed on Python 3.12; --python pybullet=PATH" in said
+    # an interpreter of its own makes it one of them again; who names it gets it, or the error
+    assert cli.main([*words, "--python", "pybullet=/some/python"]) == 0
+    assert cli.main(["run", "bouncing-ball", "--engine", "pybullet", "--out", str(tmp_path)]) == 0
+    assert asked[1:] == [["dart", "mujoco", "pybullet"], ["pybullet"]]
+
+
+def extra(name: str) -> set[str]:
+    """The distributions that an extra pulls, extras of simspec followed."""
+    found = set()
+    for line in PROJECT["optional-dependencies"][name]:
+        requirement = Requirement(line)
+        if requirement.name == "simspec":
+            found.update(*(extra(other) for other in requirement.extras))
+        else:
+            found.add(requirement.name)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted({engine.EXTRA for engine in engines().values()}))
+def test_an_engines_extra_pulls_what_verify_and_run_need(name):
+    [engine] = [one for one in engines().values() if name == one.EXTRA]
+    assert extra(name) >= {engine.DISTRIBUTION, "pin", "yourdfpy"}
+
+
+def test_the_package_is_typed():
+    assert (ROOT / "simspec" / "py.typed").is_file()
+    assert json.dumps(PROJECT["classifiers"]).count("Typing :: Typed") == 1

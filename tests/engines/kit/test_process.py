@@ -1,0 +1,242 @@
+"""The folder contract: what becomes of an engine that is missing, crashes, hangs, lies or turns to NaN."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from simspec.contact.plan import Rules
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.engines.kit import contract as base
+from simspec.engines.kit import process
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.recorder import record
+from simspec.errors import EngineError
+from simspec.runner.run import run
+from simspec.support.features import EXACT, Feature
+from tests import worlds
+
+STUB = """
+import os, time
+import numpy as np
+from simspec.engines.kit.contract import Engine
+from simspec.support.features import EXACT, Feature
+from simspec.contact.plan import Rules
+
+class Stub(Engine):
+    NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
+    RULES, LAYERS = Rules("max", "max"), False
+    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT), {}
+    def load(self, folder, sidecar):
+        self.what = sidecar["what"]
+        if self.what == "crash":
+            os.abort()
+        if self.what == "leave":
+            os._exit(7)
+        if self.what == "hang":
+            time.sleep(60)
+        if self.what == "lost":
+            while True:
+                pass
+        if self.what == "refuse":
+            raise ValueError("I do not like it")
+    def read_back(self):
+        raise KeyError("no such thing")
+"""
+
+
+@pytest.fixture
+def stub(monkeypatch, tmp_path):
+    """A stub engine, known by name, in a module that the engine's process can import."""
+    module = Path(base.__file__).parent / "stub_for_tests.py"
+    module.write_text(STUB)
+    sys.modules.pop("simspec.engines.kit.stub_for_tests", None)
+    from simspec.engines.kit import stub_for_tests
+
+    monkeypatch.setattr(process, "find_engine", lambda name: stub_for_tests.Stub)
+
+    def folder_of(what: str) -> Path:
+        folder = tmp_path / what
+        folder.mkdir()
+        (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what.split()[-1]}"}}')
+        return folder
+
+    def at_work(what: str, *before: str, deadline: float = 30.0, **parameters):
+        given = {"attempt": True, "cpu_seconds": 0.5}
+        first = [
+            Operation("read_back", {"artifacts": str(folder_of(f"{index} {one}")), **given})
+            for index, one in enumerate(before)
+        ]
+        return call("stub", folder_of(what), [*first, Operation("read_back", parameters)], deadline=deadline)
+
+    yield at_work
+    module.unlink()
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("crash", "signal 6"),
+        ("leave", "ended with code 7 without a result"),
+        ("refuse", "ValueError: I do not like it"),
+        ("fine", "KeyError: 'no such thing'"),
+    ],
+)
+def test_a_failing_engine_is_an_error_that_says_how(stub, what, message):
+    with pytest.raises(EngineError, match=message) as caught:
+        stub(what)
+    assert caught.value.engine == "stub"
+    assert caught.value.exit_code == 3
+
+
+def test_a_hanging_engine_is_killed_at_its_deadline(stub):
+    with pytest.raises(EngineError, match="deadline of 2 s"):
+        stub("hang", deadline=2.0)
+
+
+def test_an_attempt_that_crashes_is_refused_and_the_others_go_on(stub):
+    """Each is apart, with its own limit of CPU time; what is lost in a loop ends long before the deadline."""
+    reply = stub("fine", "crash", "refuse", "lost", "leave", "fine", attempt=True, cpu_seconds=0.5)
+    assert [answer.result["refused"] for answer in reply.answers] == [
+        "the engine's process was ended by signal 6 (SIGABRT)",
+        "ValueError: I do not like it",
+        f"the engine's process was ended by signal {signal.SIGPROF.value} (SIGPROF)",
+        "the engine's process ended with code 7",
+        "KeyError: 'no such thing'",
+        "KeyError: 'no such thing'",
+    ]
+
+
+@pytest.mark.parametrize("what", ["crash", "leave", "hang"])
+def test_the_operation_at_work_is_named(stub, what):
+    with pytest.raises(EngineError, match=r"at work on 'read_back' \(operation 3 of 3\)") as caught:
+        stub(what, "fine", "refuse", deadline=3.0)
+    assert caught.value.operation == 2
+
+
+def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch, tmp_path):
+    monkeypatch.setattr(process.find_engine("stub"), "version", classmethod(lambda cls: None))
+    with pytest.raises(EngineError, match=r"stub: not installed: pip install 'simspec\[stub\]'"):
+        call("stub", tmp_path, [])
+
+
+def test_artifacts_that_are_not_there_are_the_engine_s_failure(stub, tmp_path):
+    with pytest.raises(EngineError, match=r"stub: its artifacts are not there: .*nowhere"):
+        call("stub", tmp_path / "nowhere", [Operation("read_back")])
+
+
+def test_an_unknown_engine_is_named():
+    with pytest.raises(EngineError, match=f"no such engine; known: {', '.join(base.engines())}"):
+        call("bullet9", Path(), [])
+
+
+class Growing(Engine):
+    """An engine whose only body doubles its height each step until it overflows."""
+
+    NAME, FORMAT, DISTRIBUTION, EXTRA = "growing", "none", "numpy", "none"
+    RULES, LAYERS = Rules("max", "max"), False
+    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
+    SETTINGS: ClassVar = {}
+
+    def __init__(self):
+        self.height = 1e300
+
+    def body_states(self):
+        return np.array([[0.0, 0.0, self.height, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+
+    def get_state(self):
+        return np.array([self.height]), np.zeros(1)
+
+    def step(self, count, effort=None):
+        self.height *= 1e3**count
+
+
+def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded(tmp_path):
+    operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]}
+    result, arrays = record(Growing(), {}, operation, tmp_path / "0.")
+    assert result["failed"] == {"step": 3, "channel": "q", "place": [0]}
+    assert result["steps"] == 3
+    assert arrays["step"] == {"kind": "f8", "shape": [4]}
+    assert np.fromfile(tmp_path / "0.step.bin").tolist() == [0, 1, 2, 3]
+    assert np.fromfile(tmp_path / "0.pose.bin").reshape(arrays["pose"]["shape"])[2, 0, 2] == 1e306
+
+
+CHANNELS = {"pose": (1, 7), "velocity": (1, 6), "q": (2,), "v": (2,), "energy": (2,)}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("what", CHANNELS)
+def test_every_channel_is_looked_at(what, value, tmp_path):
+    """A run whose positions are numbers and whose velocities are none is not finite either, and so on for each channel."""
+
+    class Odd(Growing):
+        def found(self, name):
+            numbers = np.zeros(CHANNELS[name])
+            if name == what and self.height > 1.0:
+                numbers.flat[-1] = value
+            return numbers
+
+        def body_states(self):
+            return self.found("pose"), self.found("velocity")
+
+        def get_state(self):
+            return self.found("q"), self.found("v")
+
+        def energy(self):
+            return tuple(self.found("energy"))
+
+        def step(self, count, effort=None):
+            self.height += count
+
+    odd = Odd()
+    odd.height = -1.0
+    operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose", "energy"]}
+    result, arrays = record(odd, {}, operation, tmp_path / "0.")
+    place = [k - 1 for k in CHANNELS[what]]
+    assert result["failed"] == {"step": 3, "channel": what, "place": place}
+    assert arrays["step"]["shape"] == [4]
+
+
+def test_a_long_run_says_how_far_it_is(monkeypatch):
+    """The share that is done is told while it runs, and grows."""
+    monkeypatch.setattr(process, "LOOK_EVERY", 0.01)
+    world = worlds.damped_springs()
+    world = dataclasses.replace(
+        world,
+        physics=dataclasses.replace(world.physics, steps=400_000),
+        record=dataclasses.replace(world.record, every_steps=2_000, channels=()),
+    )
+    said: list[float] = []
+    done = run(world, "mujoco", progress=said.append)
+    assert done.failed is None
+    assert said == sorted(said)
+    assert said
+    assert all(0.0 < share < 1.0 for share in said)
+
+
+@pytest.mark.parametrize("own", [None, "3"])
+def test_an_engine_has_one_thread_unless_the_user_says_otherwise(monkeypatch, tmp_path, own):
+    """A threaded BLAS sums in another order from run to run: what an engine's process sees is looked at in that process."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    for name in names:
+        monkeypatch.delenv(name, raising=False)
+        if own is not None:
+            monkeypatch.setenv(name, own)
+    seen = tmp_path / "seen.json"
+    python = tmp_path / "python"
+    script = (
+        f"import json, os; json.dump({{name: os.environ.get(name) for name in {names!r}}}, open({str(seen)!r}, 'w'))"
+    )
+    python.write_text(f"#!{sys.executable}\n{script}\n")
+    python.chmod(0o755)
+    with pytest.raises(EngineError):  # it gives no result: what it saw is all that is wanted
+        run(worlds.damped_springs(), "mujoco", python=str(python))
+    assert json.loads(seen.read_text()) == dict.fromkeys(names, own or "1")
