@@ -40,7 +40,7 @@ test: check
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
 QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \
-	tests/formats tests/test_house.py tests/resolve/test_scenario.py tests/resolve/test_control.py tests/support/test_features.py \
+	tests/formats tests/test_house.py tests/resolve tests/support tests/contact tests/dialects \
 	tests/runner/test_store.py tests/runner/test_metrics.py tests/runner/test_expectations.py
 
 quick: setup

@@ -22,8 +22,8 @@ CONE = (
     "that is up to 22 % of μ N off; a disc that spins on its rim is braked 2.6 % too little. Exact for balls, for what sticks, "
     "and for slips along these axes"
 )
-"""Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm (``tests/proof/test_contact_findings.py``).
-Shorter steps and more iterations do not help: Bullet's solver for multibodies takes a step along each axis, divided by the
+"""Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm
+(``tests/proof/test_contact_findings.py``). Shorter steps and more iterations do not help: Bullet's solver for multibodies takes a step along each axis, divided by the
 axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts up to 32° aside of the slip, but for balls and along the axes"
 ROUND_OFF = 1e-9
