@@ -23,8 +23,8 @@ CONE = (
     "and for slips along these axes"
 )
 """Of the elliptic cone; measured at 0.5 to 16 ms, and computed from that law to 0.3 mm
-(``tests/proof/test_contact_findings.py``). Shorter steps and more iterations do not help: Bullet's solver for multibodies takes a step along each axis, divided by the
-axis's own D, and cuts off their sum."""
+(``tests/proof/test_contact_findings.py``). Shorter steps and more iterations do not help: Bullet's solver for multibodies
+takes a step along each axis, divided by the axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts up to 32° aside of the slip, but for balls and along the axes"
 ROUND_OFF = 1e-9
 """Relative: what calculating an inertia or a centre of mass may cost."""
