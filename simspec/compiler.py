@@ -8,15 +8,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.contact.plan import (
-    MOST_SPLIT_MATERIALS,
-    ContactPlan,
-    contact_plan,
-    impact_needs,
-    meeting_laws,
-    pair_needs,
-    unreachable,
-)
+from simspec.contact.meeting import meeting_laws
+from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
+from simspec.contact.reachability import impact_needs, pair_needs, unreachable
 from simspec.control.native import fed_forward
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.target import Target
@@ -25,7 +19,9 @@ from simspec.engines.kit.identity import engine_name
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.formats.kit.contract import formats
 from simspec.outputs.writing import write_private
-from simspec.support.features import Decision, Feature, combine, negotiate
+from simspec.support.declarations import combine
+from simspec.support.features import Feature
+from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 

@@ -10,12 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.dialects.kit import contract as dialects_base
 from simspec.engines.kit import contract as base
 from simspec.engines.kit.contract import Engine, broken_engines, engines, find_engine
 from simspec.errors import EngineError
-from simspec.support.features import EXACT, Feature
+from simspec.support.declarations import EXACT
+from simspec.support.features import Feature
 
 
 def an_engine(**more):

@@ -12,7 +12,8 @@ import pytest
 import simspec
 from simspec.engines.kit.contract import default_engines
 from simspec.proof.verify import LEVELS
-from simspec.support.features import Feature, needs
+from simspec.support.features import Feature
+from simspec.support.needs import needs
 from tests.random_specs import spec
 
 ROOT = Path(__file__).resolve().parent.parent

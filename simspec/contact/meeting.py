@@ -1,11 +1,14 @@
-"""Which materials may meet in a world."""
+"""Which materials and which shapes may meet in a world, and the laws of those that do."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Iterator
 
 from simspec.world.kinematics import CollisionFilter, rigid_groups
-from simspec.world.types import Body, Shape, World
+from simspec.world.types import Body, PairContact, Shape, World
+
+Pair = tuple[str, str]
 
 
 @functools.lru_cache(maxsize=8)
@@ -35,6 +38,26 @@ def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     return frozenset(found)
 
 
+def meeting_laws(world: World) -> dict[Pair, PairContact]:
+    """The laws of the pairs of materials that meet and collide, by their sorted names."""
+    met = meeting_materials(world)
+    return {(pair.first, pair.second): pair for pair in world.contact.pairs if (pair.first, pair.second) in met}
+
+
 def solid_shapes(body: Body) -> tuple[Shape, ...]:
     """The collision shapes of a body."""
     return tuple(shape for shape in body.shapes if shape.collision)
+
+
+def shape_pairs(world: World, pairs: Iterable[Pair]) -> Iterator[tuple[str, str]]:
+    """The sorted names of every two shapes of these pairs of materials that may touch."""
+    shapes: dict[str, list[tuple[int, str, str]]] = {}
+    for index, body in enumerate(world.bodies):
+        for shape in solid_shapes(body):
+            shapes.setdefault(shape.material, []).append((index, body.name, shape.name))
+    allowed = CollisionFilter(world)
+    for one, two in pairs:
+        for index, body, name in shapes.get(one, ()):
+            for other_index, other_body, other in shapes.get(two, ()):
+                if (one != two or index < other_index) and allowed.may_touch(body, other_body):
+                    yield (min(name, other), max(name, other))

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.contact.plan import QUANTITIES, Rules, combined, contact_plan, meeting_laws, shape_pairs
+from simspec.contact.meeting import meeting_laws, shape_pairs
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import QUANTITIES, Rules, combined
 from simspec.control.native import natives
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames

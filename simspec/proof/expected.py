@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.touch.plan import nothing_to_try

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
@@ -34,7 +34,7 @@ from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
-from simspec.support.features import Level
+from simspec.support.declarations import Level
 from simspec.world.canonical import sha256
 from simspec.world.types import ReadBack, World
 

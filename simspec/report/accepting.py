@@ -19,7 +19,8 @@ from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.types import EngineOptions, World
 
 KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}

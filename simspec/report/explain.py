@@ -11,8 +11,9 @@ from typing import Any
 from rich.table import Table
 
 from simspec.compiler import Compiled, write_folder
-from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import QUANTITIES, ContactPlan, Rules, contact_plan, meeting_laws
+from simspec.contact.meeting import meeting_laws, solid_shapes
+from simspec.contact.plan import ContactPlan, contact_plan
+from simspec.contact.rules import QUANTITIES, Rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.contract import find_engine, idle_settings, resolve_settings

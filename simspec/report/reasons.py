@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from simspec.engines.kit.contract import engines
 from simspec.report.matrix import anchor, support
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 
 PAGE = "docs/support-matrix.md"
 

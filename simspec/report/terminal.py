@@ -23,7 +23,8 @@ from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof

@@ -10,20 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.plan import (
-    MOST_SPLIT_MATERIALS,
-    QUANTITIES,
-    Rules,
-    _cross,
-    _harmonic,
-    combine,
-    combined,
-    contact_plan,
-    meeting_laws,
-    pair_needs,
-    parts,
-    shape_pairs,
-)
+from simspec.contact.meeting import meeting_laws, shape_pairs
+from simspec.contact.parts import parts
+from simspec.contact.plan import MOST_SPLIT_MATERIALS, _cross, _harmonic, contact_plan
+from simspec.contact.reachability import pair_needs
+from simspec.contact.rules import QUANTITIES, Rules, combine, combined
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World
 from tests import worlds
 

@@ -17,7 +17,8 @@ from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
 from simspec.proof.contact.run import measure
 from simspec.proof.selftest_worlds import surfaces
-from simspec.support.features import Feature, Level, combine
+from simspec.support.declarations import Level, combine
+from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Hardness, Shape, World
 from tests import worlds

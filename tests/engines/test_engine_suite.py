@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.contact import plan as contact_plan
+from simspec.contact import rules as contact_rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
@@ -20,7 +20,8 @@ from simspec.engines.kit.contract import CONTACT_FIELDS, check_settings, engines
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
 from simspec.proof.probes import rotation_error
-from simspec.support.features import Feature, Level, combine
+from simspec.support.declarations import Level, combine
+from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Surface, World
 from tests import worlds
@@ -305,7 +306,7 @@ def test_settings_say_what_they_do_and_refuse_what_they_cannot(name):
     (problem,) = check_settings(engine, [("no_such_setting", 1)])
     assert "no_such_setting" in problem.message
     half = Surface(0.5, restitution=0.5)
-    assert contact_plan.combine(engine.RULES, half, half)["friction"] > 0
+    assert contact_rules.combine(engine.RULES, half, half)["friction"] > 0
 
 
 def test_the_same_world_gives_the_same_bytes(name):

@@ -10,7 +10,8 @@ from simspec.engines.kit.contract import engines
 from simspec.errors import UnsupportedError
 from simspec.language.load import load
 from simspec.language.models import Contact
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from tests.language.test_contact import BODIES, written
 
 CONES = {

@@ -7,7 +7,10 @@ import math
 
 import pytest
 
-from simspec.contact.plan import Rules, contact_plan, shape_pairs, surfaces
+from simspec.contact.meeting import shape_pairs
+from simspec.contact.parts import surfaces
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
 from simspec.proof.comparator import compare, held_apart, inventory_checks
 from simspec.world import frames
 from simspec.world.types import (

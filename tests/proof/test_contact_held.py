@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.contact.plan import contact_plan, meeting_laws
+from simspec.contact.meeting import meeting_laws
+from simspec.contact.plan import contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import engines, find_engine

@@ -16,7 +16,8 @@ from simspec.engines.kit.contract import engines
 from simspec.proof import dry_friction
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_checks
 from simspec.proof.verify import verify
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.types import Physics, World
 from tests import worlds
 

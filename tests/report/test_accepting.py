@@ -17,7 +17,8 @@ from simspec.language.load import load
 from simspec.report import reasons
 from simspec.report.accepting import edited
 from simspec.report.matrix import support
-from simspec.support.features import Feature, Level
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 
 SCENE = """# my scene
 simspec: 1

@@ -7,21 +7,20 @@ import pytest
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.contract import engines
 from simspec.errors import Location, UnsupportedError
-from simspec.support.features import (
+from simspec.support.declarations import (
     EXACT,
-    MEANING,
-    Feature,
     Level,
     Support,
     approximate,
     check_total,
     combine,
-    needs,
-    negotiate,
     outside,
     unsupported,
     via_api,
 )
+from simspec.support.features import MEANING, Feature
+from simspec.support.needs import needs
+from simspec.support.negotiation import negotiate
 from tests import worlds
 
 TABLE = dict.fromkeys(Feature, EXACT)

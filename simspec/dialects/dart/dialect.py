@@ -23,7 +23,8 @@ from simspec.dialects.kit.target import Target
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.kit.text import environment
-from simspec.support.features import EXACT, Feature, Level, Support, Table, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World

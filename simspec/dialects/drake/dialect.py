@@ -19,7 +19,8 @@ from simspec.dialects.kit.contract import Dialect
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar, sidecar_text
 from simspec.dialects.kit.target import Target
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
-from simspec.support.features import EXACT, Feature, Table, unsupported
+from simspec.support.declarations import EXACT, Table, unsupported
+from simspec.support.features import Feature
 from simspec.world.types import Body, Joint, ReadBack, Shape, World
 
 WORLD = "world.json"

@@ -12,7 +12,7 @@ from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar, sidecar_text
 from simspec.dialects.kit.target import Target
 from simspec.formats.kit.contract import Format, formats
 from simspec.plugins import Offered, offered
-from simspec.support.features import Table, check_total
+from simspec.support.declarations import Table, check_total
 from simspec.world.types import ReadBack, World
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simspec.contact.plan import ContactPlan, Rules
+from simspec.contact.plan import ContactPlan
+from simspec.contact.rules import Rules
 
 
 @dataclass(frozen=True, slots=True)

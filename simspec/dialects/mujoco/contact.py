@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import Pair, meeting_laws, shape_pairs
+from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.filter import Attributes
 from simspec.errors import Problem, UnsupportedError

@@ -31,7 +31,8 @@ from simspec.dialects.mujoco.filter import Attributes, Kind, collision_masks
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, principal_axes, recentre_free_roots
 from simspec.formats.kit.text import environment, number, numbers
-from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, unsupported
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Pose, ReadBack, Shape, Surface, World

@@ -1,7 +1,7 @@
 """Contact in URDF for PyBullet: what each link holds of the law, copies of shapes on links of their own, and the filter.
 
 PyBullet holds friction, restitution and hardness once per link, multiplies two links' numbers, and filters links. So the
-shapes of a body are split by material, and copied where a table of pairs needs it (``contact/plan.py``): the first
+shapes of a body are split by material, and copied where a table of pairs needs it (``contact/parts.py``): the first
 part stays on the body's own link, every other gets a massless link on a fixed joint.
 """
 
@@ -11,7 +11,9 @@ import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from simspec.contact.plan import ContactPlan, Part, meeting_laws, parts
+from simspec.contact.meeting import meeting_laws
+from simspec.contact.parts import Part, parts
+from simspec.contact.plan import ContactPlan
 from simspec.errors import Problem
 from simspec.formats.kit.passes import excluded_pairs_to_write
 from simspec.world.kinematics import rigid_groups

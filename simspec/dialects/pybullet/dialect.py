@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from simspec.contact.plan import Part
+from simspec.contact.parts import Part
 from simspec.dialects.kit.contract import Dialect
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar, sidecar_text
 from simspec.dialects.kit.target import Target
@@ -28,7 +28,8 @@ from simspec.dialects.pybullet.contact import (
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import principal_axes, recentre_free_roots
 from simspec.formats.kit.text import environment
-from simspec.support.features import EXACT, Feature, Support, Table, unsupported, via_api
+from simspec.support.declarations import EXACT, Support, Table, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import free_rigid, initial_state, layout, trees
 from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import Rules, contact_plan
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
 from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
@@ -34,7 +35,8 @@ from simspec.engines.kit.contract import (
     sorted_pairs,
 )
 from simspec.engines.kit.labels import expected_labels
-from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import World
 

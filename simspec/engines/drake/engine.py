@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import Rules, contact_plan
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
 from simspec.engines.drake.expected import expected
@@ -29,7 +30,8 @@ from simspec.engines.kit.contract import (
     written_settings,
 )
 from simspec.engines.kit.labels import expected_labels
-from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, ReadBack, World
 

@@ -18,13 +18,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
 from simspec.plugins import Offered, offered
-from simspec.support.features import Table, check_total
+from simspec.support.declarations import Table, check_total
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {

@@ -13,7 +13,8 @@ from typing import Any
 
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.engines.kit.contract import Deviation
-from simspec.support.features import Feature, Level, Support, approximate, unsupported
+from simspec.support.declarations import Level, Support, approximate, unsupported
+from simspec.support.features import Feature
 from simspec.world.types import World
 
 COULOMB_COSTS = (

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.dialects.mujoco.dialect import FLAGS, KEYFRAME, MODEL, file_name
@@ -37,7 +37,8 @@ from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
-from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
 DISTRIBUTIONS = ("mujoco-core", "mujoco")

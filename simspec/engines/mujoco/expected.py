@@ -10,7 +10,9 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simspec.contact.plan import Pair, Rules, contact_plan, meeting_laws, shape_pairs
+from simspec.contact.meeting import Pair, meeting_laws, shape_pairs
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
 from simspec.control.native import natives
 from simspec.dialects.kit.sidecar import flat
 from simspec.engines.mujoco.fields import NEUTRAL

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws
 from simspec.engines.kit.contract import Deviation
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Shape, World

@@ -17,7 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import Rules, contact_plan
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.engines.kit.contract import (
     Actuation,
@@ -39,7 +40,8 @@ from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
-from simspec.support.features import EXACT, Feature, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
 

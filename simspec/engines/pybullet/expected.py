@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.contact.plan import ContactPlan, Part, meeting_laws, parts
+from simspec.contact.meeting import meeting_laws
+from simspec.contact.parts import Part, parts
+from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
 from simspec.world.kinematics import free_rigid, rigid_groups, trees

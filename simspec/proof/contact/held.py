@@ -12,8 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import QUANTITIES, ContactPlan, Pair, contact_plan, meeting_laws, shape_pairs
+from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
+from simspec.contact.plan import ContactPlan, contact_plan
+from simspec.contact.rules import QUANTITIES
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import Engine, idle_settings

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws
 from simspec.engines.kit.contract import Deviation, Engine, find_engine
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.errors import EngineError, UnsupportedError

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.contact.meeting import solid_shapes
-from simspec.contact.plan import meeting_laws
+from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout

@@ -16,7 +16,7 @@ from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.touch.geometry import gap, solids, transform
-from simspec.support.features import Level
+from simspec.support.declarations import Level
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import SHAPE_KINDS, Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape

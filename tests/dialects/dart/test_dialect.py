@@ -17,7 +17,8 @@ from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
-from simspec.support.features import combine, negotiate
+from simspec.support.declarations import combine
+from simspec.support.negotiation import negotiate
 from simspec.world import frames
 from simspec.world.kinematics import poses
 from simspec.world.types import Contact, Material, PairContact, Pose, Shape

@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import target_of, write_folder
-from simspec.contact.plan import contact_plan, surfaces
+from simspec.contact.parts import surfaces
+from simspec.contact.plan import contact_plan
 from simspec.dialects.mujoco.dialect import MODEL, MujocoDialect, depth_first
 from simspec.dialects.mujoco.filter import FILTER_BITS
 from simspec.engines.mujoco.engine import MuJoCo

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from simspec.compiler import target_of
-from simspec.contact.plan import contact_plan, pair_needs, surfaces
+from simspec.contact.parts import surfaces
+from simspec.contact.plan import contact_plan
+from simspec.contact.reachability import pair_needs
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.dialects.pybullet.dialect import PybulletDialect
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
-from simspec.support.features import combine, negotiate
+from simspec.support.declarations import combine
+from simspec.support.negotiation import negotiate
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds

@@ -12,13 +12,14 @@ import jsonschema
 import numpy as np
 import pytest
 
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.engines.kit import process
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.request import request_schema, write_request
 from simspec.errors import EngineError
-from simspec.support.features import EXACT, Feature
+from simspec.support.declarations import EXACT
+from simspec.support.features import Feature
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint
 from tests import worlds

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit import contract as base
 from simspec.engines.kit import process
@@ -21,15 +21,17 @@ from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.recorder import record
 from simspec.errors import EngineError
 from simspec.runner.run import run
-from simspec.support.features import EXACT, Feature
+from simspec.support.declarations import EXACT
+from simspec.support.features import Feature
 from tests import worlds
 
 STUB = """
 import os, time
 import numpy as np
 from simspec.engines.kit.contract import Engine
-from simspec.support.features import EXACT, Feature
-from simspec.contact.plan import Rules
+from simspec.support.declarations import EXACT
+from simspec.support.features import Feature
+from simspec.contact.rules import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"

@@ -16,7 +16,8 @@ from simspec.dialects.mujoco.dialect import MODEL, MujocoDialect
 from simspec.engines.mujoco.engine import NO_EXPLICIT_PAIRS, MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.comparator import compare
-from simspec.support.features import combine, negotiate
+from simspec.support.declarations import combine
+from simspec.support.negotiation import negotiate
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds

@@ -14,7 +14,9 @@ from simspec.dialects.pybullet.dialect import PybulletDialect
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import EngineError, UnsupportedError
-from simspec.support.features import Feature, combine, negotiate
+from simspec.support.declarations import combine
+from simspec.support.features import Feature
+from simspec.support.negotiation import negotiate
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, initial_state, layout
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape

@@ -1,0 +1,57 @@
+"""How an engine combines two shapes' numbers into one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simspec.world.types import Surface
+
+SAME = 1e-12
+"""How far a combined number may be from the pair's, relative above 1: the tolerance of text, proof level L0."""
+
+
+RULES = ("max", "min", "product", "harmonic", "cross", "none")
+"""How two numbers of a quantity become one. harmonic: 2 μ₁ μ₂ / (μ₁ + μ₂); cross:
+s₁ μ₂ + s₂ μ₁ with the sliding friction μ; none: the engine lacks it."""
+
+
+QUANTITIES = ("friction", "torsional_friction", "rolling_friction", "restitution")
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """An engine's rule for each quantity (one of ``RULES``)."""
+
+    friction: str
+    restitution: str
+    torsional_friction: str = "none"
+    rolling_friction: str = "none"
+    hardness: str = "none"
+    """same: both shapes hold the pair's; none: the engine holds no hardness with its shapes."""
+
+
+def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
+    """What an engine makes of two shapes' numbers, by quantity."""
+    return {name: combined(rules, name, first, second) for name in QUANTITIES}
+
+
+def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
+    """One quantity of :func:`combine`."""
+    rule, a, b = getattr(rules, quantity), getattr(first, quantity), getattr(second, quantity)
+    if rule == "max":
+        return max(a, b)
+    if rule == "min":
+        return min(a, b)
+    if rule == "product":
+        return a * b
+    if rule == "harmonic":
+        return 2.0 * a * b / (a + b) if a + b else 0.0
+    if rule == "cross":
+        return a * second.friction + b * first.friction
+    if rule == "none":
+        return 0.0
+    raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(RULES)}")
+
+
+def same(one: float, other: float) -> bool:
+    return abs(one - other) <= SAME * max(1.0, abs(other))

@@ -1,0 +1,117 @@
+"""The features that a world needs, each with the places that use it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from simspec.support.features import Feature
+from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.types import World
+
+LARGE_TREE = 127
+
+
+DEEP_TREE = 400
+
+
+_NUMERIC_JOINT_FEATURES = (
+    ("damping", Feature.DAMPING, Feature.BALL_DAMPING),
+    ("dry_friction", Feature.DRY_FRICTION, Feature.DRY_FRICTION),
+    ("armature", Feature.ARMATURE, Feature.ARMATURE),
+    ("spring_stiffness", Feature.SPRING, Feature.BALL_SPRING),
+)
+
+
+_LIMIT_FEATURES = (
+    ("position_limits", Feature.LIMIT_POSITION),
+    ("velocity_limit", Feature.LIMIT_VELOCITY),
+    ("effort_limit", Feature.LIMIT_EFFORT),
+)
+
+
+_CONTACT_FEATURES = (
+    ("friction", Feature.FRICTION),
+    ("torsional_friction", Feature.TORSIONAL_FRICTION),
+    ("rolling_friction", Feature.ROLLING_FRICTION),
+    ("restitution", Feature.RESTITUTION),
+    ("restitution_threshold", Feature.RESTITUTION_THRESHOLD),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """A feature that a world uses, and the places that use it (``bodies.NAME.joint.damping``; the first is shown)."""
+
+    feature: Feature
+    paths: tuple[str, ...]
+
+
+def needs(world: World) -> list[Need]:
+    """Every feature that ``world`` uses, with the paths that use it."""
+    found: dict[Feature, list[str]] = {Feature.GRAVITY: ["physics.gravity"], Feature.TIMESTEP: ["physics.timestep"]}
+
+    def note(feature: Feature, path: str) -> None:
+        found.setdefault(feature, []).append(path)
+
+    groups = rigid_groups(world)
+    depth: dict[str, int] = {}
+    for body in world.bodies:
+        path, joint = f"bodies.{body.name}", body.joint
+        depth[body.name] = 1 + (depth[joint.parent] if joint.parent is not None else 0)
+        if depth[body.name] == DEEP_TREE + 1:
+            note(Feature.TREE_DEPTH, path)
+        note(Feature(f"joint.{joint.kind}"), f"{path}.joint")
+        for name, feature, ball_feature in _NUMERIC_JOINT_FEATURES:
+            if getattr(joint, name):
+                note(
+                    ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}"
+                )
+        for name, feature in _LIMIT_FEATURES:
+            if getattr(joint, name) is not None:
+                note(feature, f"{path}.joint.limits.{name.split('_')[0]}")
+        if any(joint.velocity):
+            note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
+        if (joint.kind in ("hinge", "slide") and any(joint.position)) or (
+            joint.kind == "ball" and any(joint.position[1:])
+        ):
+            note(Feature.INITIAL_POSITION, f"{path}.joint.position")
+        if groups[body.name] != "world":
+            note(Feature.INERTIA, f"{path}.mass")
+            if any(body.inertial.inertia[3:]):
+                note(Feature.INERTIA_FULL, f"{path}.inertia")
+        for index, shape in enumerate(body.shapes):
+            note(Feature(f"shape.{shape.kind}"), f"{path}.shapes.{index}")
+            if not (shape.collision and shape.visual):
+                note(Feature.SHAPE_VISUAL, f"{path}.shapes.{index}")
+        solid = [shape for shape in body.shapes if shape.collision]
+        if len(solid) > 1:
+            note(Feature.SHAPES_PER_BODY, f"{path}.shapes")
+        if len({shape.material for shape in solid}) > 1:
+            note(Feature.MATERIALS_PER_BODY, f"{path}.shapes")
+    for root, bodies in trees(world).items():
+        if len(bodies) > LARGE_TREE:
+            note(Feature.TREE_SIZE, f"bodies.{root}")
+    for controller in world.controllers:
+        note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
+    _contact_needs(world, note)
+    return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
+
+
+def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
+    if any(shape.collision for body in world.bodies for shape in body.shapes):
+        note(Feature(f"contact.cone.{world.contact.friction_cone}"), "contact.friction_cone")
+    for pair in world.contact.pairs:
+        path = f"contact.pairs.{pair.first}.{pair.second}"
+        if not pair.collide:
+            note(Feature.PASSING_PAIRS, f"{path}.collide")
+            continue
+        for quantity, feature in _CONTACT_FEATURES:
+            if getattr(pair, quantity):
+                note(feature, f"{path}.{quantity}")
+        note(Feature(f"contact.hardness.{pair.hardness.kind}"), f"{path}.hardness")
+    if world.contact.ignored_groups:
+        note(Feature.COLLISION_GROUPS, "contact.groups")
+    parents = {tuple(sorted((body.name, body.joint.parent))) for body in world.bodies if body.joint.parent is not None}
+    if any(pair not in parents for pair in world.contact.excluded_bodies):
+        note(Feature.EXCLUDED_PAIRS, "contact.exclude")
