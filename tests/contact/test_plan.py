@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.parts import parts
-from simspec.contact.plan import MOST_SPLIT_MATERIALS, _cross, _harmonic, contact_plan
+from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
 from simspec.contact.reachability import pair_needs
-from simspec.contact.rules import QUANTITIES, Rules, combine, combined
-from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World
+from simspec.contact.rules import QUANTITIES, Rules, combine
+from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, World
 from tests import worlds
 
 ENGINE_RULES = {
@@ -157,34 +157,6 @@ def test_rolling_friction_without_sliding_friction_cannot_be_had_under_the_cross
     assert contact_plan(table_world(laws), ENGINE_RULES["product"], True).missed == (("a", "a"),)
 
 
-@settings(max_examples=60, deadline=None)
-@given(count=st.integers(2, 7), seed=st.integers(0, 10**6), ring=st.booleans())
-def test_crossed_numbers_that_exist_are_found(count, seed, ring):
-    """Materials that meet along a tree, or a tree and one pair more: any ρ ≥ 0 behind the values are numbers for them."""
-    generator = random.Random(seed)
-    names = [f"m{index}" for index in range(count)]
-    friction = {name: generator.uniform(0.1, 1.0) for name in names}
-    behind = {name: generator.choice((0.0, generator.uniform(0.0, 0.02))) for name in names}
-    met = [(names[generator.randrange(index)], names[index]) for index in range(1, count)]
-    generator.shuffle(met)
-    if ring and count > 2:
-        met.append((names[0], names[-1]))
-    values = {
-        (a, b): (behind[a] + behind[b]) * friction[a] * friction[b]
-        for a, b in sorted({tuple(sorted(pair)) for pair in met})
-    }
-    found = _cross(names, values, friction)
-    assert min(found.values()) >= 0.0
-    for (a, b), value in values.items():
-        assert found[a] * friction[b] + found[b] * friction[a] == pytest.approx(value, rel=1e-12, abs=1e-15)
-
-
-def test_two_materials_that_meet_each_other_alone_have_half_each():
-    found = _cross(["a", "b"], {("a", "b"): 0.004}, {"a": 0.5, "b": 0.25})
-    # ρ₁ + ρ₂ = c/(μ₁ μ₂) = 0.032 m, half of it each, times μ
-    assert found == {"a": pytest.approx(0.008), "b": pytest.approx(0.004)}
-
-
 def test_very_many_materials_are_not_split():
     names = [f"m{index:02}" for index in range(MOST_SPLIT_MATERIALS + 1)]
     laws = {
@@ -217,27 +189,3 @@ def test_bodies_are_split_by_material_and_layer():
         (material, layer) for material in ("m0", "m1") for layer in plan.layers(material)
     }
     assert all(part.surface == plan.numbers[part.material, part.layer] for part in found)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {("a", "a"): 0.5},
-        {("a", "b"): 0.3},
-        {("a", "a"): 0.5, ("a", "b"): 0.3},
-        {("a", "a"): 0.0, ("a", "b"): 0.0, ("b", "b"): 0.7},
-        {("a", "b"): 0.4, ("a", "c"): 0.5, ("b", "c"): 0.6},
-    ],
-)
-def test_the_harmonic_mean_is_inverted(values):
-    numbers = _harmonic(("a", "b", "c"), values, dict.fromkeys("abc", 0.2))
-    rules = Rules("harmonic", "none")
-    for (one, other), value in values.items():
-        pair = [Surface(numbers[name]) for name in (one, other)]
-        assert combined(rules, "friction", *pair) == pytest.approx(value, abs=1e-15)
-
-
-def test_what_no_harmonic_mean_gives_comes_out_otherwise():
-    """Half of a number cannot be had: the mean of x and anything is more than that, up to 2 x."""
-    numbers = _harmonic(("a", "b"), {("a", "a"): 0.2, ("a", "b"): 0.5}, {"a": 0.1, "b": 0.1})
-    assert numbers["b"] == 0.0
