@@ -202,6 +202,31 @@ def test_one_part_writes_for_everybody(path):
     assert not writes(ast.parse(path.read_text(encoding="utf-8")))
 
 
+TEMPORARY = {"scratch.py", "mapped.py", "ending.py"}
+"""Modules that may make temporary files themselves: what a killed process leaves must be known to the next by its marker, or
+have no name."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if path.relative_to(PACKAGE).as_posix() not in TEMPORARY],
+    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
+)
+def test_temporary_folders_are_marked(path):
+    text = path.read_text(encoding="utf-8")
+    assert not {"TemporaryDirectory", "mkdtemp", "NamedTemporaryFile", "mkstemp"} & {
+        word for _, word in words_as_written(ast.parse(text))
+    }
+
+
+def words_as_written(tree):
+    return [
+        (node.lineno, node.attr if isinstance(node, ast.Attribute) else node.id)
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.Attribute, ast.Name))
+    ]
+
+
 def test_what_writes_is_seen():
     text = """
 import os, shutil

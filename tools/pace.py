@@ -19,7 +19,8 @@ import multiprocessing
 import os
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -76,15 +77,27 @@ def once(world: World, engine: str) -> np.ndarray:
     return np.array(rows)
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Processes begun in this block work in one thread, as in a run, where the environment does not say otherwise."""
+    new = {name: value for name, value in ONE_THREAD.items() if name not in os.environ}
+    os.environ.update(new)
+    try:
+        yield
+    finally:
+        for name in new:
+            del os.environ[name]
+
+
 def measure(world: World, chosen: Sequence[str], rounds: int) -> dict[str, Pace]:
     """The pace of a world in engines, each run in a process of its own."""
     runs: dict[str, list[np.ndarray]] = {engine: [] for engine in chosen}
-    os.environ.update({**ONE_THREAD, **os.environ})  # as in a run; counts where a process is begun anew, not forked
     begun_anew = multiprocessing.get_context("spawn")
-    for _ in range(rounds):
-        for engine in chosen:
-            with concurrent.futures.ProcessPoolExecutor(1, mp_context=begun_anew) as pool:
-                runs[engine].append(pool.submit(once, world, engine).result())
+    with one_thread():
+        for _ in range(rounds):
+            for engine in chosen:
+                with concurrent.futures.ProcessPoolExecutor(1, mp_context=begun_anew) as pool:
+                    runs[engine].append(pool.submit(once, world, engine).result())
     scale = 1e6 / world.physics.steps
     return {
         engine: Pace(

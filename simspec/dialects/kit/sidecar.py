@@ -1,50 +1,99 @@
-"""The sidecar: the small JSON beside the files of a model, for what the files cannot carry."""
+"""The sidecar: the small JSON beside the files of a model, for what the files cannot carry.
+
+Each dialect has a frozen dataclass of its own, a :class:`Sidecar` with further fields; its annotations are the form that a
+sidecar's JSON must have (``sidecar_fields.py``).
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+from simspec.dialects.kit.sidecar_fields import check_distinct, check_fields, check_known, form_of, typed
 from simspec.dialects.kit.target import Target
 from simspec.errors import SpecError
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.canonical import sha256, to_plain
-from simspec.world.types import Vector3, World
+from simspec.world.types import FRICTION_CONES, JOINT_KINDS, Vector3, World
 
 SIDECAR = "sidecar.json"
 SIDECAR_SCHEMA = 1
 
 
-def sidecar(
-    format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3], **more: Any
-) -> dict[str, Any]:
-    """The part of a sidecar that every format has.
+@dataclass(frozen=True, slots=True)
+class SidecarBody:
+    """One body: its name, the kind of its joint, and where the file's body frame stands in the world's (m): zero but for free
+    roots (see ``formats/kit/passes.py``)."""
 
-    schema, format, engine; world (its SHA-256); settings (the engine's solver settings, all of them); bodies: in the
-    world's order, each with name, joint kind and ``frame_offset``, the position of the file's body frame in the
-    world's (zero but for free roots, see ``passes.recentre_free_roots``); contact: the cone.
-    """
+    name: str
+    kind: str
+    frame_offset: Vector3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sidecar:
+    """What every sidecar has. A field whose default is None is left out of the text where it is None."""
+
+    schema: int = SIDECAR_SCHEMA
+    format: str
+    engine: str
+    world: str
+    """SHA-256 of the world."""
+    settings: Mapping[str, bool | int | float | str]
+    """The engine's solver settings, all of them."""
+    bodies: tuple[SidecarBody, ...]
+    """In the world's order."""
+    friction_cone: str
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> Self:
+        """The sidecar that parsed JSON is. Raises ValueError, which names the place, where a field is missing, unknown or of
+        another kind, or where fields do not fit together."""
+        check_fields(content, form_of(cls))
+        sidecar: Self = typed(cls, content)
+        check_distinct((body.name for body in sidecar.bodies), "sidecar.bodies")
+        check_known((body.kind for body in sidecar.bodies), JOINT_KINDS, "sidecar.bodies")
+        check_known((sidecar.friction_cone,), FRICTION_CONES, "sidecar.friction_cone")
+        sidecar.check()
+        return sidecar
+
+    def check(self) -> None:
+        """Raise ValueError where fields of a dialect's own do not fit together, or name what is not there."""
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        return {
+            field.name: to_plain(value)
+            for field in dataclasses.fields(self)
+            if (value := getattr(self, field.name)) is not None or field.default is not None
+        }
+
+
+def common_fields(format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
+    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them."""
     return {
-        "schema": SIDECAR_SCHEMA,
         "format": format_name,
         "engine": target.engine,
         "world": sha256(world),
         "settings": dict(sorted(target.settings.items())),
-        "bodies": [
-            {
-                "name": body.name,
-                "kind": body.joint.kind,
-                "frame_offset": list(offsets.get(body.name, (0.0, 0.0, 0.0))),
-            }
-            for body in world.bodies
-        ],
+        "bodies": tuple(
+            SidecarBody(body.name, body.joint.kind, offsets.get(body.name, (0.0, 0.0, 0.0))) for body in world.bodies
+        ),
         "friction_cone": world.contact.friction_cone,
-        **more,
     }
+
+
+def sidecar(
+    format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3], **more: Any
+) -> dict[str, Any]:
+    """A sidecar as plain data, for dialects that have no dataclass yet."""
+    return {**Sidecar(**common_fields(format_name, world, target, offsets)).plain(), **more}
 
 
 def sidecar_text(content: Mapping[str, Any]) -> str:

@@ -1,15 +1,20 @@
 """Whether a sidecar has the fields that it should have, of the right kinds, and no others.
 
-A form is one of: a type (``float`` takes whole numbers too, ``int`` and ``float`` no flags), :class:`ListOf`, :class:`MapOf`,
-or a dict of forms by field; a field whose name ends in ``?`` may be missing.
+A form is one of: a type (``float`` takes whole numbers too, ``int`` and ``float`` no flags), :class:`ListOf`, :class:`TupleOf`,
+:class:`MapOf`, :class:`OrNull`, or a dict of forms by field; a field whose name ends in ``?`` may be missing. ``form_of`` makes
+them of a dataclass's annotations, ``typed`` the dataclass of a value that has the form.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
+import types
+import typing
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from simspec.world.types import FRICTION_CONES, JOINT_KINDS
 
@@ -26,11 +31,33 @@ class ListOf:
 
 
 @dataclass(frozen=True, slots=True)
+class TupleOf:
+    """A list with a form for each of its values."""
+
+    forms: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class OrNull:
+    """Null, or a value of the form."""
+
+    form: Any
+
+
+@dataclass(frozen=True, slots=True)
 class MapOf:
     """An object with any names and values of one form."""
 
     form: Any
 
+
+DISTINCT = "distinct"
+"""In annotations of lists no two values of which may be alike: ``Annotated[tuple[str, ...], DISTINCT]``."""
+
+Names = Annotated[tuple[str, ...], DISTINCT]
+"""Different names."""
+NamePairs = Annotated[tuple[tuple[str, str], ...], DISTINCT]
+"""Different pairs of names."""
 
 COMMON: Mapping[str, Any] = {
     "schema": int,
@@ -49,7 +76,15 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     kind = {ListOf: (list, "a list"), MapOf: (dict, "an object"), dict: (dict, "an object")}.get(type(form))
     if kind is not None and type(value) is not kind[0]:
         raise ValueError(f"{at} is {_told(value)}, should be {kind[1]}")
-    if isinstance(form, ListOf):
+    if isinstance(form, OrNull):
+        if value is not None:
+            check_fields(value, form.form, at)
+    elif isinstance(form, TupleOf):
+        if type(value) is not list or len(value) != len(form.forms):
+            raise ValueError(f"{at} is {_told(value)}, should be a list of {len(form.forms)}")
+        for index, (item, own) in enumerate(zip(value, form.forms, strict=True)):
+            check_fields(item, own, f"{at}.{index}")
+    elif isinstance(form, ListOf):
         if form.length is not None and len(value) != form.length:
             raise ValueError(f"{at} has {len(value)} entries, should have {form.length}")
         for index, one in enumerate(value):
@@ -69,6 +104,56 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
             check_fields(one, known[name], f"{at}.{name}")
     elif form is not object and not _is(value, form):
         raise ValueError(f"{at} is {_told(value)}, should be {WORDS[form]}")
+
+
+@functools.cache
+def form_of(kind: Any) -> Any:
+    """The form of an annotation: a dataclass (a field whose default is None may be missing), a tuple, a mapping,
+    a union with None, or a plain type. A union of plain types is any plain value. Raises TypeError for other annotations."""
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind, include_extras=True)
+        return {
+            f"{field.name}{'?' if field.default is None else ''}": form_of(
+                _without_none(hints[field.name]) if field.default is None else hints[field.name]
+            )
+            for field in dataclasses.fields(kind)
+        }
+    if kind in (object, bool, int, float, str):
+        return kind
+    origin, items = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        return dataclasses.replace(form_of(items[0]), distinct=DISTINCT in items[1:])
+    if origin is tuple:
+        if len(items) == 2 and items[1] is Ellipsis:
+            return ListOf(form_of(items[0]))
+        return ListOf(form_of(items[0]), len(items)) if len(set(items)) == 1 else TupleOf(tuple(map(form_of, items)))
+    if origin in (dict, Mapping):
+        return MapOf(form_of(items[1]))
+    if origin in (typing.Union, types.UnionType):
+        return OrNull(form_of(_without_none(kind))) if type(None) in items else object
+    raise TypeError(f"{kind} has no form")
+
+
+def typed(kind: Any, value: Any) -> Any:
+    """The value of an annotation that plain data of its form stands for."""
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return kind(**{name: typed(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
+    origin, items = typing.get_origin(kind), typing.get_args(kind)
+    if origin is tuple:
+        kinds = [items[0]] * len(value) if len(items) == 2 and items[1] is Ellipsis else items
+        return tuple(typed(own, item) for own, item in zip(kinds, value, strict=True))
+    if origin in (dict, Mapping):
+        return {name: typed(items[1], item) for name, item in value.items()}
+    if origin in (typing.Union, types.UnionType):
+        return value if value is None or type(None) not in items else typed(_without_none(kind), value)
+    return float(value) if kind is float else value
+
+
+def _without_none(kind: Any) -> Any:
+    """The annotation without its None."""
+    kinds = [item for item in typing.get_args(kind) if item is not type(None)]
+    return typing.Union[tuple(kinds)] if len(kinds) > 1 else kinds[0]  # noqa: UP007 (made from a list)
 
 
 def check_common(content: Mapping[str, Any]) -> set[str]:

@@ -7,7 +7,6 @@ solver's numbers, the collision masks and flags of every link), and the calls ma
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from simspec.engines.pybullet.bullet_file import Block, plain, read_blocks
 from simspec.engines.pybullet.simulation import Simulation, Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
+from simspec.scratch import scratch_folder
 from simspec.world import frames
 from simspec.world.types import HeldValue
 
@@ -142,11 +142,11 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     p = sim.bullet
     client = p.connect(p.DIRECT)
     try:
-        with tempfile.TemporaryDirectory(prefix="simspec-bullet-") as place:
-            (Path(place) / "neutral.urdf").write_text(NEUTRAL, encoding="utf-8")
-            uid = p.loadURDF(str(Path(place) / "neutral.urdf"), physicsClientId=client)
-            found = _world(_dump_of(p, client, Path(place)))
-            blocks = _dump_of(p, client, Path(place))
+        with scratch_folder("bullet") as place:
+            (place / "neutral.urdf").write_text(NEUTRAL, encoding="utf-8")
+            uid = p.loadURDF(str(place / "neutral.urdf"), physicsClientId=client)
+            found = _world(_dump_of(p, client, place))
+            blocks = _dump_of(p, client, place)
         for block in (block for block in blocks if block.code == "MBLC"):
             for row in block.rows:
                 kind = "base" if int(row["m_link"]) < 0 else "link"
@@ -177,8 +177,8 @@ def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
 
 
 def _dump(sim: Simulation) -> list[Block]:
-    with tempfile.TemporaryDirectory(prefix="simspec-bullet-") as place:
-        return _dump_of(sim.bullet, sim.client, Path(place))
+    with scratch_folder("bullet") as place:
+        return _dump_of(sim.bullet, sim.client, place)
 
 
 def _dump_of(bullet: Any, client: int, folder: Path) -> list[Block]:

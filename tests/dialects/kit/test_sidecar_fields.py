@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 import re
+from collections.abc import Mapping
 
 import pytest
 
 from simspec.compiler import compile_world
 from simspec.dialects.dart import sidecar as skel_sidecar
-from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, SidecarBody, sidecar_text
+from simspec.dialects.kit.sidecar_fields import NamePairs, Names, form_of
 from simspec.dialects.pybullet.sidecar import check_sidecar
 from simspec.proof.selftest_worlds import WORLDS
 
@@ -90,3 +93,75 @@ def test_what_is_not_of_a_skel_is_refused(skel, change, said):
     change(content)
     with pytest.raises(ValueError, match=re.escape(said)):
         skel_sidecar.check_sidecar(content)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Spring:
+    body: str
+    stiffness: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Whole(Sidecar):
+    springs: tuple[Spring, ...]
+    layers: tuple[tuple[str, str, int | None], ...]
+    groups: Mapping[str, Names]
+    pairs: NamePairs
+    threshold: float
+    sleepers: Names | None = None
+
+    def check(self):
+        if self.threshold < 0.0:
+            raise ValueError("sidecar.threshold is below zero")
+
+
+WHOLE = Whole(
+    format="f",
+    engine="e",
+    world="w",
+    settings={"iterations": 1},
+    bodies=(SidecarBody("b", "free", (0.0, 1.0, 0.0)),),
+    friction_cone="elliptic",
+    springs=(Spring("b", 1.0),),
+    layers=(("a", "b", None), ("a", "c", 2)),
+    groups={"g": ("x", "y")},
+    pairs=(("a", "b"), ("b", "a")),
+    threshold=1.0,
+)
+
+
+@pytest.mark.parametrize("whole", [WHOLE, dataclasses.replace(WHOLE, sleepers=("b",))])
+def test_a_dataclass_is_the_form_of_its_json(whole):
+    plain = json.loads(sidecar_text(whole.plain()))
+    assert ("sleepers" in plain) == (whole.sleepers is not None)
+    assert Whole.of(plain) == whole
+    assert isinstance(Whole.of({**plain, "threshold": 1}).threshold, float)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("springs", [{"body": "b"}], "sidecar.springs.0 lacks the fields ['stiffness']"),
+        (
+            "springs",
+            [{"body": "b", "stiffness": True}],
+            "sidecar.springs.0.stiffness is True, should be a finite number",
+        ),
+        ("layers", [["a", "b"]], "sidecar.layers.0 is ['a', 'b'], should be a list of 3"),
+        ("layers", [["a", "b", "c"]], "sidecar.layers.0.2 is 'c', should be a whole number"),
+        ("groups", {"g": ["x", "x"]}, "sidecar.groups.g has 'x' twice"),
+        ("pairs", [["a", "b", "c"]], "sidecar.pairs.0 has 3 entries, should have 2"),
+        ("sleepers", None, "sidecar.sleepers is None, should be a list"),
+        ("threshold", -1, "sidecar.threshold is below zero"),
+        ("more", 1, "which are not known"),
+        ("friction_cone", "round", "'round', which is not known"),
+    ],
+)
+def test_json_of_another_form_is_refused(field, value, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        Whole.of({**json.loads(sidecar_text(WHOLE.plain())), field: value})
+
+
+def test_an_annotation_without_a_form_is_an_error():
+    with pytest.raises(TypeError, match="has no form"):
+        form_of(set[str])
