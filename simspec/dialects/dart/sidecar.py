@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simspec.dialects.kit.sidecar_fields import (
+from simspec.formats.kit.forms import (
     COMMON,
     ListOf,
     MapOf,

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.dialects.kit.sidecar_fields import (
+from simspec.errors import SpecError
+from simspec.formats.kit.forms import (
     COMMON,
     ListOf,
     check_common,
@@ -20,7 +21,6 @@ from simspec.dialects.kit.sidecar_fields import (
     check_fields,
     check_known,
 )
-from simspec.errors import SpecError
 from simspec.formats.kit.passes import restore_frames
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json

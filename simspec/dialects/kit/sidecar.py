@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from simspec.dialects.kit.sidecar_fields import check_distinct, check_fields, check_known, form_of, typed
 from simspec.dialects.kit.target import Target
 from simspec.errors import SpecError
+from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, typed
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.canonical import sha256, to_plain

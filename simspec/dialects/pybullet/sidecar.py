@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simspec.dialects.kit.sidecar_fields import COMMON, ListOf, check_common, check_distinct, check_fields, check_known
+from simspec.formats.kit.forms import COMMON, ListOf, check_common, check_distinct, check_fields, check_known
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
 UNIT = 1e-9

@@ -13,8 +13,8 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.dialects.dart import sidecar as skel_sidecar
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, SidecarBody, sidecar_text
-from simspec.dialects.kit.sidecar_fields import NamePairs, Names, form_of
 from simspec.dialects.pybullet.sidecar import check_sidecar
+from simspec.formats.kit.forms import NamePairs, Names, form_of
 from simspec.proof.selftest_worlds import WORLDS
 
 
