@@ -1,10 +1,10 @@
-"""The command line: parses words, calls one function, prints. Heavy imports happen inside commands."""
+"""The command line: arguments and help of every command; the work is done in ``simspec.commands``, imported when called."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,23 +20,10 @@ from simspec.arguments import (
     SpecName,
     SpecNames,
     Strict,
-    demand_installed,
-    engine_names,
-    installed_engines,
-    interpreters,
-    load_spec,
-    names_alone,
-    possible_engines,
-    print_json,
-    source_of,
 )
+from simspec.commands.guard import command
 from simspec.ending import in_order
-from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.report.guard import command
-
-if TYPE_CHECKING:
-    from simspec.language.load import Spec
-    from simspec.world.types import World
+from simspec.errors import EXIT_OK
 
 app = typer.Typer(
     name="simspec",
@@ -70,22 +57,16 @@ def simspec_command() -> None:
 def new_command(
     name: Annotated[str, typer.Argument(help="Name of the scenario; the file is NAME.yaml.")],
     as_json: AsJson = False,
-) -> None:
+) -> int:
     """Write a commented starter spec.
 
     \b
     simspec new pendulum
     simspec run pendulum.yaml --all-engines
     """
-    from simspec.report.starter import write_starter
+    from simspec.commands.new import new
 
-    path = write_starter(name, Path())
-    if as_json:
-        print_json({"file": path})
-    else:
-        from simspec.report.screen import say
-
-        say(f"wrote {path}; now: simspec run {path} --all-engines")
+    return new(name, as_json)
 
 
 @app.command("check")
@@ -97,41 +78,16 @@ def check_command(
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
-) -> None:
+) -> int:
     """Load and resolve specs; with --engine, see also whether these engines can have them. Writes nothing.
 
     \b
     simspec check specs/*.yaml
     simspec check arm.yaml --engine pybullet
     """
-    from simspec.compiler import check_options, compile_world
-    from simspec.world.canonical import sha256
+    from simspec.commands.check import check
 
-    problems: list[Problem] = []
-    rows = []
-    for name in specs:
-        try:
-            spec, world, warned = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
-            if engine:
-                compile_world(world, names_alone(engine), spec.locate)
-            else:
-                problems.extend(check_options(world, spec.locate))
-        except SpecError as error:
-            problems.extend(error.problems)
-            continue
-        facts = {"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)}
-        rows.append({**facts, "warnings": warned})
-    if problems:
-        raise SpecError(problems)
-    if as_json:
-        print_json({"specs": rows})
-    else:
-        for row in rows:
-            count = len(row["warnings"])
-            told = f", {count} warning{'s' if count > 1 else ''}" if count else ""
-            from simspec.report.screen import say
-
-            say(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
+    return check(specs, engine, sets, allow_outside, strict, as_json)
 
 
 @app.command("accept")
@@ -151,10 +107,9 @@ def accept_command(
     simspec accept arm.yaml
     simspec accept arm.yaml --engine pybullet
     """
-    from simspec.report.accepting import accept
+    from simspec.commands.accept import accept
 
-    loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
-    return accept(loaded, world, names_alone(engine) if engine else installed_engines(), as_json)
+    return accept(spec, engine, allow_outside, as_json)
 
 
 @app.command("fmt")
@@ -170,9 +125,9 @@ def fmt_command(
     simspec fmt specs/*.yaml
     simspec fmt --check specs/*.yaml
     """
-    from simspec.report.files import format_files
+    from simspec.commands.fmt import fmt
 
-    return format_files(files, check, as_json)
+    return fmt(files, check, as_json)
 
 
 @app.command("schema")
@@ -195,9 +150,9 @@ def schema_command(
       # yaml-language-server: $schema=simspec.schema.json
     simspec schema --of engine-request --out -
     """
-    from simspec.report.files import schema_file
+    from simspec.commands.schema import schema
 
-    return schema_file(of.value, out, check, as_json)
+    return schema(of.value, out, check, as_json)
 
 
 @app.command("compile")
@@ -229,24 +184,18 @@ def compile_command(
     simspec compile --check                 in CI: is generated/ what specs/ compile to?
     simspec compile robot.yaml --explain
     """
-    from simspec.report import files
+    from simspec.commands.compile import compile_specs
 
-    names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
-    if not names:
-        raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
-
-    warned: list[Problem] = []
-
-    def load(name: str) -> tuple[Spec, World]:
-        # what is only looked at for being current was warned of when it was written
-        spec, world, found = load_spec(
-            name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict
-        )
-        warned.extend(found)
-        return spec, world
-
-    return files.compile_specs(
-        names, load, names_alone(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+    return compile_specs(
+        specs,
+        engine,
+        out,
+        check=check,
+        explain=explain,
+        sets=sets,
+        allow_outside=allow_outside,
+        strict=strict,
+        as_json=as_json,
     )
 
 
@@ -287,24 +236,22 @@ def verify_command(
     simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
     simspec verify --self-test --complete       every change of every number, word, attribute and element, and more
     """
-    from simspec.report import verification
+    from simspec.commands.verify import verify
 
-    names, pythons = engine_names(engine), interpreters(python, engine)
-    if (spec is None) != self_test:
-        raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
-    if complete and (spec is not None or pythons):
-        raise SpecError([Problem("--complete goes with --self-test, and with the engines of this Python")])
-    demand_installed(names, pythons)
-    if complete:
-        from simspec.report.complete import complete_self_test
-
-        return complete_self_test(names, as_json)
-    if spec is None:
-        return verification.self_test(names, pythons, as_json)
-    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
-    verification.check_targets(world, spec, out, contact)
-    return verification.verify(
-        world, names, loaded.locate, pythons, deadline, out, as_json, contact, not no_cache, warnings=warned
+    return verify(
+        spec,
+        engine,
+        planted=self_test,
+        complete=complete,
+        contact=contact,
+        cache=not no_cache,
+        out=out,
+        sets=sets,
+        allow_outside=allow_outside,
+        strict=strict,
+        python=python,
+        deadline=deadline,
+        as_json=as_json,
     )
 
 
@@ -353,31 +300,24 @@ def run_command(
     simspec run arm.yaml --engine mujoco --engine dart --set physics.timestep=2ms
     simspec run arm.yaml --engine mujoco --python mujoco=/other/venv/bin/python
     """
-    from simspec.report import session
-    from simspec.resources import find_spec
+    from simspec.commands.run import run
 
-    if all_engines == bool(engine):
-        raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
-    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
-    pythons = interpreters(python, engine)
-    names = engine_names(engine) if engine else possible_engines(pythons, as_json)
-    return session.run(
-        world,
-        names,
-        out / world.name,
-        spec=find_spec(spec),
-        locate=loaded.locate,
-        prove=not no_verify,
-        repeats=repeats,
+    return run(
+        spec,
+        all_engines=all_engines,
+        engine=engine,
         keep_going=keep_going,
-        tolerance=tolerance if fail_on_diff is None else fail_on_diff,
-        fail_on_diff=fail_on_diff is not None,
-        pythons=pythons,
+        out=out,
+        repeats=repeats,
+        prove=not no_verify,
+        tolerance=tolerance,
+        fail_on_diff=fail_on_diff,
+        sets=sets,
+        allow_outside=allow_outside,
+        strict=strict,
+        python=python,
         deadline=deadline,
-        source=source_of(spec, sets),
         as_json=as_json,
-        warnings=warned,
-        show=loaded.data.record.show,
     )
 
 
@@ -398,14 +338,9 @@ def diff_command(
     simspec diff runs/arm/mujoco runs/arm/dart --tolerance 1e-6
     simspec diff arm.yaml arm-heavier.yaml
     """
-    from simspec.report import session
+    from simspec.commands.diff import diff
 
-    if Path(a).is_dir() and Path(b).is_dir():
-        return session.diff_runs(Path(a), Path(b), tolerance, as_json)
-    if Path(a).is_dir() or Path(b).is_dir():
-        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
-    worlds = [load_spec(name, None, allow_outside, warn=False).world for name in (a, b)]
-    return session.diff_specs(worlds[0], worlds[1], as_json)
+    return diff(a, b, tolerance, allow_outside, as_json)
 
 
 @app.command("engines")
@@ -424,23 +359,9 @@ def engines_command(
     simspec engines
     simspec engines --json
     """
-    from simspec.report import matrix
+    from simspec.commands.engines import engines
 
-    if markdown:
-        from simspec.report.files import one_file
-
-        return one_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
-    if as_json:
-        print_json({"engines": matrix.engine_data(), "broken": matrix.broken()})
-        return EXIT_OK
-    from simspec.report.screen import say
-    from simspec.report.terminal import console, engine_tables
-
-    for table in engine_tables(matrix.engine_data()):
-        console().print(table)
-    for name, why in matrix.broken().items():
-        say(f"{name}: {why}")
-    return EXIT_OK
+    return engines(markdown, out, check, as_json)
 
 
 def help_text() -> str:

@@ -256,7 +256,7 @@ TOLD = """
 import os, signal, sys
 from simspec.ending import Ended, in_order, until_told
 from simspec.errors import Problem, SpecError
-from simspec.report.guard import command
+from simspec.commands.guard import command
 
 def told():
     os.kill(os.getpid(), signal.{name})

@@ -35,6 +35,7 @@ ORDER = (
     "generated",
     "report",
     "arguments",
+    "commands",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""

@@ -1,16 +1,14 @@
-"""``simspec verify --self-test --complete``: what became of every change, as a table, as JSON and as a page's table."""
+"""What became of every change of a complete self-test: as a table, and as data."""
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report import terminal
-from simspec.report.plain import text
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from simspec.proof.complete import CompleteTest
@@ -20,41 +18,37 @@ SHOWN = 40
 """Missed changes that the terminal lists; ``--json`` has all."""
 
 
-def complete_self_test(engines: list[str], as_json: bool) -> int:
-    """Try every change that compiled files can suffer, and say what was missed."""
-    from simspec.proof.complete import complete_self_test as plant
+def complete_data(found: CompleteTest) -> dict[str, Any]:
+    """A complete self-test as plain data."""
+    rows = [
+        {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
+        for engine, kind, counts in found.rows()
+    ]
+    return {
+        "passed": found.passed,
+        "versions": found.versions,
+        "seconds": found.seconds,
+        "skipped": found.skipped,
+        "rows": rows,
+        "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(found)],
+        "mutations": found.verdicts,
+    }
 
-    found = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
-    if as_json:
-        rows = [
-            {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
-            for engine, kind, counts in found.rows()
-        ]
-        answer = {
-            "passed": found.passed,
-            "versions": found.versions,
-            "seconds": found.seconds,
-            "skipped": found.skipped,
-            "rows": rows,
-            "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(found)],
-            "mutations": found.verdicts,
-        }
-        sys.stdout.write(text(answer))
-    else:
-        screen = terminal.console()
-        screen.print(complete_table(found))
-        for one in found.missed[:SHOWN]:
-            screen.print(
-                f"MISSED {one.engine}, {one.world}: {one.file} {one.place}: {one.kind} {one.change} {one.why}",
-                markup=False,
-            )
-        if len(found.missed) > SHOWN:
-            screen.print(f"and {len(found.missed) - SHOWN} more: --json has them")
-        for where, why in found.skipped.items():
-            screen.print(f"{where}: {why}", markup=False)
-        planted, missed = found.count(), len(found.missed)
-        screen.print(f"missed {missed} of {planted} changes, in {found.seconds / 60.0:.0f} min")
-    return EXIT_OK if found.passed else EXIT_FAILED
+
+def show_complete(found: CompleteTest, screen: Console) -> None:
+    """Print the table, and what was missed and skipped."""
+    screen.print(complete_table(found))
+    for one in found.missed[:SHOWN]:
+        screen.print(
+            f"MISSED {one.engine}, {one.world}: {one.file} {one.place}: {one.kind} {one.change} {one.why}",
+            markup=False,
+        )
+    if len(found.missed) > SHOWN:
+        screen.print(f"and {len(found.missed) - SHOWN} more: --json has them")
+    for where, why in found.skipped.items():
+        screen.print(f"{where}: {why}", markup=False)
+    planted, missed = found.count(), len(found.missed)
+    screen.print(f"missed {missed} of {planted} changes, in {found.seconds / 60.0:.0f} min")
 
 
 def complete_table(found: CompleteTest) -> Table:

@@ -13,9 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli, generated
+from simspec.commands import run as run_command
 from simspec.errors import SpecError
 from simspec.proof import verify as proving
-from simspec.report import session
 from simspec.runner.store import load_run
 from tests.outputs.surroundings import KINDS, MINE, picture, stray
 from tests.runner.synthetic import free_body, run, world
@@ -50,7 +50,7 @@ def root(tmp_path, monkeypatch):
         raise AssertionError("work was done before the targets were looked at")
 
     monkeypatch.setattr(proving, "verify", never)
-    monkeypatch.setattr(session, "study", never)
+    monkeypatch.setattr(run_command, "study", never)
     monkeypatch.setattr(generated, "build", never)
     return place
 

@@ -9,11 +9,11 @@ import sys
 
 import pytest
 
+from simspec.commands import self_test as command
 from simspec.dialects.kit.mutations import Inert, MutationTable
 from simspec.proof import complete
 from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.proof.mutation_worlds import WORLDS
-from simspec.report import complete as report
 
 SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}
 
@@ -91,7 +91,7 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
     )
     found = CompleteTest(verdicts, {"one, other": "it cannot"}, {"one": "1.2"}, 60.0)
     monkeypatch.setattr(complete, "complete_self_test", lambda engines, progress: found)
-    assert report.complete_self_test(["one"], as_json=True) == int(missed)
+    assert command.complete_self_test(["one"], as_json=True) == int(missed)
     answer = json.loads(capsys.readouterr().out)
     assert answer["passed"] is not missed
     assert answer["rows"][-1] == {
@@ -105,7 +105,7 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
     }
     assert answer["inert"] == [{"engine": "one", "reason": "a reason", "count": 1}]
     assert answer["mutations"][0]["place"] == "joint[a]@damping"
-    assert report.complete_self_test(["one"], as_json=False) == int(missed)
+    assert command.complete_self_test(["one"], as_json=False) == int(missed)
     said = capsys.readouterr().out
     assert ("MISSED one, world: model.xml joint[a]@damping: scaled 1 to 1.01" in said) == missed
     assert "one, other: it cannot" in said

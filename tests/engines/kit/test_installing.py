@@ -10,9 +10,9 @@ import pytest
 from packaging.requirements import Requirement
 
 from simspec import cli
+from simspec.commands import run
 from simspec.engines.kit import installing
 from simspec.engines.kit.contract import engines
-from simspec.report import session
 
 ROOT = Path(__file__).parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -35,7 +35,7 @@ def test_an_engine_without_wheels_for_a_python_says_so():
 def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path, capsys):
     asked = []
     monkeypatch.setattr(installing, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
-    monkeypatch.setattr(session, "run", lambda world, names, *_, **__: asked.append(names) or 0)
+    monkeypatch.setattr(run, "run_world", lambda world, names, *_, **__: asked.append(names) or 0)
     words = ["run", "bouncing-ball", "--all-engines", "--out", str(tmp_path)]
     assert cli.main(words) == 0
     assert asked == [["dart", "mujoco"]]

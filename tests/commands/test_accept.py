@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
+from simspec.commands.accept import edited
 from simspec.compiler import compile_world
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.contract import engines, find_engine
 from simspec.errors import SpecError
 from simspec.language.load import load
 from simspec.report import reasons
-from simspec.report.accepting import edited
 from simspec.report.matrix import support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -141,7 +141,7 @@ PAGE = Path(__file__).resolve().parents[2] / reasons.PAGE
 
 def test_there_is_something_to_say():
     assert len(DECLARED) >= 20
-    assert {"mjcf", "mujoco", "pybullet", "dart"} <= {name for name, _, _ in DECLARED}
+    assert {"mujoco", "pybullet", "dart"} <= {name for name, _, _ in DECLARED}
 
 
 @pytest.mark.parametrize(("name", "feature", "short"), DECLARED)

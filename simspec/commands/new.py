@@ -1,13 +1,15 @@
-"""The spec that ``simspec new`` writes: small, commented, runs in every engine."""
+"""``simspec new``: write a starter spec, small and commented, that runs in every engine."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from simspec.errors import Problem, SpecError
+from simspec.arguments import print_json
+from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.outputs.targets import NEVER
 from simspec.outputs.writing import write_file
+from simspec.report.screen import say
 
 STARTER = """\
 # yaml-language-server: $schema=simspec.schema.json
@@ -49,6 +51,16 @@ expect:
   - position: {body: ball, xyz: [1, 0, 0.05], tolerance: 5 mm}
 """
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+
+
+def new(name: str, as_json: bool) -> int:
+    """Write the starter spec into the working folder."""
+    path = write_starter(name, Path())
+    if as_json:
+        print_json({"file": path})
+    else:
+        say(f"wrote {path}; now: simspec run {path} --all-engines")
+    return EXIT_OK
 
 
 def write_starter(name: str, folder: Path) -> Path:

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem
+from simspec.arguments import demand_installed, engine_names, interpreters, load_spec
+from simspec.commands.self_test import complete_self_test, self_test
+from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import add_file
@@ -26,6 +28,38 @@ PLOTS = Path("runs")
 """Where plots go, in a folder of the world's name: the generated folder holds what compiling and proving write, and no more."""
 
 
+def verify(
+    spec: str | None,
+    engine: list[str] | None,
+    *,
+    planted: bool,
+    complete: bool,
+    contact: bool,
+    cache: bool,
+    out: Path | None,
+    sets: list[str] | None,
+    allow_outside: bool,
+    strict: bool,
+    python: list[str] | None,
+    deadline: float,
+    as_json: bool,
+) -> int:
+    """Verify ``spec``, or with ``planted`` test the proof itself (``complete``: with every change that files can suffer)."""
+    names, pythons = engine_names(engine), interpreters(python, engine)
+    if (spec is None) != planted:
+        raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
+    if complete and (spec is not None or pythons):
+        raise SpecError([Problem("--complete goes with --self-test, and with the engines of this Python")])
+    demand_installed(names, pythons)
+    if complete:
+        return complete_self_test(names, as_json)
+    if spec is None:
+        return self_test(names, pythons, as_json)
+    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+    check_targets(world, spec, out, contact)
+    return verify_world(world, names, loaded.locate, pythons, deadline, out, as_json, contact, cache, warnings=warned)
+
+
 def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
     """Raise SpecError when what would be written may not be: before anything is compiled or proven.
 
@@ -37,7 +71,7 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
     demand(found)
 
 
-def verify(
+def verify_world(
     world: World,
     engines: list[str],
     locate: Callable[[str], Location | None],
@@ -96,18 +130,3 @@ def show_contact(certificate: Certificate, world: World, screen: Console) -> lis
         screen.print(table)
     drawn = polar_plot(figures, world.contact.friction_cone)
     return [add_file(PLOTS / world.name, STUDY, f"contact{suffix}", picture) for suffix, picture in drawn.items()]
-
-
-def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:
-    """Plant defects into compiled files, one at a time, and count the ones that the proof catches."""
-    from simspec.proof.selftest import self_test as plant
-
-    with terminal.progress(not as_json) as progress:
-        found = plant(engines, pythons=pythons, progress=progress)
-    if as_json:
-        sys.stdout.write(text({"planted": found.planted, "caught": found.caught, "outcomes": found.outcomes}))
-    else:
-        screen = terminal.console()
-        screen.print(terminal.self_test_table(found))
-        screen.print(f"caught {found.caught} of {found.planted} planted defects")
-    return EXIT_OK if found.passed else EXIT_FAILED

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from simspec.arguments import installed_engines, load_spec, names_alone
 from simspec.compiler import needed_decisions
 from simspec.engines.kit.contract import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
@@ -27,7 +28,13 @@ KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outsid
 """Where a feature is named that an engine has approximately, or not of its own."""
 
 
-def accept(spec: Spec, world: World, engines: Iterable[str], as_json: bool) -> int:
+def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
+    """Write what the engines named by ``engine`` (without: those installed) need into the file ``spec``."""
+    loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
+    return accept_world(loaded, world, names_alone(engine) if engine else installed_engines(), as_json)
+
+
+def accept_world(spec: Spec, world: World, engines: Iterable[str], as_json: bool) -> int:
     """Write what ``engines`` need into the spec's file; what stands there stays. Raises SpecError for scenarios of the library
     and for files that cannot be written, UnsupportedError with every feature that an engine cannot have at all."""
     path = _own(spec)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from simspec import cli
+from simspec.commands import run as run_command
+from simspec.commands.diff import diff_code
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK, SpecError
-from simspec.report import session
 from tests.runner.synthetic import column, free_body, run, world
 
 ONE = world(free_body("ball"))
@@ -42,8 +43,8 @@ def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
 )
 @pytest.mark.parametrize("as_json", [False, True])
 def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart, noise, asked, code, said, as_json):
-    monkeypatch.setattr(session, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
-    found = session.run(
+    monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
+    found = run_command.run_world(
         ONE,
         ["first", "second"],
         tmp_path / "run",
@@ -65,14 +66,14 @@ def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart
 
 @pytest.mark.parametrize(("option", "code"), [([], EXIT_OK), (["--fail-on-diff", "1e-3"], EXIT_FAILED)])
 def test_the_option_reaches_the_comparison(monkeypatch, tmp_path, capsys, option, code):
-    monkeypatch.setattr(session, "study", lambda *_, tolerance, **__: of(2e-3, 1e-6, tolerance))
+    monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(2e-3, 1e-6, tolerance))
     words = ["run", "bouncing-ball", "--engine", "mujoco", "--engine", "dart", "--out", str(tmp_path), *option]
     assert cli.main(words) == code
 
 
 def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
     with pytest.raises(SpecError, match="compares engines with each other"):
-        session.run(
+        run_command.run_world(
             ONE,
             ["first"],
             tmp_path / "run",
@@ -88,4 +89,4 @@ def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
             as_json=False,
         )
     assert not (tmp_path / "run").exists()
-    assert session.diff_code([]) == EXIT_FAILED
+    assert diff_code([]) == EXIT_FAILED

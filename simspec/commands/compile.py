@@ -1,20 +1,18 @@
-"""Commands that write files, or see whether they are current: fmt, schema, compile; each function returns the exit code."""
+"""``simspec compile``: compile specs into their folders, or see whether these are current."""
 
 from __future__ import annotations
 
-import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
+from simspec.arguments import load_spec, names_alone
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
-from simspec.outputs.reading import read_bytes
-from simspec.outputs.targets import LARGEST_OWN, check_file, check_folder, demand, folder_problem
-from simspec.outputs.writing import write_file
+from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
 from simspec.report.screen import say
 from simspec.resources import find_spec
@@ -25,76 +23,39 @@ if TYPE_CHECKING:
     from simspec.world.types import World
 
 
-def one_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check: bool, as_json: bool, how: str) -> int:
-    """Write one generated file, or see whether it is current. ``how`` is the command that writes it; ``ours`` says of what is
-    there whether that command wrote it: anything else is not replaced."""
-    if not check:
-        check_file(path, ours)
-    try:
-        current = read_bytes(path, LARGEST_OWN) == wanted.encode()
-    except (FileNotFoundError, NotADirectoryError):
-        current = False
-    if not check and not current:
-        write_file(path, wanted, ours)
-    if as_json:
-        sys.stdout.write(text({"file": path, "current": current, "written": not check and not current}))
-    elif check and not current:
-        say(f"{path} is stale; {how} writes it", error=True)
-    elif not check:
-        say(f"{path}: {'already current' if current else 'written'}")
-    return EXIT_FAILED if check and not current else EXIT_OK
-
-
-def schema_file(of: str, out: Path | None, check: bool, as_json: bool) -> int:
-    """Write the JSON Schema called ``of`` to ``out`` (default: below ``schema/``; ``-``: standard output)."""
-    from simspec.engines.kit import published
-    from simspec.language import schema
-
-    language = of == "language"
-    wanted = schema.schema_text() if language else published.schema_text(of)
-    if out is not None and str(out) == "-":
-        sys.stdout.write(wanted)
-        return EXIT_OK
-    path = out if out is not None else Path("schema") / f"{'simspec' if language else of}.schema.json"
-    ours = schema.is_schema if language else functools.partial(published.is_schema, of)
-    return one_file(path, wanted, ours, check, as_json, "simspec schema" + ("" if language else f" --of {of}"))
-
-
-def format_files(files: Sequence[Path], check: bool, as_json: bool) -> int:
-    """Lay out every file, or say which would change; nothing is written when one of them is no spec."""
-    from simspec.language.document import LARGEST_FILE, decode
-    from simspec.language.formatting import format_text
-
-    problems: list[Problem] = []
-    results: list[tuple[Path, bytes, str]] = []
-    for path in files:
-        try:
-            before = read_bytes(path, LARGEST_FILE)
-            after = format_text(decode(before, str(path)), str(path))
-            if not check and before != after.encode():
-                check_file(path, before.__eq__)
-        except FileNotFoundError:
-            problems.append(Problem(f"{path}: no such file"))
-        except SpecError as error:
-            problems.extend(error.problems)
-        else:
-            results.append((path, before, after))
-    if problems:
-        raise SpecError(problems)
-    changed = [path for path, before, after in results if before != after.encode()]
-    if not check:
-        for path, before, after in results:
-            if before != after.encode():
-                write_file(path, after, before.__eq__)  # only over the very text that was laid out
-    if as_json:
-        sys.stdout.write(text({"changed": changed, "written": not check}))
-    else:
-        for path in changed:
-            say(f"{path}: {'would change; simspec fmt writes it' if check else 'written'}")
-    return EXIT_FAILED if check and changed else EXIT_OK
-
-
 def compile_specs(
+    specs: list[str] | None,
+    engine: list[str] | None,
+    out: Path | None,
+    *,
+    check: bool,
+    explain: bool,
+    sets: list[str] | None,
+    allow_outside: bool,
+    strict: bool,
+    as_json: bool,
+) -> int:
+    """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``."""
+    names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
+    if not names:
+        raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
+
+    warned: list[Problem] = []
+
+    def load(name: str) -> tuple[Spec, World]:
+        # what is only looked at for being current was warned of when it was written
+        spec, world, warnings = load_spec(
+            name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict
+        )
+        warned.extend(warnings)
+        return spec, world
+
+    return compile_all(
+        names, load, names_alone(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+    )
+
+
+def compile_all(
     names: Sequence[str],
     load: Callable[[str], tuple[Spec, World]],
     engines: list[str],

@@ -1,0 +1,46 @@
+"""``simspec check``: load and resolve specs, and see whether engines support them; nothing is written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from simspec.arguments import load_spec, names_alone, print_json
+from simspec.compiler import check_options, compile_world
+from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.report.screen import say
+from simspec.world.canonical import sha256
+
+
+def check(
+    specs: Sequence[str],
+    engine: list[str] | None,
+    sets: list[str] | None,
+    allow_outside: bool,
+    strict: bool,
+    as_json: bool,
+) -> int:
+    """Check ``specs``; with ``engine``, compile them for these engines too. Raises SpecError with the problems of all specs."""
+    problems: list[Problem] = []
+    rows = []
+    for name in specs:
+        try:
+            spec, world, warned = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
+            if engine:
+                compile_world(world, names_alone(engine), spec.locate)
+            else:
+                problems.extend(check_options(world, spec.locate))
+        except SpecError as error:
+            problems.extend(error.problems)
+            continue
+        facts = {"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)}
+        rows.append({**facts, "warnings": warned})
+    if problems:
+        raise SpecError(problems)
+    if as_json:
+        print_json({"specs": rows})
+    else:
+        for row in rows:
+            count = len(row["warnings"])
+            told = f", {count} warning{'s' if count > 1 else ''}" if count else ""
+            say(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
+    return EXIT_OK

@@ -1,0 +1,58 @@
+"""``simspec diff``: compare two saved runs, or what two specs mean."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from simspec.arguments import load_spec
+from simspec.comparison.floor import load_floor
+from simspec.comparison.runs import Diff
+from simspec.comparison.runs import diff as compare
+from simspec.comparison.worlds import diff_worlds
+from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.report import differences, terminal
+from simspec.report.plain import diff_data, plain, text
+from simspec.report.session import show_diff
+from simspec.runner.store import load_run
+from simspec.world.types import World
+
+
+def diff(a: str, b: str, tolerance: float, allow_outside: bool, as_json: bool) -> int:
+    """Compare the runs in two folders, or two specs."""
+    if Path(a).is_dir() and Path(b).is_dir():
+        return diff_runs(Path(a), Path(b), tolerance, as_json)
+    if Path(a).is_dir() or Path(b).is_dir():
+        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
+    worlds = [load_spec(name, None, allow_outside, warn=False).world for name in (a, b)]
+    return diff_specs(worlds[0], worlds[1], as_json)
+
+
+def diff_code(diffs: Sequence[Diff]) -> int:
+    """The exit code of comparisons: 0 only where all are told to be within tolerance. What cannot be told did not pass."""
+    return EXIT_OK if diffs and all(one.within for one in diffs) else EXIT_FAILED
+
+
+def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
+    """Compare two saved runs."""
+    runs = load_run(a), load_run(b)
+    floors = [floor for folder in (a, b) if (floor := load_floor(folder)) is not None]
+    found = compare(*runs, tolerance=tolerance, floor=floors)
+    if as_json:
+        sys.stdout.write(text(diff_data(found)))
+    else:
+        show_diff(found)
+    return diff_code([found])
+
+
+def diff_specs(a: World, b: World, as_json: bool) -> int:
+    """Show what changed between two worlds."""
+    found = diff_worlds(a, b)
+    if as_json:
+        sys.stdout.write(text({"changes": plain(found)}))
+    elif found:
+        terminal.console().print(differences.changes(found))
+    else:
+        print("the same world")
+    return EXIT_FAILED if found else EXIT_OK

@@ -1,0 +1,27 @@
+"""``simspec engines``: list the engines and what each supports, or write that as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simspec.arguments import print_json
+from simspec.commands.generated_file import generated_file
+from simspec.errors import EXIT_OK
+from simspec.report import matrix
+from simspec.report.screen import say
+from simspec.report.terminal import console, engine_tables
+
+
+def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
+    """Print the engines, or write the support matrix to ``out``."""
+    if markdown:
+        return generated_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
+    data = matrix.engine_data()
+    if as_json:
+        print_json({"engines": data, "broken": matrix.broken()})
+        return EXIT_OK
+    for table in engine_tables(data):
+        console().print(table)
+    for name, why in matrix.broken().items():
+        say(f"{name}: {why}")
+    return EXIT_OK

@@ -1,0 +1,119 @@
+"""``simspec run``: compile, verify, run in several engines, compare, and write ``runs/NAME``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simspec.arguments import engine_names, interpreters, load_spec, possible_engines, source_of
+from simspec.commands.diff import diff_code
+from simspec.commands.study_folder import Results
+from simspec.comparison.study import study
+from simspec.errors import EXIT_OK, Location, Problem, SpecError
+from simspec.report import terminal
+from simspec.report.final import ends
+from simspec.report.plain import study_data, text
+from simspec.report.session import show_run
+from simspec.resources import find_spec
+from simspec.world.types import World
+
+
+def run(
+    spec: str,
+    *,
+    all_engines: bool,
+    engine: list[str] | None,
+    keep_going: bool,
+    out: Path,
+    repeats: bool,
+    prove: bool,
+    tolerance: float,
+    fail_on_diff: float | None,
+    sets: list[str] | None,
+    allow_outside: bool,
+    strict: bool,
+    python: list[str] | None,
+    deadline: float,
+    as_json: bool,
+) -> int:
+    """Study ``spec`` in all engines, or in those named by ``engine``, and write ``out``/NAME."""
+    if all_engines == bool(engine):
+        raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
+    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+    pythons = interpreters(python, engine)
+    names = engine_names(engine) if engine else possible_engines(pythons, as_json)
+    return run_world(
+        world,
+        names,
+        out / world.name,
+        spec=find_spec(spec),
+        locate=loaded.locate,
+        prove=prove,
+        repeats=repeats,
+        keep_going=keep_going,
+        tolerance=tolerance if fail_on_diff is None else fail_on_diff,
+        fail_on_diff=fail_on_diff is not None,
+        pythons=pythons,
+        deadline=deadline,
+        source=source_of(spec, sets),
+        as_json=as_json,
+        warnings=warned,
+        show=loaded.data.record.show,
+    )
+
+
+def run_world(
+    world: World,
+    engines: list[str],
+    folder: Path,
+    *,
+    spec: Path | None = None,
+    locate: Callable[[str], Location | None],
+    prove: bool,
+    repeats: bool,
+    keep_going: bool,
+    tolerance: float,
+    fail_on_diff: bool,
+    pythons: Mapping[str, str],
+    deadline: float,
+    source: Mapping[str, Any],
+    as_json: bool,
+    warnings: Sequence[Problem] = (),
+    show: Sequence[str] = (),
+) -> int:
+    """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
+    if fail_on_diff and len(engines) < 2:
+        raise SpecError(
+            [Problem("--fail-on-diff compares engines with each other", found=", ".join(engines), allowed="two")]
+        )
+    results = Results(world, folder)
+    results.demand(engines, [spec] if spec is not None else [])
+    with terminal.progress(not as_json) as progress:
+        found = study(
+            world,
+            engines,
+            arrivals=results,
+            prove=prove,
+            repeats=repeats,
+            keep_going=keep_going,
+            tolerance=tolerance,
+            pythons=pythons,
+            deadline=deadline,
+            locate=locate,
+            source=source,
+            progress=progress,
+        )
+        progress("writing")
+        results.finish(found)
+    code = found.exit_code
+    if code == EXIT_OK and fail_on_diff:
+        code = diff_code(found.diffs)
+    if as_json:
+        more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        more["ends"] = {name: ends(one, show) for name, one in found.runs.items()}
+        sys.stdout.write(text({**study_data(found), **more}))
+        return code
+    show_run(found, folder, results.notes, show, fail_on_diff)
+    return code

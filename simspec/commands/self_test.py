@@ -1,0 +1,38 @@
+"""``simspec verify --self-test``: change compiled files on purpose, and see what the proof catches."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+
+from simspec.errors import EXIT_FAILED, EXIT_OK
+from simspec.report import terminal
+from simspec.report.complete import complete_data, show_complete
+from simspec.report.plain import text
+
+
+def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:
+    """Plant defects into compiled files, one at a time, and count the ones that the proof catches."""
+    from simspec.proof.selftest import self_test as plant
+
+    with terminal.progress(not as_json) as progress:
+        found = plant(engines, pythons=pythons, progress=progress)
+    if as_json:
+        sys.stdout.write(text({"planted": found.planted, "caught": found.caught, "outcomes": found.outcomes}))
+    else:
+        screen = terminal.console()
+        screen.print(terminal.self_test_table(found))
+        screen.print(f"caught {found.caught} of {found.planted} planted defects")
+    return EXIT_OK if found.passed else EXIT_FAILED
+
+
+def complete_self_test(engines: list[str], as_json: bool) -> int:
+    """Try every change that compiled files can suffer, and say what was missed."""
+    from simspec.proof.complete import complete_self_test as plant
+
+    found = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
+    if as_json:
+        sys.stdout.write(text(complete_data(found)))
+    else:
+        show_complete(found, terminal.console())
+    return EXIT_OK if found.passed else EXIT_FAILED
