@@ -16,7 +16,7 @@ from simspec.engines.kit.process import Operation, Reply, call
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.support.features import Feature
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import (
     Body,
     Contact,
@@ -119,7 +119,7 @@ def _prepared(run: str, law: Law, trial: Trial, place: Path) -> tuple[World, Ope
 
 
 def _drive(world: World, phases: Sequence[Phase], place: Path) -> Operation:
-    at = layout(world.bodies)
+    at = layout_of(world)
     names = [body.name for body in world.bodies]
     effort = np.zeros((len(phases), at.nv))
     for row, phase in zip(effort, phases, strict=True):

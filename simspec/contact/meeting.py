@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 
+from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.types import Body, PairContact, Shape, World
 
 Pair = tuple[str, str]
 
 
-@functools.lru_cache(maxsize=8)
+@derived
 def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     """The sorted pairs of materials of which some body may touch some other."""
     representatives: dict[tuple[object, ...], list[Body]] = {}
@@ -38,10 +39,12 @@ def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     return frozenset(found)
 
 
-def meeting_laws(world: World) -> dict[Pair, PairContact]:
+@derived
+def meeting_laws(world: World) -> Mapping[Pair, PairContact]:
     """The laws of the pairs of materials that meet and collide, by their sorted names."""
     met = meeting_materials(world)
-    return {(pair.first, pair.second): pair for pair in world.contact.pairs if (pair.first, pair.second) in met}
+    laws = {(pair.first, pair.second): pair for pair in world.contact.pairs if (pair.first, pair.second) in met}
+    return MappingProxyType(laws)
 
 
 def solid_shapes(body: Body) -> tuple[Shape, ...]:

@@ -13,13 +13,13 @@ Each way is chosen by data (``Target.plan``), and its cost is what ``simspec com
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from simspec.contact.inversion import invert
 from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.rules import QUANTITIES, Rules, combine, same
+from simspec.world.derived import derived
 from simspec.world.types import PairContact, Surface, World
 
 MOST_SPLIT_MATERIALS = 32
@@ -58,7 +58,7 @@ class ContactPlan:
         return first[1] == second[1] == self.layer_of.get(pair, -1)
 
 
-@functools.lru_cache(maxsize=32)
+@derived
 def contact_plan(world: World, rules: Rules, layers: bool) -> ContactPlan:
     """The plan of ``world`` under an engine's ``rules``; in several ``layers`` where one does not do and they are allowed."""
     wanted = meeting_laws(world)

@@ -17,7 +17,7 @@ from simspec.control.native import Native, Servos, natives
 from simspec.control.reference import Reference
 from simspec.errors import SimspecError
 from simspec.world.control import Controller
-from simspec.world.kinematics import layout, trees
+from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World
 
 CHUNK = 1000
@@ -207,7 +207,7 @@ class Control:
             for bodies in trees(world).values()
             if any(body.joint.name in given for body in bodies)
         ]
-        where = layout(world.bodies)
+        where = layout_of(world)
         index = {body.name: number for number, body in enumerate(world.bodies)}
         order = [index[name] for group in self._groups for name in group.bodies]
         self.joints = [name for group in self._groups for name in group.joints]

@@ -20,7 +20,7 @@ import numpy as np
 
 from simspec.mapped import blocks
 from simspec.world import frames
-from simspec.world.kinematics import layout, trees
+from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import VELOCITY_SIZE, Body, Pose, World
 
 MODEL_SIZE = 48
@@ -58,7 +58,7 @@ class Tree:
 
         self.pin: Any = pinocchio
         self.world = world
-        self.layout = layout(world.bodies)
+        self.layout = layout_of(world)
         self.nq, self.nv = self.layout.nq, self.layout.nv
         self.timestep = world.physics.timestep
         self.model = pinocchio.Model()
@@ -259,7 +259,7 @@ class Oracle:
 
     def __init__(self, world: World):
         self.world = world
-        self.layout = layout(world.bodies)
+        self.layout = layout_of(world)
         self.nq, self.nv = self.layout.nq, self.layout.nv
         self.timestep = world.physics.timestep
         index = {body.name: number for number, body in enumerate(world.bodies)}

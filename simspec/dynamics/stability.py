@@ -14,7 +14,7 @@ import numpy as np
 
 from simspec.dynamics.oracle import Tree, alike
 from simspec.dynamics.states import random_states
-from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.kinematics import initial_state, layout_of, trees
 from simspec.world.types import World
 
 POSTURES, FEW, LARGE = 8, 1, 200
@@ -74,7 +74,7 @@ def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
     tree, step = Tree(world), world.physics.timestep
     owner = np.array([row for row, body in enumerate(world.bodies) for _ in body.joint.velocity], dtype=int)
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
-    for body, part in zip(world.bodies, layout(world.bodies).velocity, strict=True):
+    for body, part in zip(world.bodies, layout_of(world).velocity, strict=True):
         stiffness[part], damping[part] = body.joint.spring_stiffness, body.joint.damping
     acting = np.flatnonzero(stiffness + damping)
     k, d = stiffness[acting], damping[acting]

@@ -33,7 +33,7 @@ from simspec.proof.mutation_worlds import WORLDS
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 
 VERDICTS = ("caught", "refused", "inert", "missed")
@@ -341,7 +341,7 @@ def _held(answers: Sequence[Answer]) -> ReadBack:
 
 def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
     """Motions that show whether a change acts: left alone, pushed about, without contact, under control; and who touches."""
-    nv = layout(world.bodies).nv
+    nv = layout_of(world).nv
     generator = np.random.default_rng(SEED)
     weight = np.abs(np.diag(probes.oracle.mass_matrix(probes.q[0]))) if nv else np.zeros(0)
     pushed = generator.uniform(-5.0, 5.0, (2, nv)) * weight

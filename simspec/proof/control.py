@@ -21,7 +21,7 @@ from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
 from simspec.world.control import Trajectory
-from simspec.world.kinematics import initial_state, layout, rubbing, trees
+from simspec.world.kinematics import initial_state, layout_of, rubbing, trees
 from simspec.world.types import World
 
 STEPS = 500
@@ -109,7 +109,7 @@ def plan(world: World) -> Response | None:
     q, v = initial_state(world)
     v = np.zeros_like(v)
     places, reach = [], []
-    for body, at in zip(world.bodies, layout(world.bodies).position, strict=True):
+    for body, at in zip(world.bodies, layout_of(world).position, strict=True):
         limits = body.joint.position_limits
         if limits is not None:
             margin = INSIDE * (limits[1] - limits[0])
@@ -148,7 +148,7 @@ def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.n
         np.concatenate(
             [np.r_[part] for body, part in zip(world.bodies, parts, strict=True) if body.name in names]
         ).astype(int)
-        for parts in (layout(world.bodies).position, layout(world.bodies).velocity)
+        for parts in (layout_of(world).position, layout_of(world).velocity)
     )
     world = dataclasses.replace(world, bodies=tuple(body for body in world.bodies if body.name in names))
     control = Control(world, reference(world))

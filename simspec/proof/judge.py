@@ -17,7 +17,7 @@ from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.world.canonical import sha256
-from simspec.world.kinematics import layout, rigid_groups
+from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.types import World
 
 COARSEST: Mapping[str, float] = {
@@ -68,7 +68,7 @@ def _counts(proof: EngineProof, world: World) -> Iterator[str]:
     """Checks that compared less than this world has."""
     groups = rigid_groups(world)
     moving = sum(groups[body.name] != "world" for body in world.bodies)
-    states = STATES if layout(world.bodies).nv <= LARGE else FEW_STATES
+    states = STATES if layout_of(world).nv <= LARGE else FEW_STATES
     least = {(level, "bodies"): 1 for level in ("L0", "L1")}
     least |= {(level, name): moving for level in ("L0", "L1") for name in ("mass", "centre of mass", "inertia tensor")}
     least |= {(level, name): len(world.bodies) for level in ("L0", "L2") for name in ("joint type", "parent")}

@@ -20,7 +20,7 @@ from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOL
 from simspec.language.units import article
 from simspec.resolve.grasps import Grasp
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout, layout_of
 from simspec.world.types import Body, Pose, World
 
 PATH: tuple[Key, ...] = ("trajectory", "program")
@@ -215,7 +215,7 @@ class Program:
         joints = tuple(body.joint.name for body in world.bodies if body.joint.name in self._driven)
         start, _ = initial_state(world)
         places = {
-            body.joint.name: part.start for body, part in zip(world.bodies, layout(world.bodies).position, strict=True)
+            body.joint.name: part.start for body, part in zip(world.bodies, layout_of(world).position, strict=True)
         }
         self._columns = {name: column for column, name in enumerate(joints)}
         first = np.array([start[places[name]] for name in joints])

@@ -18,7 +18,7 @@ from simspec.language.models import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.mapped import RECORDED_BYTES
-from simspec.world.kinematics import layout, poses, rigid_groups
+from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
 
 
@@ -62,7 +62,7 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
 
 def too_much(source: Source, world: World) -> list[Problem]:
     """The problem of a recording that would be larger than is kept; contacts, whose number nobody knows, are not counted."""
-    where = layout(world.bodies)
+    where = layout_of(world)
     energy, driven = 2 * ("energy" in world.record.channels), sum(len(one.joints) for one in world.controllers)
     row = 8 * (1 + where.nq + where.nv + 13 * len(world.bodies) + energy + 2 * driven)
     rows = 1 + -(-world.physics.steps // world.record.every_steps)

@@ -18,7 +18,7 @@ import numpy as np
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Expectation, World
 
 
@@ -244,7 +244,7 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
     q, v = initial_state(world)
     found, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
     for states, _ in oracle.motion_by_blocks(q, v, None, steps, every):
-        for body, place in zip(world.bodies, layout(world.bodies).position, strict=True):
+        for body, place in zip(world.bodies, layout_of(world).position, strict=True):
             limits = body.joint.position_limits
             if limits is not None and (states[:, place].min() < limits[0] or states[:, place].max() > limits[1]):
                 raise Unmeasurable(f"the oracle knows no limits, and {body.joint.name} moves beyond its own: say until")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.mapped import parts, release, zeros
-from simspec.world.kinematics import layout, rigid_groups
+from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.types import World
 
 Arrays = Mapping[str, np.ndarray]
@@ -138,7 +138,7 @@ def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     kinetic = 0.5 * np.einsum("n,tni,tni->t", mass, moved.velocity, moved.velocity)
     kinetic += 0.5 * np.einsum("tni,tni->t", moved.angular, moved.spin)
     potential = -np.einsum("n,tni,i->t", mass, moved.centre, np.array(world.physics.gravity))
-    where = layout(world.bodies)
+    where = layout_of(world)
     for body, position, speed in zip(world.bodies, where.position, where.velocity, strict=True):
         joint = body.joint
         if joint.armature:

@@ -29,7 +29,7 @@ from simspec.outputs.reading import files_below, read_text
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.coordinates import Coordinates, coordinates
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Record, World
 
 SCHEMA = 3
@@ -160,7 +160,7 @@ def perturbed_state(world: World, amount: float) -> tuple[np.ndarray, np.ndarray
     """
     q, v = initial_state(world)
     moved = np.where(q == 0.0, amount, q * (1.0 + amount))
-    for body, part in zip(world.bodies, layout(world.bodies).position, strict=True):
+    for body, part in zip(world.bodies, layout_of(world).position, strict=True):
         if body.joint.kind in ("ball", "free"):
             turn = slice(part.stop - 4, part.stop)
             moved[part.stop - 4] = q[part.stop - 4]

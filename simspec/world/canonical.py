@@ -14,6 +14,8 @@ import types
 import typing
 from typing import Any
 
+from simspec.world.derived import derived
+
 
 def to_plain(value: Any) -> Any:
     """Dataclasses to dicts and tuples to lists, for JSON."""
@@ -96,5 +98,12 @@ def canonical_json(value: Any) -> str:
 
 
 def sha256(value: Any) -> str:
-    """Hexadecimal SHA-256 of the canonical JSON of ``value``."""
+    """Hexadecimal SHA-256 of the canonical JSON of ``value``; a world's is worked out once."""
+    return _sha256_once(value) if hasattr(value, "__weakref__") else _sha256(value)
+
+
+def _sha256(value: Any) -> str:
     return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+
+
+_sha256_once = derived(_sha256)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import World
 
 POSITION_COMPONENTS: Mapping[str, tuple[str, ...]] = {
@@ -48,7 +48,7 @@ class Coordinates:
 
 def coordinates(world: World) -> Coordinates:
     """The names of ``world``'s generalised coordinates."""
-    where = layout(world.bodies)
+    where = layout_of(world)
     balls = {body.joint.name for body in world.bodies if body.joint.kind == "ball"}
     q: list[str] = []
     v: list[str] = []

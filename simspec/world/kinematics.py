@@ -15,12 +15,14 @@ another point gives another discrete motion (measured in PyBullet: 2e-3 m after 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.derived import derived
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Pose, World
 
 
@@ -46,9 +48,15 @@ def layout(bodies: Sequence[Body]) -> Layout:
     return Layout(tuple(position), tuple(velocity), nq, nv)
 
 
+@derived
+def layout_of(world: World) -> Layout:
+    """The coordinate layout of a world's bodies."""
+    return layout(world.bodies)
+
+
 def rubbing(world: World) -> np.ndarray:
     """The places in v (n,) of the hinges and slides with dry friction."""
-    parts = layout(world.bodies).velocity
+    parts = layout_of(world).velocity
     return np.array([at.start for body, at in zip(world.bodies, parts, strict=True) if body.joint.dry_friction], int)
 
 
@@ -103,7 +111,8 @@ def poses(world: World, at_zero: bool = False) -> dict[str, Pose]:
     return found
 
 
-def rigid_groups(world: World) -> dict[str, str]:
+@derived
+def rigid_groups(world: World) -> Mapping[str, str]:
     """For every body the name of its rigid group: the topmost body reached upwards through fixed joints, or "world" if
     that one is fixed to the world."""
     group: dict[str, str] = {}
@@ -115,7 +124,7 @@ def rigid_groups(world: World) -> dict[str, str]:
             group[body.name] = "world"
         else:
             group[body.name] = group[joint.parent]
-    return group
+    return MappingProxyType(group)
 
 
 def natively_driven(bodies: Sequence[Body], world: World) -> list[str]:
@@ -124,16 +133,18 @@ def natively_driven(bodies: Sequence[Body], world: World) -> list[str]:
     return [body.name for body in bodies if body.joint.name in driven]
 
 
-def trees(world: World) -> dict[str, tuple[Body, ...]]:
+@derived
+def trees(world: World) -> Mapping[str, tuple[Body, ...]]:
     """The bodies of each tree, by the name of its root body, in the world's order."""
     root: dict[str, str] = {}
     found: dict[str, list[Body]] = {}
     for body in world.bodies:
         root[body.name] = body.name if body.joint.parent is None else root[body.joint.parent]
         found.setdefault(root[body.name], []).append(body)
-    return {name: tuple(bodies) for name, bodies in found.items()}
+    return MappingProxyType({name: tuple(bodies) for name, bodies in found.items()})
 
 
+@derived
 def free_rigid(world: World) -> frozenset[str]:
     """The root bodies of the trees that are one free rigid body: a free joint, and below it fixed ones alone."""
     return frozenset(

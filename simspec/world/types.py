@@ -261,7 +261,7 @@ class EngineOptions:
     outside: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class World:
     """A resolved scenario; immutable. Its canonical JSON (``world/canonical.py``) gives its SHA-256."""
 

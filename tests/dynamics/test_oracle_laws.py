@@ -10,7 +10,7 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle, rotation_vector
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout, poses
+from simspec.world.kinematics import initial_state, layout_of, poses
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, World
 from tests import worlds
 
@@ -41,7 +41,7 @@ TREES = {
 
 def advance(world: World, q: np.ndarray, v: np.ndarray, dt: float) -> np.ndarray:
     """q ⊕ dt v, written out with plain quaternions."""
-    found, places = q.copy(), layout(world.bodies)
+    found, places = q.copy(), layout_of(world)
     for body, at_q, at_v in zip(world.bodies, places.position, places.velocity, strict=True):
         kind = body.joint.kind
         if kind in ("hinge", "slide"):
@@ -61,7 +61,7 @@ def kinetic_energy(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray) -
     """½ m u² + ½ ω·Iω over all bodies, and ½ A v² for armature: from velocities, not from M."""
     total = 0.0
     for body, pose, velocity, at_v in zip(
-        world.bodies, oracle.body_poses(q), oracle.body_velocities(q, v), layout(world.bodies).velocity, strict=True
+        world.bodies, oracle.body_poses(q), oracle.body_velocities(q, v), layout_of(world).velocity, strict=True
     ):
         turn = np.array(frames.matrix(tuple(pose[3:])))
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
@@ -76,7 +76,7 @@ def kinetic_energy(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray) -
 def potential_energy(world: World, oracle: Oracle, q: np.ndarray) -> float:
     """−Σ m g·c of the bodies that move, and of springs ½ k (q − rest)², ½ k angle²."""
     total = 0.0
-    for body, pose, at_q in zip(world.bodies, oracle.body_poses(q), layout(world.bodies).position, strict=True):
+    for body, pose, at_q in zip(world.bodies, oracle.body_poses(q), layout_of(world).position, strict=True):
         centre = pose[:3] + frames.rotate(tuple(pose[3:]), body.inertial.centre_of_mass)
         if body.joint.kind != "fixed" or body.joint.parent is not None:
             total -= body.inertial.mass * float(np.array(world.physics.gravity) @ centre)

@@ -17,7 +17,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.tool import REACHED, Tool, joints_to, tree_of
 from simspec.language.load import Spec
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Pose, World
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -60,7 +60,7 @@ def columns(world: World) -> list[int]:
     starts = dict(
         zip(
             (body.joint.name for body in world.bodies),
-            (part.start for part in layout(world.bodies).position),
+            (part.start for part in layout_of(world).position),
             strict=True,
         )
     )

@@ -12,7 +12,7 @@ from simspec.engines.kit.contract import engines, find_engine
 from simspec.engines.kit.process import Operation, call
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
 from simspec.support.features import Feature
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
 ACCEPT = tuple(sorted(feature.value for feature in Feature))
@@ -51,7 +51,7 @@ def motions(engine, probe, law, folder, compiled=None):
 
 def drive(engine, place, world, phases):
     """One world driven through ``phases``."""
-    velocity = layout(world.bodies)
+    velocity = layout_of(world)
     effort = np.zeros((len(phases), velocity.nv))
     names = [body.name for body in world.bodies]
     for row, phase in zip(effort, phases, strict=True):

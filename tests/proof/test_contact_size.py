@@ -13,7 +13,7 @@ from simspec.engines.kit.process import Operation, call
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import size
 from simspec.proof.contact.size import GAPS, size_error, size_figures, size_trial, surface_points
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import (
     Body,
     Contact,
@@ -68,7 +68,7 @@ def measured(engine, trial, folder, world=None):
     """The trial's figures, in ``world`` (default: its own)."""
     world = world or trial.world
     write_folder(compile_world(world, [engine])[engine].files, folder / "files")
-    operation = Operation("touching", {}, {"q": trial.q, "v": np.zeros((1, layout(world.bodies).nv))})
+    operation = Operation("touching", {}, {"q": trial.q, "v": np.zeros((1, layout_of(world).nv))})
     return size_figures(trial, call(engine, folder / "files", [operation]).answers[0].arrays["touching"])
 
 

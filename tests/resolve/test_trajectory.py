@@ -20,7 +20,7 @@ from simspec.errors import SpecError
 from simspec.language.load import Spec, load
 from simspec.world import frames
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import World
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -78,9 +78,7 @@ def effort(world: World, joint: str) -> np.ndarray:
 
 def states(world: World, rows: np.ndarray) -> np.ndarray:
     """Whole states of a world whose joints stand where the rows say."""
-    starts = {
-        body.joint.name: part.start for body, part in zip(world.bodies, layout(world.bodies).position, strict=True)
-    }
+    starts = {body.joint.name: part.start for body, part in zip(world.bodies, layout_of(world).position, strict=True)}
     found = np.tile(initial_state(world)[0], (len(rows), 1))
     found[:, [starts[name] for name in world.trajectory.joints]] = rows
     return found

@@ -31,7 +31,7 @@ from simspec.formats.kit.text import environment
 from simspec.support.declarations import EXACT, Support, Table, unsupported, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
-from simspec.world.kinematics import free_rigid, initial_state, layout, trees
+from simspec.world.kinematics import free_rigid, initial_state, layout_of, trees
 from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World
 
 JOINT_TYPES = {"fixed": "fixed", "hinge": "continuous", "slide": "prismatic", "ball": "spherical"}
@@ -213,7 +213,7 @@ class _Coordinates:
 
     def __init__(self, world: World):
         self._q, self._v = initial_state(world)
-        self._places = layout(world.bodies)
+        self._places = layout_of(world)
         self._index = {body.name: index for index, body in enumerate(world.bodies)}
 
     def of(self, bodies: Iterable[Body]) -> tuple[list[float], list[float]]:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from simspec.control.reference import driven_joints
 from simspec.engines.kit import worker
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 
 
@@ -125,7 +125,7 @@ def dimensions_of(operation: Operation) -> dict[str, int]:
         found["rows"] = rows
     world = operation.world
     if world is not None:
-        places = layout(world.bodies)
+        places = layout_of(world)
         found |= {"bodies": len(world.bodies), "nq": places.nq, "nv": places.nv}
         if operation.op == "respond":
             found["joints"] = len(driven_joints(world))

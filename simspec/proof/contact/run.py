@@ -28,7 +28,7 @@ from simspec.proof.contact.held import Held, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
-from simspec.world.kinematics import layout
+from simspec.world.kinematics import layout_of
 from simspec.world.types import Body, Physics, World
 
 LEVEL = "L5"
@@ -188,7 +188,7 @@ def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cach
     )
     world = dataclasses.replace(sizes.world, contact=contact, engines=(whole.options,))
     compiled = compile_world(world, [engine.NAME], plans={engine.NAME: whole.plan})[engine.NAME]
-    operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout(world.bodies).nv))}, world)
+    operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout_of(world).nv))}, world)
     name = _key(engine, [compiled], [operation], None, size.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
     return _Job(name, None, None, (compiled,), (operation,), sizes=sizes, known=None if known is None else tuple(known))
@@ -226,7 +226,7 @@ def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
 
 
 def _drive(world: World, trial: Trial) -> Operation:
-    places = layout(world.bodies)
+    places = layout_of(world)
     index = {body.name: number for number, body in enumerate(world.bodies)}
     effort = np.zeros((len(trial.phases), places.nv))
     for row, phase in zip(effort, trial.phases, strict=True):

@@ -15,7 +15,7 @@ import numpy as np
 from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
 
 NAME = "size"
@@ -200,7 +200,7 @@ def size_trial(world: World) -> SizeTrial | None:
 
 
 def _states(world: World, probed: Sequence[tuple], left_out: int) -> SizeTrial:
-    place_of = layout(world.bodies).position
+    place_of = layout_of(world).position
     index_of = {body.name: index for index, body in enumerate(world.bodies)}
     start, _ = initial_state(world)
     states, tests = [], []

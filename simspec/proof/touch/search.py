@@ -11,7 +11,7 @@ import numpy as np
 
 from simspec.dynamics.oracle import Tree
 from simspec.proof.touch.geometry import Gap, Solid, gap, wanted_depth
-from simspec.world.kinematics import layout, trees
+from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import World
 
 STEPS = 25
@@ -29,7 +29,7 @@ class Mechanism:
     def __init__(self, world: World, roots: Sequence[str]):
         known, places = (
             trees(world),
-            dict(zip((b.name for b in world.bodies), layout(world.bodies).position, strict=True)),
+            dict(zip((b.name for b in world.bodies), layout_of(world).position, strict=True)),
         )
         bodies = tuple(body for root in roots for body in known[root])
         self.tree = Tree(dataclasses.replace(world, bodies=bodies))

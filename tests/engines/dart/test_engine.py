@@ -17,7 +17,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.probes import rotation_error
-from simspec.world.kinematics import initial_state, layout
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.dart.test_dialect import WORLDS, failures, small_turns
@@ -64,7 +64,7 @@ MOVING = {
 
 def random_state(world, generator):
     q, _ = initial_state(world)
-    places = layout(world.bodies)
+    places = layout_of(world)
     for body, place in zip(world.bodies, places.position, strict=True):
         if body.joint.kind in ("hinge", "slide"):
             q[place] = generator.uniform(-1.0, 1.0)
@@ -187,7 +187,7 @@ def test_any_rotation_is_held_to_the_last_digits(turn, load_dart):
     world = worlds.world(worlds.tree(["free", "ball"], 3))
     engine, oracle = load_dart(world), Oracle(world)
     q, v = initial_state(world)
-    places = layout(world.bodies).position
+    places = layout_of(world).position
     for place in places:
         q[place.stop - 4 : place.stop] = (math.cos(turn / 2), *(math.sin(turn / 2) * x for x in (0.6, 0.0, 0.8)))
     engine.set_state(q, v)

@@ -216,7 +216,7 @@ def test_motion_is_the_oracles(name, load):
 
     world = MOTIONS[name]
     engine, oracle = load(world), Oracle(world)
-    effort = 0.3 * np.cos(np.arange(kinematics.layout(world.bodies).nv))
+    effort = 0.3 * np.cos(np.arange(kinematics.layout_of(world).nv))
     q, v = kinematics.initial_state(world)
     for _ in range(10):
         for _ in range(200):

@@ -18,7 +18,7 @@ from simspec.support.declarations import combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, initial_state, layout
+from simspec.world.kinematics import CollisionFilter, initial_state, layout_of
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.pybullet.test_dialect import WORLDS, assert_same_bodies, emit, write
@@ -90,7 +90,7 @@ MOVING = {
 
 def random_state(world, generator):
     q, _ = initial_state(world)
-    places = layout(world.bodies)
+    places = layout_of(world)
     for body, place in zip(world.bodies, places.position, strict=True):
         if body.joint.kind in ("hinge", "slide"):
             q[place] = generator.uniform(-1.0, 1.0)
@@ -110,7 +110,7 @@ def energy(world, oracle, q, v):
     """½ vᵀ M v; gravity's potential of every mass, that of fixed bodies too; ½ k (q − rest)², ½ k |log R|²."""
     potential = 0.0
     gravity = np.array(world.physics.gravity)
-    for body, place, pose in zip(world.bodies, layout(world.bodies).position, oracle.body_poses(q), strict=True):
+    for body, place, pose in zip(world.bodies, layout_of(world).position, oracle.body_poses(q), strict=True):
         centre = pose[:3] + frames.rotate(tuple(pose[3:]), body.inertial.centre_of_mass)
         potential -= body.inertial.mass * float(gravity @ centre)
         joint = body.joint

@@ -1,0 +1,59 @@
+"""What follows from a world is worked out once for it, and forgotten with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+
+import pytest
+
+from simspec.contact.meeting import meeting_laws
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
+from simspec.world import canonical, derived
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import layout_of, rigid_groups, trees
+from tests import worlds
+
+
+def test_it_is_called_once_for_each_world_and_argument():
+    calls = []
+
+    @derived.derived
+    def length(world, factor):
+        calls.append((world.name, factor))
+        return factor * len(world.bodies)
+
+    one, other = worlds.spheres(2), worlds.spheres(3)
+    assert [length(one, 2), length(one, 2), length(one, 3), length(other, 2)] == [6, 6, 9, 8]
+    assert len(calls) == 3
+    assert length(dataclasses.replace(one), 2) == 6, "an equal world is another"
+    assert len(calls) == 4
+    with pytest.raises(TypeError, match="by position"):
+        length(one, factor=2)
+
+
+def test_what_is_kept_ends_with_the_world():
+    before = len(derived._KEPT)
+    world = worlds.gripper()
+    for work in (rigid_groups, trees, layout_of, meeting_laws, sha256):
+        work(world)
+    contact_plan(world, Rules("max", "max"), False)
+    assert len(derived._KEPT) == before + 1
+    del world
+    gc.collect()
+    assert len(derived._KEPT) == before
+
+
+def test_a_hash_is_worked_out_once(monkeypatch):
+    world = worlds.gripper()
+    first = sha256(world)
+    monkeypatch.setattr(canonical, "canonical_json", lambda value: pytest.fail("worked out again"))
+    assert sha256(world) == first
+
+
+def test_what_is_shared_cannot_be_changed():
+    world = worlds.gripper()
+    for kept in (rigid_groups(world), trees(world), meeting_laws(world)):
+        with pytest.raises(TypeError):
+            kept["new"] = 1
