@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar, sidecar_text
+from simspec.dialects.kit.settings import NeededSetting, check_settings
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, read_sidecar, sidecar_text
 from simspec.dialects.kit.target import Target
 from simspec.formats.kit.contract import Format, formats
 from simspec.plugins import Offered, offered
@@ -21,7 +22,8 @@ class Lowered:
     """A world in an engine's dialect: the tree that the format writes, and the sidecar for what the files cannot carry."""
 
     tree: Any
-    sidecar: Mapping[str, Any]
+    sidecar: Sidecar | Mapping[str, Any]
+    """Of the dialect's ``SIDECAR``; plain data where it has none."""
 
 
 class Dialect:
@@ -35,6 +37,10 @@ class Dialect:
     """The format of the files."""
     SUPPORT: ClassVar[Table]
     """What files and sidecar can say of each feature. ``via_api`` = it goes into the sidecar."""
+    SIDECAR: ClassVar[type[Sidecar] | None] = None
+    """What its sidecar is. None: plain data, which ``raise_`` checks itself."""
+    SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {}
+    """The solver settings that it reads from a target: every engine that is told worlds in this dialect must have them."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -44,22 +50,34 @@ class Dialect:
         """``world`` as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""
         raise NotImplementedError
 
-    def raise_(self, document: Any, sidecar: Mapping[str, Any]) -> ReadBack:
+    def raise_(self, document: Any, sidecar: Any) -> ReadBack:
         """The model that a document of the format and its sidecar mean to the engine, in the world's frames and order.
 
-        It shares no code with ``lower``, so that one error cannot hide another. Sidecar values that belong to the model are
-        read too. Raises ValueError, KeyError for what is damaged.
+        ``sidecar`` is of the dialect's ``SIDECAR``, or plain data. It shares no code with ``lower``, so that one error cannot
+        hide another. Sidecar values that belong to the model are read too. Raises ValueError, KeyError for what is damaged.
         """
         raise NotImplementedError
 
+    def check_declared(self, settings: Collection[str]) -> None:
+        """Raise ValueError where an engine that is told worlds in this dialect does not declare a setting that it needs."""
+        lacking = [name for name, setting in self.SETTINGS.items() if name not in settings and not setting.optional]
+        if lacking:
+            raise ValueError(f"it lacks the settings {', '.join(lacking)}, which the dialect {self.NAME!r} needs")
+
     def emit(self, world: World, target: Target) -> dict[str, str]:
-        """The files of ``world`` as {relative path: text}, ``sidecar.json`` among them."""
+        """The files of ``world`` as {relative path: text}, ``sidecar.json`` among them. Raises UnsupportedError, also where the
+        target lacks a setting that the dialect needs."""
+        check_settings(self.NAME, self.SETTINGS, target)
         lowered = self.lower(world, target)
-        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(lowered.sidecar)}
+        sidecar = lowered.sidecar
+        plain = sidecar.plain() if isinstance(sidecar, Sidecar) else sidecar
+        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(plain)}
 
     def read(self, folder: Path) -> ReadBack:
-        """The model that the files in ``folder`` hold (proof level L0)."""
-        return self.raise_(self.format.read(folder), read_sidecar(folder))
+        """The model that the files in ``folder`` hold (proof level L0). Raises ValueError, KeyError for damaged files."""
+        content = read_sidecar(folder)
+        sidecar = content if self.SIDECAR is None else self.SIDECAR.of(content)
+        return self.raise_(self.format.read(folder), sidecar)
 
     @property
     def format(self) -> Format:

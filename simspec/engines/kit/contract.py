@@ -463,6 +463,7 @@ def _sound(name: str, engine: Any) -> type[Engine]:
         raise ValueError(f"it calls itself {engine.NAME!r}")
     if engine.DIALECT not in dialects():
         raise ValueError(f"it is told worlds in {engine.DIALECT!r}, which no dialect is")
+    dialects()[engine.DIALECT].check_declared(engine.SETTINGS)
     engine.version()
     return engine
 
