@@ -22,6 +22,7 @@ from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
 from simspec.engines.dart.readback import read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import (
     Actuation,
     CollisionUnit,
@@ -115,6 +116,7 @@ class Dart(Engine):
     EXTRA: ClassVar[str] = "dart"
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(

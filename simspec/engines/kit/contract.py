@@ -20,11 +20,13 @@ import numpy as np
 
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
+from simspec.engines.kit.capabilities import Capability, check_capabilities
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError, Problem
 from simspec.plugins import Offered, offered
-from simspec.support.declarations import Table, check_total
+from simspec.support.declarations import Level, Table, check_total
+from simspec.support.features import Feature
 from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -133,10 +135,20 @@ class Engine:
     """The friction cone that it may hold in place of another, where the spec accepts that (``accept: [contact.cone.X]``)."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}
     """Fields that it cannot be asked for, with the reason."""
+    LACKS: ClassVar[Mapping[Capability, str]] = {}
+    """The capabilities that it does not have, with the reason: it is not asked for what is behind them. Empty: it has all."""
 
-    def __init_subclass__(cls, **keywords: Any) -> None:
+    def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
+        """Check what the class declares; ``abstract``: it is no engine, but what several engines are built on."""
         super().__init_subclass__(**keywords)
+        if abstract:
+            return
         check_total(f"engine {cls.NAME}", cls.SUPPORT)
+        is_program = cls.command.__func__ is not Engine.command.__func__  # type: ignore[attr-defined]
+        check_capabilities(cls, Engine, cls.LACKS, is_program)
+        native = cls.SUPPORT[Feature.CONTROL_NATIVE]
+        if Capability.NATIVE_CONTROLLERS in cls.LACKS and native.level is not Level.UNSUPPORTED:
+            raise TypeError(f"engine {cls.NAME} lacks native controllers, and declares to support control.native")
 
     @classmethod
     def version(cls) -> str | None:
@@ -153,9 +165,9 @@ class Engine:
         Made from ``world`` and the settings resolved from it (:func:`resolve_settings`), by code that shares nothing with what
         writes the files. ``neutral`` is the read-back's: the engine's own values of what simspec never writes. The
         comparator demands the same names on both sides, numbers within 1e-9 relative, all else equal. Called outside the
-        engine's process, so without the engine. The default: nothing.
+        engine's process, so without the engine. Part of the capability ``inventory``.
         """
-        return {}
+        raise NotImplementedError
 
     @classmethod
     def command(cls, folder: Path) -> Sequence[str] | None:
@@ -170,7 +182,7 @@ class Engine:
         """``settings`` with what their ``auto`` stands for in ``world``; the default leaves that to the format."""
         return settings
 
-    # --- to be written by each engine -------------------------------------------------------------------------
+    # --- to be written by each engine; what ``capabilities.METHODS`` names, unless the engine lacks it -----------------
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         """Load the artifacts in ``folder`` and put the simulation into the world's initial state.
@@ -228,7 +240,7 @@ class Engine:
         """Let the engine's own controllers drive some hinges and slides, at the places ``q`` and ``v`` (n,) of their
         coordinates, until it is loaded again. ``stiffness`` (n,), 0 for control of velocity, ``damping`` (n,), ``limit`` (n,):
         the largest effort, infinite for none. What becomes of them is declared under ``control.native``."""
-        raise EngineError(self.NAME, "has no controller of its own")
+        raise NotImplementedError
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
@@ -259,6 +271,14 @@ class Engine:
     def energy(self) -> tuple[float, float]:
         """Kinetic and potential energy (J) from the engine's own masses; gravity's potential is zero at the origin,
         springs' at rest."""
+        raise NotImplementedError
+
+    def save_state(self) -> bytes:
+        """The present state with all that the next steps depend on: warm starts, contact caches, which bodies sleep."""
+        raise NotImplementedError
+
+    def restore_state(self, saved: bytes) -> None:
+        """Return to a state that :meth:`save_state` gave, of the same artifacts: the same steps follow, to the last bit."""
         raise NotImplementedError
 
     def log(self) -> list[str]:

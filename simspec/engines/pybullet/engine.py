@@ -20,6 +20,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import (
     Actuation,
     CollisionUnit,
@@ -82,6 +83,7 @@ class PyBullet(Engine):
     EXTRA: ClassVar[str] = "pybullet"
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,
