@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.contact.rules import Rules
 from simspec.dialects.kit import contract as dialects_base
-from simspec.engines.kit import contract as base
+from simspec.engines.kit import registry as base
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.contract import Engine, broken_engines, engines, find_engine
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import broken_engines, engines, find_engine
 from simspec.errors import EngineError
 from simspec.support.declarations import EXACT, unsupported
 from simspec.support.features import Feature

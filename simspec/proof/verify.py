@@ -16,8 +16,9 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.outputs.reading import files_below, read_text
 from simspec.proof import control, dry_friction, motion

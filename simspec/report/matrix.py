@@ -7,7 +7,8 @@ from typing import Any
 from simspec.dialects.kit.contract import broken_dialects, dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.contract import Engine, broken_engines, engines, format_of
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import broken_engines, engines, format_of
 from simspec.formats.kit.contract import broken_formats
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import MEANING, Feature

@@ -18,19 +18,12 @@ from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.readback import read_back
 from simspec.engines.drake.simulation import Simulation
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import (
-    CollisionUnit,
-    Deviation,
-    Engine,
-    Setting,
-    empty_contacts,
-    pick_blocks,
-    restore_velocities,
-    sorted_pairs,
-    written_settings,
-)
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.settings import Setting, written_settings
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups

@@ -186,7 +186,7 @@ def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) ->
     same for bodies. The result names the units: index of the body, names of shapes."""
     import numpy as np
 
-    from simspec.engines.kit.contract import bodies_of
+    from simspec.engines.kit.arrays import bodies_of
 
     units = engine.collision_units()
     found: dict[str, list[Any]] = {"units": [np.zeros((0, 3), np.int64)], "touching": [np.zeros((0, 3), np.int64)]}

@@ -18,18 +18,11 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.dialects.mujoco.dialect import FLAGS, KEYFRAME, MODEL, file_name
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import (
-    Actuation,
-    CollisionUnit,
-    Deviation,
-    Engine,
-    Setting,
-    empty_contacts,
-    resolve_settings,
-    restore_velocities,
-    sorted_pairs,
-)
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.vectors import cross
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold

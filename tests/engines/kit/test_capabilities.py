@@ -9,7 +9,8 @@ import pytest
 
 from simspec.contact.plan import Rules
 from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking
-from simspec.engines.kit.contract import Engine, engines
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.report import matrix
 from simspec.support.features import EXACT, Feature, unsupported

@@ -14,8 +14,8 @@ import pytest
 
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.engines.kit import contract as base
 from simspec.engines.kit import process
+from simspec.engines.kit import registry as base
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
