@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
-from simspec.contact.plan import Rules
+from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.report import matrix
-from simspec.support.features import EXACT, Feature, unsupported
+from simspec.support.declarations import EXACT, unsupported
+from simspec.support.features import Feature
 
 ALL = dict.fromkeys(Capability, "only falls")
 DECLARED: dict[str, Any] = {
