@@ -6,19 +6,19 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.drake.dialect import WORLD
 from simspec.dialects.kit.defects import STEP, Files, Plant
-from simspec.dialects.kit.sidecar import sidecar_text
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.format import WORLD
 from simspec.world import frames
 
 
-def _world(change: Callable[[dict], None]) -> Plant:
+def _world(change: Callable[[dict[str, Any]], None]) -> Plant:
     """A defect made by changing the content of ``world.json``."""
 
     def plant(files: Files) -> dict[str, str]:
         content = json.loads(files[WORLD])
         change(content)
-        text = sidecar_text(content)
+        text = json_text(content)
         if text == files[WORLD]:
             raise ValueError(f"the defect changed nothing in {WORLD}")
         return {**files, WORLD: text}
@@ -33,7 +33,7 @@ def _body(content: Mapping[str, Any], name: str) -> Any:
 def _number(body: str, *path: str | int, by: float = STEP, times: float = 1.0) -> Plant:
     """Move, or scale, a number of a body."""
 
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         place = _body(content, body)
         for step in path[:-1]:
             place = place[step]
@@ -48,7 +48,7 @@ def _turned(vector: list[float]) -> list[float]:
 
 
 def _orientation(body: str, *path: str | int) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         place = _body(content, body)
         for step in path:
             place = place[step]
@@ -57,59 +57,59 @@ def _orientation(body: str, *path: str | int) -> Plant:
     return _world(edit)
 
 
-def _axis(content: dict) -> None:
+def _axis(content: dict[str, Any]) -> None:
     joint = _body(content, "upper")["joint"]
     joint["axis"] = list(frames.rotate(frames.from_axis_angle((1.0, 0.0, 0.0), STEP), tuple(joint["axis"])))
 
 
-def _reversed(content: dict) -> None:
+def _reversed(content: dict[str, Any]) -> None:
     joint = _body(content, "upper")["joint"]
     joint["axis"] = [-x for x in joint["axis"]]
 
 
 def _set(body: str, part: str, field: str, value: Any) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         _body(content, body)[part][field] = value
 
     return _world(edit)
 
 
-def _drop_cube(content: dict) -> None:
+def _drop_cube(content: dict[str, Any]) -> None:
     content["bodies"].remove(_body(content, "cube"))
     content["apart"]["bodies"] = [pair for pair in content["apart"]["bodies"] if "cube" not in pair]
 
 
-def _sphere_for_box(content: dict) -> None:
+def _sphere_for_box(content: dict[str, Any]) -> None:
     _body(content, "cube")["shapes"][0].update(kind="sphere", size=[0.05])
 
 
-def _not_solid(content: dict) -> None:
+def _not_solid(content: dict[str, Any]) -> None:
     _body(content, "cube")["shapes"][0]["copies"].clear()
 
 
-def _pair_value(content: dict) -> None:
+def _pair_value(content: dict[str, Any]) -> None:
     """Halve ice's number in the layer where it meets rubber."""
     layer = next(layer for one, other, layer in content["meets"] if {one, other} == {"ice", "rubber"})
     copies = _body(content, "ice_cube")["shapes"][0]["copies"]
     next(copy for copy in copies if copy["layer"] == layer)["friction"] *= 0.5
 
 
-def _cone(content: dict) -> None:
+def _cone(content: dict[str, Any]) -> None:
     content["friction_cone"] = "pyramid-circumscribed"
 
 
-def _copy_filter(content: dict) -> None:
+def _copy_filter(content: dict[str, Any]) -> None:
     """Ice and rubber meet in another layer."""
     entry = next(entry for entry in content["meets"] if {entry[0], entry[1]} == {"ice", "rubber"})
     entry[2] = 1 - entry[2]
 
 
-def _passing_pair(content: dict) -> None:
+def _passing_pair(content: dict[str, Any]) -> None:
     content["meets"].append(["ghost", "ice", 0])
 
 
 def _apart(*, drop: tuple[str, str] | None = None, add: tuple[str, str] | None = None) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         if drop:
             content["apart"]["bodies"].remove(list(drop))
         if add:
@@ -118,20 +118,20 @@ def _apart(*, drop: tuple[str, str] | None = None, add: tuple[str, str] | None =
     return _world(edit)
 
 
-def _no_groups(content: dict) -> None:
+def _no_groups(content: dict[str, Any]) -> None:
     content["apart"]["groups"].clear()
 
 
-def _group(content: dict) -> None:
+def _group(content: dict[str, Any]) -> None:
     _body(content, "quiet")["group"] = "default"
     content["apart"]["groups"] = [["arm", "default"]]
 
 
-def _gravity(content: dict) -> None:
+def _gravity(content: dict[str, Any]) -> None:
     content["gravity"][2] += STEP
 
 
-def _timestep(content: dict) -> None:
+def _timestep(content: dict[str, Any]) -> None:
     content["timestep"] *= 1.0 + STEP
 
 
@@ -168,7 +168,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "restitution": _number("ball", "shapes", 0, "copies", 0, "restitution", by=-STEP),
     "pair value": _world(_pair_value),
     "cone": _world(_cone),
-    "hardness": "the engines that read it have one hardness, by a rule of their own: no file has a number for it",
+    "hardness": "Drake has one hardness, by a rule of its own: no file has a number for it",
     "copy filter": _world(_copy_filter),
     "passing pair": _world(_passing_pair),
     "torsional friction": _number("ball", "shapes", 0, "copies", 0, "torsional_friction", times=0.5),

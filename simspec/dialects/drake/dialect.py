@@ -1,45 +1,20 @@
-"""The world itself as JSON: for engines that are built by calls of their API, and have no file language.
-
-``world.json`` holds what acts and nothing else, in SI units: bodies in the world's order with their joints and shapes, of each
-collision shape the copies that the contact plan asks for with their numbers, which materials meet in which layer, and which
-bodies and collision groups do not touch. Of a joint it holds the fields that its kind has (``JOINT_FIELDS``). Free roots have
-their frame at the centre of mass, as in every format (``passes.recentre_free_roots``).
-"""
+"""How a world is told to Drake: as ``world.json``, whole, so that the sidecar has nothing of its own."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
-from simspec.dialects.kit.contract import Dialect
-from simspec.dialects.kit.sidecar import SIDECAR, sidecar, sidecar_text
+from simspec.dialects.drake.sidecar import DrakeSidecar
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
-from simspec.support.declarations import EXACT, Table, unsupported
-from simspec.support.features import Feature
-from simspec.world.types import Body, Joint, ReadBack, Shape, World
-
-WORLD = "world.json"
-SCHEMA = 1
-
-_STATE = ("position", "velocity")
-_LOSSES = ("damping", "spring_stiffness")
-_DRIVEN = (
-    *("axis", "position_limits", "velocity_limit", "effort_limit", *_LOSSES, "spring_rest", "dry_friction", "armature"),
-    *_STATE,
-)
-JOINT_FIELDS: Mapping[str, tuple[str, ...]] = {
-    "fixed": ("parent", "origin"),
-    "hinge": ("parent", "origin", *_DRIVEN),
-    "slide": ("parent", "origin", *_DRIVEN),
-    "ball": ("parent", "origin", *_LOSSES, *_STATE),
-    "free": _STATE,
-}
-"""The fields of each kind of joint beside its name and kind."""
+from simspec.formats.world import tree
+from simspec.formats.world.format import WorldJson
+from simspec.support.declarations import Table
+from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
 
 
 class DrakeDialect(Dialect):
@@ -47,78 +22,117 @@ class DrakeDialect(Dialect):
 
     NAME: ClassVar[str] = "drake"
     FORMAT: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
-        Feature.CONTROL_NATIVE: unsupported("world.json has no gains of controllers yet"),
-    }
+    SUPPORT: ClassVar[Table] = WorldJson.SUPPORT
+    SIDECAR: ClassVar[type[Sidecar] | None] = DrakeSidecar
 
-    def emit(self, world: World, target: Target) -> dict[str, str]:
-        """``world.json`` and ``sidecar.json``."""
+    def lower(self, world: World, target: Target) -> Lowered:
+        """The document of ``world`` with the copies of the target's plan, and its sidecar."""
         moved, offsets = recentre_free_roots(world)
+        plan = target.plan
         copies = {
             (shape.material, layer)
             for body in world.bodies
             for shape in solid_shapes(body)
-            for layer in target.plan.layers(shape.material)
+            for layer in plan.layers(shape.material)
         }
         used = {body.collision_group for body in world.bodies if solid_shapes(body)}
-        content = {
-            "schema": SCHEMA,
-            "gravity": world.physics.gravity,
-            "timestep": world.physics.timestep,
-            "friction_cone": world.contact.friction_cone,
-            "bodies": [_body(body, target.plan) for body in moved.bodies],
-            "meets": [
-                [*pair, layer]
-                for pair, layer in sorted(target.plan.layer_of.items())
+        document = tree.Document(
+            gravity=world.physics.gravity,
+            timestep=world.physics.timestep,
+            friction_cone=world.contact.friction_cone,
+            bodies=tuple(_body(body, plan) for body in moved.bodies),
+            meets=tuple(
+                (*pair, layer)
+                for pair, layer in sorted(plan.layer_of.items())
                 if {(material, layer) for material in pair} <= copies
-            ],
-            "apart": {
-                "bodies": excluded_pairs_to_write(world),
-                "groups": [pair for pair in world.contact.ignored_groups if set(pair) <= used],
-            },
-        }
-        return {WORLD: sidecar_text(content), SIDECAR: sidecar_text(sidecar(self.FORMAT, world, target, offsets))}
+            ),
+            apart=tree.Apart(
+                tuple(excluded_pairs_to_write(world)),
+                tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used),
+            ),
+        )
+        return Lowered(document, DrakeSidecar(**common_fields(self.FORMAT, world, target, offsets)))
 
-    def read(self, folder: Path) -> ReadBack:
-        """Read ``world.json`` (see ``dialects/drake/reading.py``)."""
-        from simspec.dialects.drake.reading import read_folder
+    def raise_(self, document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
+        """See ``dialects/drake/raising.py``."""
+        from simspec.dialects.drake.raising import raised
 
-        return read_folder(folder)
-
-
-def _body(body: Body, plan: ContactPlan) -> dict[str, Any]:
-    return {
-        "name": body.name,
-        "model": body.model,
-        "group": body.collision_group,
-        "mass": body.inertial.mass,
-        "centre_of_mass": body.inertial.centre_of_mass,
-        "inertia": body.inertial.inertia,
-        "joint": _joint(body.joint),
-        "shapes": [_shape(shape, plan) for shape in body.shapes],
-    }
+        return raised(document, sidecar)
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
-    fields = {name: getattr(joint, name) for name in JOINT_FIELDS[joint.kind]}
-    return {"name": joint.name, "kind": joint.kind, **fields}
+def _body(body: Body, plan: ContactPlan) -> tree.Body:
+    return tree.Body(
+        body.name,
+        body.model,
+        body.collision_group,
+        body.inertial.mass,
+        body.inertial.centre_of_mass,
+        body.inertial.inertia,
+        _joint(body.joint),
+        tuple(_shape(shape, plan) for shape in body.shapes),
+    )
 
 
-def _shape(shape: Shape, plan: ContactPlan) -> dict[str, Any]:
+def _joint(joint: Joint) -> tree.Joint:
+    """Of a joint the fields that its kind has."""
+    name, parent, origin = joint.name, joint.parent, joint.origin
+    position, velocity = joint.position, joint.velocity
+    match joint.kind:
+        case "fixed":
+            return tree.FixedJoint(name=name, parent=parent, origin=origin)
+        case "free":
+            return tree.FreeJoint(name=name, position=position, velocity=velocity)  # type: ignore[arg-type]
+        case "ball":
+            return tree.BallJoint(
+                name=name,
+                parent=parent,
+                origin=origin,
+                damping=joint.damping,
+                spring_stiffness=joint.spring_stiffness,
+                position=position,  # type: ignore[arg-type]
+                velocity=velocity,  # type: ignore[arg-type]
+            )
+    return tree.AxisJoint(
+        name=name,
+        kind=joint.kind,  # type: ignore[arg-type]
+        parent=parent,
+        origin=origin,
+        axis=joint.axis,
+        position_limits=joint.position_limits,
+        velocity_limit=joint.velocity_limit,
+        effort_limit=joint.effort_limit,
+        damping=joint.damping,
+        spring_stiffness=joint.spring_stiffness,
+        spring_rest=joint.spring_rest,
+        dry_friction=joint.dry_friction,
+        armature=joint.armature,
+        position=position,  # type: ignore[arg-type]
+        velocity=velocity,  # type: ignore[arg-type]
+    )
+
+
+def _shape(shape: Shape, plan: ContactPlan) -> tree.Shape:
     """A shape; one that is not solid has no copies, one that cannot be seen no colour."""
-    copies = []
-    if shape.collision:
-        for layer in plan.layers(shape.material):
-            numbers = dataclasses.asdict(plan.numbers[shape.material, layer])
-            if numbers["hardness"] is None:
-                del numbers["hardness"]
-            copies.append({"layer": layer, **numbers})
-    return {
-        "name": shape.name,
-        "kind": shape.kind,
-        "size": shape.size,
-        "pose": shape.pose,
-        "material": shape.material if shape.collision else "",
-        "colour": shape.colour if shape.visual else None,
-        "copies": copies,
-    }
+    layers = plan.layers(shape.material) if shape.collision else ()
+    return tree.Shape(
+        shape.name,
+        shape.kind,
+        shape.size,
+        shape.pose,
+        shape.material if shape.collision else "",
+        shape.colour if shape.visual else None,
+        tuple(_copy(layer, plan.numbers[shape.material, layer]) for layer in layers),
+    )
+
+
+def _copy(layer: int, numbers: Surface) -> tree.Copy:
+    """A copy's numbers. Raises ValueError where the plan does not know one."""
+    sliding, torsional, rolling, bounce = (
+        numbers.friction,
+        numbers.torsional_friction,
+        numbers.rolling_friction,
+        numbers.restitution,
+    )
+    if sliding is None or torsional is None or rolling is None or bounce is None:
+        raise ValueError(f"the contact plan lacks a number of {numbers}")
+    return tree.Copy(layer, sliding, torsional, rolling, bounce, numbers.hardness)

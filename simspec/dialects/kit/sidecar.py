@@ -6,9 +6,6 @@ sidecar's JSON must have (``sidecar_fields.py``).
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +13,11 @@ from typing import Any, Self
 
 from simspec.dialects.kit.target import Target
 from simspec.errors import SpecError
-from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, typed
+from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
+from simspec.formats.kit.text import json_text
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.world.canonical import sha256, to_plain
+from simspec.world.canonical import sha256
 from simspec.world.types import FRICTION_CONES, JOINT_KINDS, Vector3, World
 
 SIDECAR = "sidecar.json"
@@ -55,7 +53,7 @@ class Sidecar:
     def of(cls, content: Mapping[str, Any]) -> Self:
         """The sidecar that parsed JSON is. Raises ValueError, which names the place, where a field is missing, unknown or of
         another kind, or where fields do not fit together."""
-        check_fields(content, form_of(cls))
+        check_fields(content, form_of(cls))  # type: ignore[arg-type]
         sidecar: Self = typed(cls, content)
         check_distinct((body.name for body in sidecar.bodies), "sidecar.bodies")
         check_known((body.kind for body in sidecar.bodies), JOINT_KINDS, "sidecar.bodies")
@@ -63,16 +61,18 @@ class Sidecar:
         sidecar.check()
         return sidecar
 
+    @property
+    def offsets(self) -> dict[str, Vector3]:
+        """Where the file's body frames stand in the world's (m), of those that are moved."""
+        return {body.name: body.frame_offset for body in self.bodies if any(body.frame_offset)}
+
     def check(self) -> None:
         """Raise ValueError where fields of a dialect's own do not fit together, or name what is not there."""
 
     def plain(self) -> dict[str, Any]:
         """As plain data, for JSON."""
-        return {
-            field.name: to_plain(value)
-            for field in dataclasses.fields(self)
-            if (value := getattr(self, field.name)) is not None or field.default is not None
-        }
+        content: dict[str, Any] = plain(self)
+        return content
 
 
 def common_fields(format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
@@ -97,16 +97,8 @@ def sidecar(
 
 
 def sidecar_text(content: Mapping[str, Any]) -> str:
-    """The sidecar as text: sorted keys, two spaces, short lists of numbers on one line, newline at the end."""
-    text = json.dumps(to_plain(dict(content)), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
-    return _NUMBER_LIST.sub(_on_one_line, text) + "\n"
-
-
-_NUMBER_LIST = re.compile(r'\[[^\[\]{}"]*\]')
-
-
-def _on_one_line(found: re.Match[str]) -> str:
-    return "[" + ", ".join(found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
+    """The sidecar as text."""
+    return json_text(dict(content))
 
 
 def flat(content: Any, prefix: str) -> dict[str, Any]:

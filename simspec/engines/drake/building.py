@@ -1,4 +1,4 @@
-"""A world as Drake holds it: a MultibodyPlant and its SceneGraph, built by calls from the content of ``world.json``.
+"""A world as Drake holds it: a MultibodyPlant and its SceneGraph, built by calls from the document of ``world.json``.
 
 Facts marked *measured*: Drake 1.51.1. Names of a spec have no point, so that names with one are free for what is added:
 frames of joints (``joint.NAME``, ``turn.NAME``), instances of models (``model.NAME``), geometries (``SHAPE.LAYER.PART``).
@@ -15,6 +15,8 @@ from typing import Any
 
 from simspec.engines.drake.corners import corners
 from simspec.errors import EngineError
+from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
+from simspec.world.types import Pose
 
 NAME = "drake"
 ERROR_REDUCTION = 0.01
@@ -50,9 +52,13 @@ class Drake:
         self.geometry, self.math, self.plant, self.tree, self.framework = geometry, math, plant, tree, framework
         self.quaternion = eigen_geometry.Quaternion
 
-    def transform(self, position: Sequence[float], quaternion: Sequence[float]) -> Any:
+    def transform(self, position: Any, quaternion: Any) -> Any:
         """A pose as Drake's."""
         return self.math.RigidTransform(self.quaternion(quaternion), position)
+
+    def place(self, pose: Pose) -> Any:
+        """The same of a :class:`Pose`."""
+        return self.transform(pose.position, pose.quaternion)
 
 
 @contextmanager
@@ -108,17 +114,17 @@ class Built:
     """(body, name) of every collision shape."""
 
 
-def build(content: Mapping[str, Any], settings: Mapping[str, Any]) -> Built:
+def build(document: Document, settings: Mapping[str, Any]) -> Built:
     """Build the world. Raises EngineError for what Drake does not have, or refuses."""
-    _check(content)
+    _check(document)
     drake = import_drake()
     builder = drake.framework.DiagramBuilder()
-    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(content["timestep"]))
+    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(document.timestep))
     built = Built(drake, plant=plant, scene=scene)
     try:
         plant.SetUseSampledOutputPorts(False)
         plant.set_adjacent_bodies_collision_filters(False)
-        plant.mutable_gravity_field().set_gravity_vector(content["gravity"])
+        plant.mutable_gravity_field().set_gravity_vector(document.gravity)
         plant.set_contact_model(drake.plant.ContactModel.kPoint)
         kinds = drake.plant.DiscreteContactApproximation
         plant.set_discrete_contact_approximation(
@@ -126,22 +132,21 @@ def build(content: Mapping[str, Any], settings: Mapping[str, Any]) -> Built:
         )
         plant.set_sap_near_rigid_threshold(0.0)
         models = {}
-        for body in content["bodies"]:
-            if body["model"] not in models:
-                models[body["model"]] = plant.AddModelInstance(f"model.{body['model']}")
+        for body in document.bodies:
+            if body.model not in models:
+                models[body.model] = plant.AddModelInstance(f"model.{body.model}")
         frames: dict[str | None, Any] = {None: plant.world_body()}
         built.places[None] = drake.math.RigidTransform()
-        for index, body in enumerate(content["bodies"]):
-            held = plant.AddRigidBody(body["name"], models[body["model"]], _inertia(drake, body))
-            frames[body["name"]] = held
+        for index, body in enumerate(document.bodies):
+            held = plant.AddRigidBody(body.name, models[body.model], _inertia(drake, body))
+            frames[body.name] = held
             built.bodies.append(held)
-            built.joints.append(_joint(built, index, body["joint"], frames, held))
-            if body["joint"]["kind"] == "fixed" and body["joint"]["parent"] in built.places:
-                origin = drake.transform(body["joint"]["origin"]["position"], body["joint"]["origin"]["quaternion"])
-                built.places[body["name"]] = built.places[body["joint"]["parent"]].multiply(origin)
-            for shape in body["shapes"]:
-                _shape(built, index, shape, content["timestep"], settings)
-        _filter(built, content)
+            built.joints.append(_joint(built, index, body.joint, frames, held))
+            if isinstance(body.joint, FixedJoint) and body.joint.parent in built.places:
+                built.places[body.name] = built.places[body.joint.parent].multiply(drake.place(body.joint.origin))
+            for shape in body.shapes:
+                _shape(built, index, shape, document.timestep, settings)
+        _filter(built, document)
         plant.Finalize()
         plant.set_stiction_tolerance(settings["stiction_tolerance"])
         built.diagram = builder.Build()
@@ -150,60 +155,58 @@ def build(content: Mapping[str, Any], settings: Mapping[str, Any]) -> Built:
     return built
 
 
-def _check(content: Mapping[str, Any]) -> None:
+def _check(document: Document) -> None:
     """Raise EngineError for what Drake does not have."""
-    if content["friction_cone"] != CONE:
-        raise EngineError(NAME, f"does not support the friction cone {content['friction_cone']}")
-    planes = sum(
-        shape["kind"] == "plane" and len(shape["copies"]) for body in content["bodies"] for shape in body["shapes"]
-    )
+    if document.friction_cone != CONE:
+        raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
+    planes = sum(len(shape.copies) for body in document.bodies for shape in body.shapes if shape.kind == "plane")
     if planes > MOST_PLANES:
         raise EngineError(NAME, f"does not support more than {MOST_PLANES} planes, copies included; here are {planes}")
-    for body in content["bodies"]:
-        if body["joint"].get("dry_friction"):
-            raise EngineError(NAME, f"does not support dry friction, which joint {body['joint']['name']!r} has")
-        for shape in body["shapes"]:
-            for copy in shape["copies"]:
-                wrong = [name for name in LACKING if copy.get(name)]
-                if wrong:
-                    raise EngineError(NAME, f"does not support {wrong[0]}, which shape {shape['name']!r} has")
+    for body in document.bodies:
+        if isinstance(body.joint, AxisJoint) and body.joint.dry_friction:
+            raise EngineError(NAME, f"does not support dry friction, which joint {body.joint.name!r} has")
+        for shape in body.shapes:
+            for copy in shape.copies:
+                lacking = [name for name in LACKING if getattr(copy, name)]
+                if lacking:
+                    raise EngineError(NAME, f"does not support {lacking[0]}, which shape {shape.name!r} has")
 
 
-def _inertia(drake: Drake, body: Mapping[str, Any]) -> Any:
-    if body["mass"] == 0.0:
-        if any(body["centre_of_mass"]) or any(body["inertia"]):
-            raise EngineError(NAME, f"does not support the inertia of {body['name']!r}, which has no mass")
+def _inertia(drake: Drake, body: Body) -> Any:
+    if body.mass == 0.0:
+        if any(body.centre_of_mass) or any(body.inertia):
+            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
         return drake.tree.SpatialInertia.Zero()
     return drake.tree.SpatialInertia.MakeFromCentralInertia(
-        body["mass"], body["centre_of_mass"], drake.tree.RotationalInertia(*body["inertia"])
+        body.mass, body.centre_of_mass, drake.tree.RotationalInertia(*body.inertia)
     )
 
 
-def _joint(built: Built, index: int, joint: Mapping[str, Any], bodies: Mapping[str | None, Any], held: Any) -> Any:
+def _joint(built: Built, index: int, joint: Joint, bodies: Mapping[str | None, Any], held: Any) -> Any:
     """Add the joint of a body. A free body has none: Drake gives it one."""
-    if joint["kind"] == "free":
+    if isinstance(joint, FreeJoint):
         return None
     drake, plant, tree = built.drake, built.plant, built.drake.tree
-    name, own = joint["name"], held.body_frame()
-    place = drake.transform(joint["origin"]["position"], joint["origin"]["quaternion"])
-    frame = plant.AddFrame(tree.FixedOffsetFrame(f"joint.{name}", bodies[joint["parent"]].body_frame(), place))
+    name, own = joint.name, held.body_frame()
+    place = drake.place(joint.origin)
+    frame = plant.AddFrame(tree.FixedOffsetFrame(f"joint.{name}", bodies[joint.parent].body_frame(), place))
     nothing = drake.math.RigidTransform()
-    if joint["kind"] == "fixed":
+    if isinstance(joint, FixedJoint):
         return plant.AddJoint(tree.WeldJoint(name, frame, own, nothing))
-    if joint["kind"] == "ball":
+    if isinstance(joint, BallJoint):
         built.turns[index] = turn = plant.AddFrame(tree.FixedOffsetFrame(f"turn.{name}", frame, nothing))
         return plant.AddJoint(tree.BallRpyJoint(name, turn, own))
-    kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint["kind"]]
-    found = plant.AddJoint(kind(name, frame, own, joint["axis"]))
-    if joint["position_limits"] is not None:
-        found.set_position_limits(*([value] for value in joint["position_limits"]))
-    if joint["velocity_limit"] is not None:
-        found.set_velocity_limits([-joint["velocity_limit"]], [joint["velocity_limit"]])
-    if joint["armature"] or joint["effort_limit"] is not None:
+    kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint.kind]
+    found = plant.AddJoint(kind(name, frame, own, joint.axis))
+    if joint.position_limits is not None:
+        found.set_position_limits(*([value] for value in joint.position_limits))
+    if joint.velocity_limit is not None:
+        found.set_velocity_limits([-joint.velocity_limit], [joint.velocity_limit])
+    if joint.armature or joint.effort_limit is not None:
         actuator = plant.AddJointActuator(f"actuator.{name}", found)
-        actuator.set_default_rotor_inertia(joint["armature"])
-        if joint["effort_limit"] is not None:
-            actuator.set_effort_limit(joint["effort_limit"])
+        actuator.set_default_rotor_inertia(joint.armature)
+        if joint.effort_limit is not None:
+            actuator.set_effort_limit(joint.effort_limit)
     return found
 
 
@@ -229,62 +232,65 @@ def relaxation(timestep: float) -> float:
     return timestep * (1.0 / ERROR_REDUCTION - 1.0)
 
 
-def _shape(built: Built, index: int, shape: Mapping[str, Any], timestep: float, settings: Mapping[str, Any]) -> None:
+def _shape(built: Built, index: int, shape: Shape, timestep: float, settings: Mapping[str, Any]) -> None:
     """Add the geometries of a shape: one to be seen, and where it is solid, in each of its layers itself, and its corners."""
     drake, number = built.drake, len(built.shapes)
-    place = drake.transform(shape["pose"]["position"], shape["pose"]["quaternion"])
+    place = drake.place(shape.pose)
     body = built.bodies[index]
-    if shape["kind"] == "plane" and shape["copies"]:
+    if shape.kind == "plane" and shape.copies:
         if body.name() not in built.places:
-            raise EngineError(NAME, f"does not support planes on bodies that move, as {shape['name']!r}")
+            raise EngineError(NAME, f"does not support planes on bodies that move, as {shape.name!r}")
         body, place = built.plant.world_body(), built.places[body.name()].multiply(place)
-    if shape["colour"] is not None:
-        name, kind = f"{shape['name']}.seen", solid(drake, shape["kind"], shape["size"])
-        built.plant.RegisterVisualGeometry(body, place, kind, name, shape["colour"])
-    if not shape["copies"]:
+    if shape.colour is not None:
+        name, kind = f"{shape.name}.seen", solid(drake, shape.kind, shape.size)
+        built.plant.RegisterVisualGeometry(body, place, kind, name, shape.colour)
+    if not shape.copies:
         return
-    built.shapes.append((index, shape["name"]))
-    parts = [("shape", solid(drake, shape["kind"], shape["size"]), place)]
-    for order, (kind, size, centre) in enumerate(corners(shape["kind"], shape["size"])):
+    built.shapes.append((index, shape.name))
+    parts = [("shape", solid(drake, shape.kind, shape.size), place)]
+    for order, (kind, size, centre) in enumerate(corners(shape.kind, shape.size)):
         at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
         parts.append((f"corner{order}", solid(drake, kind, size), place.multiply(at)))
-    for copy in shape["copies"]:
+    for copy in shape.copies:
         for part, kind, pose in parts:
-            name = f"{shape['name']}.{copy['layer']}.{part}"
+            name = f"{shape.name}.{copy.layer}.{part}"
             properties = drake.geometry.ProximityProperties()
-            friction = drake.plant.CoulombFriction(copy["friction"], copy["friction"])
+            friction = drake.plant.CoulombFriction(copy.friction, copy.friction)
             drake.geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
             # Drake adds the relaxation times of two shapes
             properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(timestep))
             held = built.plant.RegisterCollisionGeometry(body, pose, kind, name, properties)
-            built.geometries.append(Geometry(held, index, number, shape["material"], copy["layer"], part))
+            built.geometries.append(Geometry(held, index, number, shape.material, copy.layer, part))
 
 
-def _filter(built: Built, content: Mapping[str, Any]) -> None:
+def _filter(built: Built, document: Document) -> None:
     """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, and corners."""
     declared = built.drake.geometry.CollisionFilterDeclaration()
-    bodies, classes, groups, between = {}, {}, {}, []
-    names = [body["name"] for body in content["bodies"]]
-    group_of = [body["group"] for body in content["bodies"]]
+    bodies: dict[str, list[Any]] = {}
+    groups: dict[str, list[Any]] = {}
+    classes: dict[tuple[str, int], list[Any]] = {}
+    between: list[tuple[list[Any], list[Any]]] = []
+    names = [body.name for body in document.bodies]
+    group_of = [body.group for body in document.bodies]
     small = []
-    for one in built.geometries:
-        bodies.setdefault(names[one.body], []).append(one.id)
-        groups.setdefault(group_of[one.body], []).append(one.id)
-        classes.setdefault((one.material, one.layer), []).append(one.id)
-        if one.part != "shape":
-            small.append(one.id)
-    between += [(bodies[one], bodies[other]) for one, other in content["apart"]["bodies"]]
-    between += [(groups[one], groups[other]) for one, other in content["apart"]["groups"]]
-    meets = {(frozenset((one, other)), layer) for one, other, layer in content["meets"]}
-    for one, other in itertools.combinations_with_replacement(classes, 2):
-        if one[1] != other[1] or (frozenset((one[0], other[0])), one[1]) not in meets:
-            between.append((classes[one], classes[other]))
+    for geometry in built.geometries:
+        bodies.setdefault(names[geometry.body], []).append(geometry.id)
+        groups.setdefault(group_of[geometry.body], []).append(geometry.id)
+        classes.setdefault((geometry.material, geometry.layer), []).append(geometry.id)
+        if geometry.part != "shape":
+            small.append(geometry.id)
+    between += [(bodies[one], bodies[other]) for one, other in document.apart.bodies]
+    between += [(groups[one], groups[other]) for one, other in document.apart.groups]
+    meets = {(frozenset((one, other)), layer) for one, other, layer in document.meets}
+    for (one, layer), (other, other_layer) in itertools.combinations_with_replacement(classes, 2):
+        if layer != other_layer or (frozenset((one, other)), layer) not in meets:
+            between.append((classes[one, layer], classes[other, other_layer]))
     if small:
         between.append((small, small))
     sets = built.drake.geometry.GeometrySet
-    for one, other in between:
-        if one is other:
-            declared.ExcludeWithin(sets(one))
+    for ids, other_ids in between:
+        if ids is other_ids:
+            declared.ExcludeWithin(sets(ids))
         else:
-            declared.ExcludeBetween(sets(one), sets(other))
+            declared.ExcludeBetween(sets(ids), sets(other_ids))
     built.scene.collision_filter_manager().Apply(declared)

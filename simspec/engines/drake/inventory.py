@@ -95,7 +95,7 @@ def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
     found: dict[str, HeldValue] = {
         "model": sim.plant.GetModelInstanceName(held.model_instance()),
         "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
-        "joint": sim.content["bodies"][index]["joint"]["name"],
+        "joint": sim.document.bodies[index].joint.name,
         "joint.own_name": "" if joint.is_ephemeral() else joint.name(),
         "joint.locked": joint.is_locked(sim.context),
         "joint.damping": tuple(map(float, joint.GetDampingVector(sim.context))),

@@ -101,7 +101,7 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     if kind == "free":
         turn = frames.normalise(tuple(position[3:]))
         angular = frames.rotate(turn, tuple(velocity[3:]))
-        name = sim.content["bodies"][index]["joint"]["name"]
+        name = sim.document.bodies[index].joint.name
         return Joint(name, kind, position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
     if not joint.frame_on_child().is_body_frame():
         raise EngineError(NAME, f"joint {joint.name()!r} is not at its child's frame")
@@ -138,8 +138,8 @@ def _names(sim: Simulation, held: Any, of: str) -> list[tuple[list[str], Any]]:
     ask = getattr(sim.plant, of)
     own = [(inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(held)]
     if held.name() in sim.built.places:
-        body = next(body for body in sim.content["bodies"] if body["name"] == held.name())
-        planes = {shape["name"] for shape in body["shapes"] if shape["kind"] == "plane"}
+        body = next(body for body in sim.document.bodies if body.name == held.name())
+        planes = {shape.name for shape in body.shapes if shape.kind == "plane"}
         every = ((inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(sim.plant.world_body()))
         own += [(words, one) for words, one in every if words[0] in planes]
     return own

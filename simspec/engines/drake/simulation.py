@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.drake.reading import check_sidecar, read_content
+from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.engines.drake.building import NAME, build, warnings_into
 from simspec.engines.drake.coordinates import Coordinates, logarithm
 from simspec.errors import EngineError
+from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
 
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""
@@ -22,24 +24,25 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
-            self.content = read_content(folder)
-            check_sidecar(sidecar, self.content)
+            self.document = WorldJson().read(folder)
+            told = DrakeSidecar.of(sidecar)
+            told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:
             raise EngineError(NAME, str(error)) from error
-        self.sidecar, self.settings = sidecar, sidecar["settings"]
+        self.sidecar, self.settings = sidecar, told.settings
         self.log: list[str] = []
-        bodies = self.content["bodies"]
+        bodies = self.document.bodies
         with warnings_into(self.log):
             try:
-                self.built = build(self.content, self.settings)
+                self.built = build(self.document, self.settings)
             except KeyError as error:
                 raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
             self.root = self.built.diagram.CreateDefaultContext()
         self.plant = self.built.plant
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.coordinates = Coordinates(self.built, [body["joint"]["kind"] for body in bodies])
-        self.names = [body["name"] for body in bodies]
-        self.offsets = np.array([one["frame_offset"] for one in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self.coordinates = Coordinates(self.built, [body.joint.kind for body in bodies])
+        self.names = [body.name for body in bodies]
+        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
@@ -47,20 +50,24 @@ class Simulation:
         self._push(np.zeros(self.coordinates.nv))
         self.shape_of = {one.id: one.shape for one in self.built.geometries}
         self._before: tuple[np.ndarray, np.ndarray] | None = None
-        q, v = [], []
+        q: list[float] = []
+        v: list[float] = []
         for body in bodies:
-            position, velocity = body["joint"].get("position", ()), body["joint"].get("velocity", ())
+            position, velocity = state_of(body.joint)
+            free = isinstance(body.joint, FreeJoint)
             q.extend(position)
-            v.extend(velocity if body["joint"]["kind"] != "free" else [*velocity[:3], *_into(position, velocity[3:])])
+            v.extend([*velocity[:3], *_into(position, velocity[3:])] if free else velocity)
         self.set_state(np.array(q, dtype=float), np.array(v, dtype=float))
 
     def _losses(self) -> None:
         """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""
         self.damping, self.stiffness, self.rest = np.zeros((3, self.coordinates.nv))
-        for body, at in zip(self.content["bodies"], self.coordinates.v_places, strict=True):
-            self.damping[at] = body["joint"].get("damping", 0.0)
-            self.stiffness[at] = body["joint"].get("spring_stiffness", 0.0)
-            self.rest[at] = body["joint"].get("spring_rest", 0.0)
+        for body, at in zip(self.document.bodies, self.coordinates.v_places, strict=True):
+            joint = body.joint
+            if isinstance(joint, (AxisJoint, BallJoint)):
+                self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
+            if isinstance(joint, AxisJoint):
+                self.rest[at] = joint.spring_rest
         self._losing = bool(self.damping.any() or self.stiffness.any())
 
     # --- state ------------------------------------------------------------------------------------------------
@@ -162,10 +169,10 @@ class Simulation:
         alone, and that of 2,000 free bodies would be 1 GB."""
         root: dict[str, str] = {}
         trees: dict[str, list[int]] = {}
-        for body, at in zip(self.content["bodies"], self.coordinates.v_places, strict=True):
-            parent = body["joint"].get("parent")
-            root[body["name"]] = body["name"] if parent is None else root[parent]
-            trees.setdefault(root[body["name"]], []).extend(range(at.start, at.stop))
+        for body, at in zip(self.document.bodies, self.coordinates.v_places, strict=True):
+            parent = parent_of(body.joint)
+            root[body.name] = body.name if parent is None else root[parent]
+            trees.setdefault(root[body.name], []).extend(range(at.start, at.stop))
         places = [np.array(tree) for tree in trees.values() if tree]
         parts = [(tree, np.zeros((len(tree), len(tree)))) for tree in places]
         nothing = self.built.drake.tree.MultibodyForces(self.plant)

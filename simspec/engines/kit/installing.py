@@ -8,8 +8,7 @@ import platform
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.contract import Engine, engines
 
 
 def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> str | None:

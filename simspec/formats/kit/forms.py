@@ -1,21 +1,23 @@
-"""Whether a sidecar has the fields that it should have, of the right kinds, and no others.
+"""Whether parsed JSON has the fields that it should have, of the right kinds, and no others.
 
 A form is one of: a type (``float`` takes whole numbers too, ``int`` and ``float`` no flags), :class:`ListOf`, :class:`TupleOf`,
-:class:`MapOf`, :class:`OrNull`, or a dict of forms by field; a field whose name ends in ``?`` may be missing. ``form_of`` makes
-them of a dataclass's annotations, ``typed`` the dataclass of a value that has the form.
+:class:`MapOf`, :class:`OrNull`, :class:`OneOf`, :class:`Variants`, or a dict of forms by field; a field whose name ends in
+``?`` may be missing. ``form_of`` makes them of a dataclass's annotations, ``typed`` the dataclass of a value that has the form,
+and ``plain`` the value of a dataclass.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import math
+import sys
 import types
 import typing
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
+from simspec.world.canonical import to_plain
 from simspec.world.types import FRICTION_CONES, JOINT_KINDS
 
 WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
@@ -51,6 +53,23 @@ class MapOf:
     form: Any
 
 
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """One of some texts."""
+
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Variants:
+    """Objects of different fields, told apart by the text of their field ``KIND``: the form of each."""
+
+    forms: Mapping[str, Any]
+
+
+KIND = "kind"
+"""The field that tells the members of a union of dataclasses apart; its annotation is ``Literal``."""
+
 DISTINCT = "distinct"
 """In annotations of lists no two values of which may be alike: ``Annotated[tuple[str, ...], DISTINCT]``."""
 
@@ -58,6 +77,14 @@ Names = Annotated[tuple[str, ...], DISTINCT]
 """Different names."""
 NamePairs = Annotated[tuple[tuple[str, str], ...], DISTINCT]
 """Different pairs of names."""
+
+KINDS_OF_FORMS: Mapping[type, tuple[type, str]] = {
+    ListOf: (list, "a list"),
+    MapOf: (dict, "an object"),
+    dict: (dict, "an object"),
+    Variants: (dict, "an object"),
+}
+"""What a value of a form is in JSON."""
 
 COMMON: Mapping[str, Any] = {
     "schema": int,
@@ -73,12 +100,18 @@ COMMON: Mapping[str, Any] = {
 
 def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     """Raise ValueError naming the first place where ``value`` is not of the form."""
-    kind = {ListOf: (list, "a list"), MapOf: (dict, "an object"), dict: (dict, "an object")}.get(type(form))
+    kind = KINDS_OF_FORMS.get(type(form))
     if kind is not None and type(value) is not kind[0]:
         raise ValueError(f"{at} is {_told(value)}, should be {kind[1]}")
     if isinstance(form, OrNull):
         if value is not None:
             check_fields(value, form.form, at)
+    elif isinstance(form, OneOf):
+        check_fields(value, str, at)
+        check_known((value,), form.words, at)
+    elif isinstance(form, Variants):
+        check_fields(value.get(KIND), OneOf(tuple(form.forms)), f"{at}.{KIND}")
+        check_fields(value, form.forms[value[KIND]], at)
     elif isinstance(form, TupleOf):
         if type(value) is not list or len(value) != len(form.forms):
             raise ValueError(f"{at} is {_told(value)}, should be a list of {len(form.forms)}")
@@ -108,8 +141,9 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
 
 @functools.cache
 def form_of(kind: Any) -> Any:
-    """The form of an annotation: a dataclass (a field whose default is None may be missing), a tuple, a mapping,
-    a union with None, or a plain type. A union of plain types is any plain value. Raises TypeError for other annotations."""
+    """The form of an annotation: a dataclass (a field whose default is None may be missing), a tuple, a mapping, texts
+    (``Literal``), a union with None, a union of dataclasses (see ``KIND``), or a plain type. A union of plain types is any
+    plain value. Raises TypeError for other annotations."""
     if dataclasses.is_dataclass(kind):
         hints = typing.get_type_hints(kind, include_extras=True)
         return {
@@ -130,14 +164,20 @@ def form_of(kind: Any) -> Any:
     if origin in (dict, Mapping):
         return MapOf(form_of(items[1]))
     if origin in (typing.Union, types.UnionType):
-        return OrNull(form_of(_without_none(kind))) if type(None) in items else object
+        if type(None) in items:
+            return OrNull(form_of(_without_none(kind)))
+        if not any(map(dataclasses.is_dataclass, items)):
+            return object
+        return Variants({word: form_of(item) for word, item in _variants(kind).items()})
+    if origin is Literal:
+        return OneOf(items)
     raise TypeError(f"{kind} has no form")
 
 
 def typed(kind: Any, value: Any) -> Any:
     """The value of an annotation that plain data of its form stands for."""
     if dataclasses.is_dataclass(kind):
-        hints = typing.get_type_hints(kind)
+        hints = _hints(kind)  # type: ignore[arg-type]
         return kind(**{name: typed(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
     origin, items = typing.get_origin(kind), typing.get_args(kind)
     if origin is tuple:
@@ -146,8 +186,39 @@ def typed(kind: Any, value: Any) -> Any:
     if origin in (dict, Mapping):
         return {name: typed(items[1], item) for name, item in value.items()}
     if origin in (typing.Union, types.UnionType):
-        return value if value is None or type(None) not in items else typed(_without_none(kind), value)
+        if type(None) in items:
+            return None if value is None else typed(_without_none(kind), value)
+        return typed(_variants(kind)[value[KIND]], value) if isinstance(value, dict) else value
     return float(value) if kind is float else value
+
+
+def plain(value: Any) -> Any:
+    """The inverse of :func:`typed`: a field whose default is None is left out where it is None."""
+    if dataclasses.is_dataclass(value):
+        return {
+            field.name: plain(item)
+            for field in dataclasses.fields(value)
+            if (item := getattr(value, field.name)) is not None or field.default is not None
+        }
+    if isinstance(value, (tuple, list)):
+        return [plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {name: plain(item) for name, item in value.items()}
+    return to_plain(value)
+
+
+@functools.cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+@functools.cache
+def _variants(kind: Any) -> dict[str, Any]:
+    """The members of a union of dataclasses by the texts of their field ``KIND``. Raises TypeError where a member has none."""
+    members = [(_hints(item).get(KIND), item) for item in typing.get_args(kind)]
+    if any(typing.get_origin(annotation) is not Literal for annotation, _ in members):
+        raise TypeError(f"{kind} has no form: its members do not all have a literal {KIND!r}")
+    return {word: item for annotation, item in members for word in typing.get_args(annotation)}
 
 
 def _without_none(kind: Any) -> Any:
@@ -189,7 +260,7 @@ def _is(value: Any, form: Any) -> bool:
         return type(value) is form
     if form is int:
         return isinstance(value, int)
-    return isinstance(value, (int, float)) and math.isfinite(value)
+    return isinstance(value, (int, float)) and abs(value) <= sys.float_info.max
 
 
 def _told(value: Any) -> str:

@@ -1,12 +1,15 @@
-"""Text of files: numbers that read back to the same double, and templates."""
+"""Text of files: numbers that read back to the same double, JSON, and templates."""
 
 from __future__ import annotations
 
 import functools
+import json
 import math
+import re
 from typing import Any
 
 from simspec.resources import resource_folder
+from simspec.world.canonical import to_plain
 
 
 def number(value: float) -> str:
@@ -25,6 +28,19 @@ def number(value: float) -> str:
 def numbers(values: Any) -> str:
     """Several numbers, separated by one space."""
     return " ".join([number(value) for value in values])
+
+
+_NUMBER_LIST = re.compile(r'\[[^\[\]{}"]*\]')
+
+
+def json_text(content: Any) -> str:
+    """JSON as text: sorted keys, two spaces, short lists of numbers on one line, newline at the end."""
+    text = json.dumps(to_plain(content), indent=2, sort_keys=True, allow_nan=False, ensure_ascii=False)
+    return _NUMBER_LIST.sub(_on_one_line, text) + "\n"
+
+
+def _on_one_line(numbers_found: re.Match[str]) -> str:
+    return "[" + ", ".join(numbers_found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
 
 
 @functools.cache

@@ -1,13 +1,120 @@
-"""The format ``world``."""
+"""The format ``world``: a world and its contact plan as JSON, for engines that have no file language."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import ClassVar
 
+from simspec.errors import SpecError
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, FreeJoint, Joint, Shape, parent_of
+from simspec.outputs.reading import read_text
+from simspec.reading import NotReadableError, parse_json
+from simspec.support.declarations import EXACT, Table, unsupported
+from simspec.support.features import Feature
+from simspec.world.types import FRICTION_CONES, SHAPE_SIZE_NAMES
+
+WORLD = "world.json"
+UNIT = 1e-12
+"""How far an axis or a quaternion may be from unit length: the tolerance of text."""
 
 
 class WorldJson(Format):
-    """Files of the format ``world``."""
+    """One file, ``world.json``: a :class:`simspec.formats.world.tree.Document`."""
 
     NAME: ClassVar[str] = "world"
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.CONTROL_NATIVE: unsupported("world.json has no gains of controllers"),
+    }
+    """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
+
+    def write(self, tree: Document) -> dict[str, str]:
+        """``world.json``."""
+        return {WORLD: json_text(plain(tree))}
+
+    def read(self, folder: Path) -> Document:
+        """The document in ``folder``, checked: its form, and that its names fit together, so that an engine need not.
+
+        Raises ValueError, which names the place, and FileNotFoundError where there is no ``world.json``.
+        """
+        try:
+            content = parse_json(read_text(folder / WORLD))
+        except (SpecError, NotReadableError) as error:
+            raise ValueError(f"{WORLD}: {error}") from None
+        check_fields(content, form_of(Document), WORLD)
+        document: Document = typed(Document, content)
+        check(document)
+        return document
+
+
+def check(document: Document) -> None:
+    """Raise ValueError, which names the place, where the parts of a document do not fit together."""
+    if document.schema != SCHEMA:
+        raise ValueError(f"{WORLD}: schema {document.schema!r}, this simspec reads {SCHEMA}")
+    check_known((document.friction_cone,), FRICTION_CONES, f"{WORLD}.friction_cone")
+    if not document.timestep > 0.0:
+        raise ValueError(f"{WORLD}.timestep is {document.timestep}, should be above zero")
+    above: set[str] = set()
+    for index, body in enumerate(document.bodies):
+        at = f"{WORLD}.bodies.{index}"
+        parent = parent_of(body.joint)
+        if parent is not None and parent not in above:
+            raise ValueError(f"{at}.joint.parent is {parent!r}, which is no body before it")
+        _check_joint(body.joint, f"{at}.joint")
+        for number, shape in enumerate(body.shapes):
+            _check_shape(shape, f"{at}.shapes.{number}")
+        if body.name in above:
+            raise ValueError(f"{WORLD}.bodies has {body.name!r} twice")
+        above.add(body.name)
+    check_distinct((shape.name for body in document.bodies for shape in body.shapes), f"{WORLD} (shapes)")
+    check_distinct((body.joint.name for body in document.bodies), f"{WORLD} (joints)")
+    for pair in document.apart.bodies:
+        check_distinct(pair, f"{WORLD}.apart.bodies")
+    check_known((name for pair in document.apart.bodies for name in pair), above, f"{WORLD}.apart.bodies")
+    groups = {body.group for body in document.bodies if any(shape.copies for shape in body.shapes)}
+    check_known((name for pair in document.apart.groups for name in pair), groups, f"{WORLD}.apart.groups")
+    _check_meetings(document)
+
+
+def _check_meetings(document: Document) -> None:
+    """Two materials meet in one layer, in which both have copies."""
+    at = f"{WORLD}.meets"
+    layers = {
+        (shape.material, copy.layer) for body in document.bodies for shape in body.shapes for copy in shape.copies
+    }
+    for one, other, layer in document.meets:
+        if not {(one, layer), (other, layer)} <= layers:
+            raise ValueError(f"{at} has {[one, other, layer]!r}, and both materials have no copy in that layer")
+    check_distinct((tuple(sorted(entry[:2])) for entry in document.meets), at)
+
+
+def _check_joint(joint: Joint, at: str) -> None:
+    if not isinstance(joint, FreeJoint):
+        _check_unit(joint.origin.quaternion, f"{at}.origin.quaternion")
+    if isinstance(joint, (BallJoint, FreeJoint)):
+        _check_unit(joint.position[-4:], f"{at}.position")
+    elif not isinstance(joint, FixedJoint):
+        _check_unit(joint.axis, f"{at}.axis")
+
+
+def _check_shape(shape: Shape, at: str) -> None:
+    check_known((shape.kind,), SHAPE_SIZE_NAMES, f"{at}.kind")
+    count = len(SHAPE_SIZE_NAMES[shape.kind])
+    if len(shape.size) != count:
+        raise ValueError(f"{at}.size has {len(shape.size)} entries, should have {count}")
+    _check_unit(shape.pose.quaternion, f"{at}.pose.quaternion")
+    if shape.colour is None and not shape.copies:
+        raise ValueError(f"{at} is neither visual nor collision")
+    if shape.material and not shape.copies:
+        raise ValueError(f"{at} has the material {shape.material!r} and is no collision shape")
+    layers = [copy.layer for copy in shape.copies]
+    if layers != sorted(set(layers)):
+        raise ValueError(f"{at}.copies are not in the order of their layers, each once")
+
+
+def _check_unit(values: tuple[float, ...], at: str) -> None:
+    length = sum(value * value for value in values)
+    if abs(length - 1.0) > 2.0 * UNIT:
+        raise ValueError(f"{at} is {list(values)}, should be of length 1")

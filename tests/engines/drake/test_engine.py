@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.drake.dialect import WORLD
-from simspec.dialects.drake.reading import read_content
-from simspec.dialects.kit.sidecar import read_sidecar, sidecar_text
+from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.drake.building import MOST_PLANES
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, approximation
 from simspec.engines.drake.corners import corners
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world import frames
@@ -43,9 +44,9 @@ def load(tmp_path):
     def of(world, change=lambda content: None):
         folder = tmp_path / str(len(opened))
         write_folder(compile_world(world, ["drake"])["drake"].files, folder)
-        content = read_content(folder)
+        content = json.loads((folder / WORLD).read_text(encoding="utf-8"))
         change(content)
-        (folder / WORLD).write_text(sidecar_text(content), encoding="utf-8")
+        (folder / WORLD).write_text(json_text(content), encoding="utf-8")
         engine = Drake()
         opened.append(engine)
         engine.load(folder, read_sidecar(folder))

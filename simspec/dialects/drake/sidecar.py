@@ -1,0 +1,29 @@
+"""The sidecar of a ``world.json``: what every sidecar has; the file itself carries the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simspec.dialects.kit.sidecar import Sidecar
+from simspec.formats.world.format import WORLD
+from simspec.formats.world.tree import Document
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrakeSidecar(Sidecar):
+    """Settings, and where the frames of free roots are."""
+
+    def check(self) -> None:
+        """Raise ValueError where the frame of another body than a free root is moved."""
+        for body in self.bodies:
+            if body.kind != "free" and any(body.frame_offset):
+                raise ValueError(f"the sidecar moves the frame of {body.name!r}, which is no free root")
+
+    def check_document(self, document: Document) -> None:
+        """Raise ValueError where the sidecar is of another world than ``document``."""
+        if [(body.name, body.kind) for body in self.bodies] != [
+            (body.name, body.joint.kind) for body in document.bodies
+        ]:
+            raise ValueError(f"the bodies of {WORLD} are not those that the sidecar names")
+        if self.friction_cone != document.friction_cone:
+            raise ValueError(f"the friction cone of {WORLD} is not the sidecar's")

@@ -1,0 +1,78 @@
+"""How a world is told to Drake, and understood again: nothing of the model is lost."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import pytest
+
+from simspec.compiler import target_of
+from simspec.dialects.drake.dialect import DrakeDialect
+from simspec.engines.drake.engine import Drake
+from simspec.formats.world.tree import Document
+from simspec.proof.comparator import compare
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.world.types import World
+from tests import worlds
+
+
+def lowered(world: World):
+    return DrakeDialect().lower(world, target_of(world, Drake))
+
+
+@pytest.mark.parametrize("world", [*WORLDS.values(), lambda _: worlds.every_joint()])
+def test_lower_and_raise_are_inverse(world):
+    world = world("drake")
+    told = lowered(world)
+    model = DrakeDialect().raise_(told.tree, told.sidecar)
+    checks = compare(world, model, Drake.RULES, Drake.LAYERS, text=True)
+    assert len(checks) > 5
+    assert [(check.name, check.where, check.detail) for check in checks if not check.passed] == []
+
+
+def test_free_roots_stand_at_their_centres_of_mass():
+    told = lowered(WORLDS["model"]("drake"))
+    moved = told.sidecar.offsets
+    assert moved
+    for body in told.tree.bodies:
+        if body.name in moved:
+            assert body.joint.kind == "free"
+            assert body.centre_of_mass == (0.0, 0.0, 0.0)
+
+
+def _offset(document: Document, sidecar):
+    first = dataclasses.replace(sidecar.bodies[0], frame_offset=(0.1, 0.0, 0.0))
+    return document, dataclasses.replace(sidecar, bodies=(first, *sidecar.bodies[1:]))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda document, sidecar: (document, dataclasses.replace(sidecar, bodies=sidecar.bodies[1:])), "names"),
+        (lambda document, sidecar: (dataclasses.replace(document, friction_cone="pyramid-inscribed"), sidecar), "cone"),
+    ],
+)
+def test_document_and_sidecar_are_of_one_world(change, said):
+    told = lowered(WORLDS["surfaces"]("drake"))
+    with pytest.raises(ValueError, match=said):
+        DrakeDialect().raise_(*change(told.tree, told.sidecar))
+
+
+def test_frames_of_free_roots_alone_are_moved():
+    told = lowered(WORLDS["surfaces"]("drake"))
+    assert told.sidecar.bodies[0].kind == "fixed"
+    _, sidecar = _offset(told.tree, told.sidecar)
+    with pytest.raises(ValueError, match=re.escape("which is no free root")):
+        type(sidecar).of(sidecar.plain())
+
+
+def test_a_plan_that_lacks_a_number_is_an_error():
+    world = WORLDS["surfaces"]("drake")
+    target = target_of(world, Drake)
+    key, numbers = next(iter(target.plan.numbers.items()))
+    plan = dataclasses.replace(
+        target.plan, numbers={**target.plan.numbers, key: dataclasses.replace(numbers, friction=None)}
+    )
+    with pytest.raises(ValueError, match="lacks a number"):
+        DrakeDialect().lower(world, dataclasses.replace(target, plan=plan))
