@@ -40,7 +40,7 @@ def one(kind: str, count: int, format_name: str) -> str:
     import simspec
     from simspec.compiler import target_of
     from simspec.dialects.kit.contract import dialects
-    from simspec.engines.kit.contract import engines, format_of
+    from simspec.engines.kit.registry import engines, format_of
     from simspec.errors import UnsupportedError
 
     spec = simspec.Spec.from_data({"chain": chain, "pile": pile}[kind](count))

@@ -21,7 +21,7 @@ from pathlib import Path
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import default_engines, find_engine
+from simspec.engines.kit.registry import default_engines, find_engine
 
 SCENARIOS = ("spheres-216", "ur10e")
 ROOT = Path(__file__).resolve().parent.parent

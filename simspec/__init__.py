@@ -39,7 +39,7 @@ _HOME = {
     "Change": "simspec.comparison.worlds:Change",
     "study": "simspec.comparison.study:study",
     "Study": "simspec.comparison.study:Study",
-    "known_engines": "simspec.engines.kit.contract:engines",
+    "known_engines": "simspec.engines.kit.registry:engines",
     "SimspecError": "simspec.errors:SimspecError",
     "SpecError": "simspec.errors:SpecError",
     "UnsupportedError": "simspec.errors:UnsupportedError",
@@ -79,7 +79,7 @@ if TYPE_CHECKING:
     from simspec.comparison.worlds import Change, diff_worlds
     from simspec.compiler import Compiled
     from simspec.compiler import compile_world as compile
-    from simspec.engines.kit.contract import engines as known_engines
+    from simspec.engines.kit.registry import engines as known_engines
     from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
     from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate

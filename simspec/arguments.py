@@ -92,8 +92,8 @@ def load_spec(
 
 def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
     """The interpreters that ``--python`` and ``--engine`` name, by the engine's label."""
-    from simspec.engines.kit.contract import find_engine
     from simspec.engines.kit.identity import parse
+    from simspec.engines.kit.registry import find_engine
 
     found = {}
     for word in words or ():
@@ -113,8 +113,8 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
 
 def engine_names(words: list[str] | None) -> list[str]:
     """The engines asked for, by label (a format stands for its engines); when none is, all that are taken by default."""
-    from simspec.engines.kit.contract import default_engines, engines, find_engine, format_of
     from simspec.engines.kit.identity import parse
+    from simspec.engines.kit.registry import default_engines, engines, find_engine, format_of
 
     known = engines()
     labels: dict[str, None] = {}
@@ -136,7 +136,7 @@ def names_alone(words: list[str] | None) -> list[str]:
 
 def installed_engines() -> list[str]:
     """The engines that are installed here, of those that are taken by default. Raises SpecError when none is."""
-    from simspec.engines.kit.contract import engines
+    from simspec.engines.kit.registry import engines
 
     found = [name for name, engine in engines().items() if engine.BY_DEFAULT and engine.version() is not None]
     if not found:

@@ -14,8 +14,10 @@ from simspec.contact.reachability import impact_needs, pair_needs, unreachable
 from simspec.control.native import fed_forward
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.target import Target
-from simspec.engines.kit.contract import Engine, check_settings, engines, find_engine, format_of, written_settings
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import engines, find_engine, format_of
+from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.formats.kit.contract import formats
 from simspec.outputs.writing import write_private

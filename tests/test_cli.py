@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.engines.kit.contract import default_engines, engines
+from simspec.engines.kit.registry import default_engines, engines
 from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 

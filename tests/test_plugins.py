@@ -12,16 +12,19 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.contact.rules import Rules
 from simspec.dialects.kit import contract as dialects_base
-from simspec.engines.kit import contract as base
-from simspec.engines.kit.contract import Engine, broken_engines, engines, find_engine
+from simspec.engines.kit import registry as base
+from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import broken_engines, engines, find_engine
 from simspec.errors import EngineError
-from simspec.support.declarations import EXACT
+from simspec.support.declarations import EXACT, unsupported
 from simspec.support.features import Feature
 
 
 def an_engine(**more):
     words = {"NAME": "odd", "DIALECT": "mujoco", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
-    words |= {"LAYERS": False, "SUPPORT": dict.fromkeys(Feature, EXACT), "SETTINGS": {}} | more
+    support = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("odd")}
+    words |= {"LAYERS": False, "SUPPORT": support, "SETTINGS": {}, "LACKS": dict.fromkeys(Capability, "odd")} | more
     return type("Odd", (Engine,), {name: value for name, value in words.items() if value is not None})
 
 

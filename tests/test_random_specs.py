@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
 from simspec.support.needs import needs

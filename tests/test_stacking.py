@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import run
 from simspec.world.kinematics import poses

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec.engines.kit.contract import default_engines, find_engine
+from simspec.engines.kit.registry import default_engines, find_engine
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))

@@ -21,7 +21,7 @@ from pathlib import Path
 import coulomb
 from contact_runs import ENGINES, RUNS, TOWERS, Result, Stand, measure, stand
 
-from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import compliance, friction, impact, oblique, spin
 from simspec.proof.contact.probe import Figure, Law, Probe
 from simspec.world.types import Hardness, PairContact

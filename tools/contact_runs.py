@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import default_engines
 from simspec.engines.kit.process import Operation, Reply, call
+from simspec.engines.kit.registry import default_engines
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.support.features import Feature

@@ -30,9 +30,9 @@ import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import default_engines, engines, find_engine
 from simspec.engines.kit.process import ONE_THREAD
 from simspec.engines.kit.recorder import MOST_BYTES, Recording, Stepper
+from simspec.engines.kit.registry import default_engines, engines, find_engine
 from simspec.world.types import EngineOptions, World
 
 PARTS = ("step", "control", "record")

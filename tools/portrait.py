@@ -21,8 +21,8 @@ import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.recorder import Stepper
+from simspec.engines.kit.registry import find_engine
 from simspec.world.types import World
 
 ENGINE = "pybullet"

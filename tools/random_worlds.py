@@ -25,7 +25,7 @@ import numpy as np
 
 import simspec
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.contract import default_engines, engines
+from simspec.engines.kit.registry import default_engines, engines
 from simspec.errors import EngineError, SpecError, UnsupportedError
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.kinematics import initial_state

@@ -26,7 +26,7 @@ from pace import measure, table, with_settings
 from stacking_page import ASLEEP, PAGE, ROOT, SEEDS, TIMESTEPS, keep, key, load, page, picture
 
 import simspec
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.errors import EngineError
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run, run

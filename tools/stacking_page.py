@@ -9,7 +9,7 @@ from typing import Any
 
 from pace import PARTS
 
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "stacking.json"

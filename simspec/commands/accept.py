@@ -12,7 +12,7 @@ from typing import Any
 
 from simspec.arguments import installed_engines, load_spec, names_alone
 from simspec.compiler import needed_decisions
-from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec

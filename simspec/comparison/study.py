@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, compile_world, output_files, write_folder
-from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.process import DEADLINE
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.runner.expectations import Outcome, evaluate
 from simspec.runner.run import Run, failed_run, run, run_jobs

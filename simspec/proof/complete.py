@@ -25,8 +25,9 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations
-from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
 from simspec.proof.mutation_worlds import WORLDS

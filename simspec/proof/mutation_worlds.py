@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 
-from simspec.engines.kit.contract import Setting, find_engine, idle_settings
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
 from simspec.world.control import Controller, Trajectory

@@ -15,8 +15,10 @@ from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.outputs.reading import files_below, read_text
 from simspec.proof import control, dry_friction, motion
@@ -224,6 +226,8 @@ def read_back_checks(world: World, engine: type[Engine], held: ReadBack) -> list
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
     checks = compare(world, held, engine.RULES, engine.LAYERS, accepted_cone=accepted)
+    if Capability.INVENTORY in engine.LACKS:
+        return checks
     return checks + inventory_checks(engine.expected_inventory(world, held.neutral), held.inventory)
 
 

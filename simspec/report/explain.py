@@ -16,7 +16,8 @@ from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.contact.rules import QUANTITIES, Rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.engines.kit.contract import find_engine, idle_settings, resolve_settings
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import idle_settings, resolve_settings
 from simspec.report.terminal import decisions, table
 from simspec.scratch import scratch_folder
 from simspec.world.control import Controller

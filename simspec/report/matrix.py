@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from simspec.dialects.kit.contract import broken_dialects, dialects
-from simspec.engines.kit.contract import Engine, broken_engines, engines, format_of
+from simspec.engines.kit import capabilities
+from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import broken_engines, engines, format_of
 from simspec.formats.kit.contract import broken_formats
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import MEANING, Feature
@@ -32,6 +35,9 @@ HEAD = f"""# Support matrix
 | approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
 | no | an error that names the line of the spec |
 """
+CAPABILITIES = (
+    "What an engine can do beside its core (load, read back, states, steps, contacts). What it lacks is not asked for."
+)
 
 
 def support(engine: type[Engine]) -> dict[Feature, Support]:
@@ -50,6 +56,8 @@ def engine_data() -> dict[str, Any]:
         name: {
             "format": format_of(engine),
             "version": engine.version(),
+            "capabilities": {capability.value: capability not in engine.LACKS for capability in Capability},
+            "lacks": {capability.value: reason for capability, reason in engine.LACKS.items()},
             "install": f"pip install 'simspec[{engine.EXTRA}]'",
             "settings": {
                 key: {"default": setting.default, "meaning": setting.meaning, "choices": list(setting.choices)}
@@ -101,6 +109,7 @@ def markdown() -> str:
             cells.append(cell)
         lines.append(f"| `{feature.value}` | {_cell(MEANING[feature])} | {' | '.join(cells)} |")
     lines += ["", "## Notes", "", *(f"{index}. {note}" for index, note in enumerate(notes, 1))]
+    lines += _capabilities()
     lines += ["", "## Solver settings", ""]
     lines += ["`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
     for name, engine in engines().items():
@@ -113,6 +122,23 @@ def markdown() -> str:
             lines.append(f"| `{key}` | `{setting.default}` | {allowed} | {_cell(setting.meaning)} |")
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _capabilities() -> list[str]:
+    """The table of capabilities, with the reasons of what is lacking below."""
+    table = [f"| capability | meaning: the engine … | {' | '.join(engines())} |", "|---" * (2 + len(engines())) + "|"]
+    reasons: list[str] = []
+    for capability in Capability:
+        cells = []
+        for name, engine in engines().items():
+            if (reason := engine.LACKS.get(capability)) is None:
+                cells.append("yes")
+            else:
+                reasons.append(f"{name}, `{capability}`: {_cell(reason)}")
+                cells.append(f"no [c{len(reasons)}]")
+        table.append(f"| `{capability}` | {_cell(capabilities.MEANING[capability])} | {' | '.join(cells)} |")
+    notes = [f"- [c{index}] {reason}" for index, reason in enumerate(reasons, 1)]
+    return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes]
 
 
 def _range(minimum: float | None, maximum: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.report.matrix import anchor, support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

@@ -13,6 +13,7 @@ from rich.text import Text
 from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.compiler import Compiled
+from simspec.engines.kit.capabilities import Capability
 from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
@@ -283,7 +284,15 @@ def engine_tables(data: Mapping[str, Any]) -> list[Table]:
     for feature in Feature:
         levels = [Level(one["support"][feature.value]["level"]) for one in data.values()]
         support.add_row(feature.value, *(Text(WORDS[level], style=STYLES[level]) for level in levels))
-    return [versions, support]
+    abilities = table("Capabilities", "capability", *data)
+    for capability in Capability:
+        marks = ["yes" if one["capabilities"][capability.value] else "no" for one in data.values()]
+        abilities.add_row(capability.value, *(Text(mark, style="green" if mark == "yes" else "red") for mark in marks))
+    reasons = table("Lacking capabilities", "engine", "capability", "reason")
+    for name, one in data.items():
+        for lacking, reason in one["lacks"].items():
+            reasons.add_row(name, lacking, reason)
+    return [versions, support, abilities, *([reasons] if reasons.row_count else [])]
 
 
 STYLES = {

@@ -19,9 +19,10 @@ from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit import process
 from simspec.engines.kit.answers import RECORDED_BYTES, Operation
-from simspec.engines.kit.contract import find_engine, resolve_settings
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.language.strict import near
 from simspec.mapped import parts, zeros

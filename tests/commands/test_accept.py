@@ -12,7 +12,7 @@ from simspec import cli
 from simspec.commands.accept import edited
 from simspec.compiler import compile_world
 from simspec.dialects.kit.contract import dialects
-from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import SpecError
 from simspec.language.load import load
 from simspec.report import reasons

@@ -7,7 +7,8 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.dart.engine import Dart
-from simspec.engines.kit.contract import Engine, find_engine
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import find_engine
 from simspec.world.types import World
 from tests import worlds
 from tests.dialects.dart.test_dialect import emit, write

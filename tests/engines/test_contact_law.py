@@ -12,7 +12,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.contact.plan import contact_plan
 from simspec.dialects.kit.contract import dialects
-from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
 from simspec.proof.contact.run import measure

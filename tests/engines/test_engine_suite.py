@@ -16,7 +16,9 @@ from simspec.contact import rules as contact_rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.kit.contract import CONTACT_FIELDS, check_settings, engines, find_engine, idle_settings
+from simspec.engines.kit.arrays import CONTACT_FIELDS
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare
 from simspec.proof.probes import rotation_error

@@ -20,7 +20,8 @@ from simspec.control.law import Control, ControlError
 from simspec.control.native import fed_forward
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.contract import Actuation, Engine, find_engine
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.run import run

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 import simspec
 from simspec import cli
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.generated import read_certificate
 from simspec.proof.comparator import inventory_checks

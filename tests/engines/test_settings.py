@@ -10,7 +10,8 @@ import pytest
 
 from simspec.cli import main
 from simspec.compiler import compile_world
-from simspec.engines.kit.contract import Setting, check_settings, engines, find_engine, idle_settings
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.settings import Setting, check_settings, idle_settings
 from simspec.errors import Location, UnsupportedError
 from simspec.proof import mutation_worlds
 from simspec.world.types import EngineOptions

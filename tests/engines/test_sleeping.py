@@ -11,7 +11,9 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.control.law import Control
 from simspec.control.reference import reference
-from simspec.engines.kit.contract import Engine, check_settings, find_engine, resolve_settings, written_settings
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import check_settings, resolve_settings, written_settings
 from simspec.world.control import Trajectory
 from simspec.world.kinematics import free_rigid
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Physics, Pose, Shape, World

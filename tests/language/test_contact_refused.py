@@ -6,7 +6,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.contact.plan import MOST_SPLIT_MATERIALS
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.language.load import load
 from simspec.language.models import Contact

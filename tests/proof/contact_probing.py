@@ -8,8 +8,8 @@ import itertools
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import engines, find_engine
 from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.contract import default_engines, find_engine
+from simspec.engines.kit.registry import default_engines, find_engine
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion

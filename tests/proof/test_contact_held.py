@@ -13,7 +13,7 @@ from simspec.contact.meeting import meeting_laws
 from simspec.contact.plan import contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import held as module
 from simspec.proof.contact.held import held, of_pair

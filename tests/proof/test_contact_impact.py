@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.proof.contact import compliance, impact
 from simspec.proof.contact.compliance import Oscillator
 from simspec.proof.contact.impact import bounce_ratio

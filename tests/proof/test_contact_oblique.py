@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import default_engines, find_engine
+from simspec.engines.kit.registry import default_engines, find_engine
 from simspec.proof.contact import oblique, run, size
 from simspec.proof.contact.law import project
 from simspec.proof.contact.oblique import impact_begins, impact_ends

@@ -11,7 +11,8 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.defects import NAMES
-from simspec.engines.kit.contract import Deviation, default_engines, find_engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.registry import default_engines, find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.contact import cache, run, size

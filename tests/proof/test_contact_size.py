@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import engines
 from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import size
 from simspec.proof.contact.size import GAPS, size_error, size_figures, size_trial, surface_points

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import spin
 from simspec.proof.contact.probe import GRAVITY, Motion

@@ -12,7 +12,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.proof import dry_friction
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_checks
 from simspec.proof.verify import verify

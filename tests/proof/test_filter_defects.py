@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import default_engines
+from simspec.engines.kit.registry import default_engines
 from simspec.proof.verify import prepare, verify
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from simspec.engines.kit.contract import default_engines, engines
+from simspec.engines.kit.registry import default_engines, engines
 from simspec.errors import SpecError, UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.judge import judge

@@ -10,7 +10,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.language.load import Spec
 from simspec.report.explain import control_table
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simspec.engines.kit.contract import empty_contacts
+from simspec.engines.kit.arrays import empty_contacts
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError
 from simspec.runner import metrics
 from simspec.runner.expectations import evaluate

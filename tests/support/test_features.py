@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.dialects.kit.contract import dialects
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import Location, UnsupportedError
 from simspec.support.declarations import (
     EXACT,

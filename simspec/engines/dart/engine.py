@@ -22,19 +22,12 @@ from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
 from simspec.engines.dart.readback import read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
-from simspec.engines.kit.contract import (
-    Actuation,
-    CollisionUnit,
-    Deviation,
-    Engine,
-    Setting,
-    empty_contacts,
-    pick_blocks,
-    resolve_settings,
-    restore_velocities,
-    sorted_pairs,
-)
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
@@ -115,6 +108,7 @@ class Dart(Engine):
     EXTRA: ClassVar[str] = "dart"
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(

@@ -18,18 +18,12 @@ from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.readback import read_back
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.contract import (
-    CollisionUnit,
-    Deviation,
-    Engine,
-    Setting,
-    empty_contacts,
-    pick_blocks,
-    restore_velocities,
-    sorted_pairs,
-    written_settings,
-)
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.settings import Setting, written_settings
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
@@ -74,6 +68,11 @@ class Drake(Engine):
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
     BY_DEFAULT: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
+        Capability.NATIVE_CONTROLLERS: _NOT_YET,
+        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
+    }
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(
@@ -257,9 +256,6 @@ class Drake(Engine):
 
     def disable_contact(self) -> None:
         self._simulation.disable_contact()
-
-    def disable_dry_friction(self, v: np.ndarray) -> None:
-        """Drake has none."""
 
     def energy(self) -> tuple[float, float]:
         return self._simulation.energy()

@@ -8,7 +8,8 @@ import platform
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from simspec.engines.kit.contract import Engine, engines
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import engines
 
 
 def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> str | None:

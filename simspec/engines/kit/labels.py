@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
-from simspec.engines.kit.contract import Engine, format_of, written_settings
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import format_of
+from simspec.engines.kit.settings import written_settings
 from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, World
 

@@ -25,8 +25,8 @@ from typing import IO
 from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
-from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.identity import demand_version
+from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.errors import EngineError, clipped, visible
 from simspec.reading import read_bytes

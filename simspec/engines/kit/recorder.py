@@ -12,7 +12,8 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.native import Servos
 from simspec.control.request import from_request
-from simspec.engines.kit.contract import CONTACT_FIELDS, Actuation, Engine
+from simspec.engines.kit.arrays import CONTACT_FIELDS
+from simspec.engines.kit.contract import Actuation, Engine
 from simspec.errors import EngineError
 
 

@@ -94,6 +94,12 @@ def _dynamics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) ->
     return {}, {name: np.array(values) for name, values in found.items()}
 
 
+def _without_dry_friction(engine: Any, places: Any) -> None:
+    """Where nothing has dry friction, an engine that cannot switch it off is not asked to."""
+    if len(places):
+        engine.disable_dry_friction(places)
+
+
 def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``. The dry
     friction at the places ``rubbing`` (n,) of v is taken away before.
@@ -103,7 +109,7 @@ def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> t
     import numpy as np
 
     engine.disable_contact()
-    engine.disable_dry_friction(arrays["rubbing"])
+    _without_dry_friction(engine, arrays["rubbing"])
     engine.set_state(arrays["q"], arrays["v"])
     found: dict[str, list[Any]] = {"q": [], "v": [], "pose": [], "velocity": []}
     done = 0
@@ -168,7 +174,7 @@ def _respond(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> 
     from simspec.control.request import from_request
 
     engine.disable_contact()
-    engine.disable_dry_friction(arrays["rubbing"])
+    _without_dry_friction(engine, arrays["rubbing"])
     engine.set_state(arrays["q"], arrays["v"])
     control = from_request(operation, arrays)
     joints = engine.actuate(control.q_places, control.v_places)
@@ -180,7 +186,7 @@ def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) ->
     same for bodies. The result names the units: index of the body, names of shapes."""
     import numpy as np
 
-    from simspec.engines.kit.contract import bodies_of
+    from simspec.engines.kit.arrays import bodies_of
 
     units = engine.collision_units()
     found: dict[str, list[Any]] = {"units": [np.zeros((0, 3), np.int64)], "touching": [np.zeros((0, 3), np.int64)]}

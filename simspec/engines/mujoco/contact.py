@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
-from simspec.engines.kit.contract import Deviation
+from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Support, approximate, unsupported
 from simspec.support.features import Feature
 from simspec.world.types import World

@@ -18,17 +18,11 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.dialects.mujoco.dialect import FLAGS, KEYFRAME, MODEL, file_name
-from simspec.engines.kit.contract import (
-    Actuation,
-    CollisionUnit,
-    Deviation,
-    Engine,
-    Setting,
-    empty_contacts,
-    resolve_settings,
-    restore_velocities,
-    sorted_pairs,
-)
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.vectors import cross
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold
@@ -65,6 +59,7 @@ class MuJoCo(Engine):
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "

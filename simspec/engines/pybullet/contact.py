@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from simspec.contact.meeting import meeting_laws
-from simspec.engines.kit.contract import Deviation
+from simspec.engines.kit.deviations import Deviation
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Shape, World
 

@@ -20,18 +20,11 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.engines.kit.contract import (
-    Actuation,
-    CollisionUnit,
-    Engine,
-    Setting,
-    empty_contacts,
-    pick_blocks,
-    resolve_settings,
-    restore_velocities,
-    sorted_pairs,
-)
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet.efforts import Efforts
@@ -82,6 +75,7 @@ class PyBullet(Engine):
     EXTRA: ClassVar[str] = "pybullet"
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,

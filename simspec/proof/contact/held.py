@@ -17,7 +17,8 @@ from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.contact.rules import QUANTITIES
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import Engine, idle_settings
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.support.features import Feature
 from simspec.world.types import (

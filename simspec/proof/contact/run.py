@@ -19,8 +19,10 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.contact.meeting import meeting_laws
-from simspec.engines.kit.contract import Deviation, Engine, find_engine
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin

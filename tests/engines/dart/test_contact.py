@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.engines.dart.engine import Dart
-from simspec.engines.kit.contract import empty_contacts
+from simspec.engines.kit.arrays import empty_contacts
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds

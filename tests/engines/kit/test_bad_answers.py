@@ -24,8 +24,8 @@ import pytest
 
 from simspec.engines.kit import process, worker
 from simspec.engines.kit.answers import BadAnswerError, Operation, read_answers
-from simspec.engines.kit.contract import find_engine
 from simspec.engines.kit.process import start
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.proof.verify import engine_checks, prepare
 from simspec.runner import run as runner

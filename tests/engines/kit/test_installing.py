@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 from simspec import cli
 from simspec.commands import run
 from simspec.engines.kit import installing
-from simspec.engines.kit.contract import engines
+from simspec.engines.kit.registry import engines
 
 ROOT = Path(__file__).parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -14,29 +14,32 @@ import pytest
 
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.engines.kit import contract as base
 from simspec.engines.kit import process
+from simspec.engines.kit import registry as base
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.recorder import record
 from simspec.errors import EngineError
 from simspec.runner.run import run
-from simspec.support.declarations import EXACT
+from simspec.support.declarations import EXACT, unsupported
 from simspec.support.features import Feature
 from tests import worlds
 
 STUB = """
 import os, time
 import numpy as np
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.support.declarations import EXACT
+from simspec.support.declarations import EXACT, unsupported
 from simspec.support.features import Feature
 from simspec.contact.rules import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
     RULES, LAYERS = Rules("max", "max"), False
-    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT), {}
+    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("a stub")}, {}
+    LACKS = dict.fromkeys(Capability, "a stub")
     def load(self, folder, sidecar):
         self.what = sidecar["what"]
         if self.what == "crash":
@@ -145,8 +148,9 @@ class Growing(Engine):
 
     NAME, FORMAT, DISTRIBUTION, EXTRA = "growing", "none", "numpy", "none"
     RULES, LAYERS = Rules("max", "max"), False
-    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
+    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("a stub")}
     SETTINGS: ClassVar = {}
+    LACKS: ClassVar = dict.fromkeys(Capability, "a stub")
 
     def __init__(self):
         self.height = 1e300
@@ -180,6 +184,8 @@ def test_every_channel_is_looked_at(what, value, tmp_path):
     """A run whose positions are numbers and whose velocities are none is not finite either, and so on for each channel."""
 
     class Odd(Growing):
+        LACKS: ClassVar = {key: why for key, why in Growing.LACKS.items() if key is not Capability.ENERGY}
+
         def found(self, name):
             numbers = np.zeros(CHANNELS[name])
             if name == what and self.height > 1.0:

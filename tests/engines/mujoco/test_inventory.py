@@ -11,7 +11,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.contract import find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.engines.mujoco import fields
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import inventory_checks

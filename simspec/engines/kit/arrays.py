@@ -1,0 +1,79 @@
+"""The arrays that engines answer, and what their modules make them with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.engines.kit.vectors import cross
+
+CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
+    "body": (2,),
+    "position": (3,),
+    "normal": (3,),
+    "distance": (),
+    "normal_force": (),
+}
+"""The arrays of ``Engine.contacts`` and the shape of one row. ``body``: indices into the world's bodies; ``position``: in
+the world (m); ``normal``: unit vector in the world, pointing from the second body to the first; ``distance``: gap in m,
+negative when the bodies overlap; ``normal_force``: N, ≥ 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionUnit:
+    """What an engine's collision detection reports as one: ``body`` is the index in the world's bodies (−1: of none of them),
+    ``shapes`` are the names of those of its shapes that it may be."""
+
+    body: int
+    shapes: tuple[str, ...]
+
+
+def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
+    """Pairs (n, 2) of indices with the smaller one first, sorted, each once."""
+    return np.unique(np.sort(np.asarray(pairs, dtype=np.int64).reshape(-1, 2), axis=1), axis=0)
+
+
+def bodies_of(units: Sequence[CollisionUnit], pairs: np.ndarray) -> np.ndarray:
+    """The pairs (n, 2) of indices of bodies, sorted and each once, of pairs of ``units``."""
+    return sorted_pairs(np.array([unit.body for unit in units], dtype=np.int64)[pairs]) if len(pairs) else pairs
+
+
+def pick_blocks(blocks: Sequence[np.ndarray], held: Iterable[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """The parts of M for ``blocks`` (see :meth:`Engine.mass_blocks`), out of those that an engine holds: for each of its own
+    trees the places (n,) in v and M (n, n) there."""
+    found = [np.zeros((len(block), len(block))) for block in blocks]
+    where = {int(place): (index, row) for index, block in enumerate(blocks) for row, place in enumerate(block)}
+    for places, mass in held:
+        wanted = [(number, *where[int(place)]) for number, place in enumerate(places) if int(place) in where]
+        for index in {index for _, index, _ in wanted}:
+            theirs, ours = zip(*((number, row) for number, own, row in wanted if own == index), strict=True)
+            found[index][np.ix_(ours, ours)] = mass[np.ix_(theirs, theirs)]
+    return found
+
+
+def empty_contacts() -> dict[str, np.ndarray]:
+    """Contact arrays with no rows."""
+    return {
+        name: np.zeros((0, *shape), dtype=np.int64 if name == "body" else np.float64)
+        for name, shape in CONTACT_FIELDS.items()
+    }
+
+
+def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From states of the *file's* body frames to states of the world's: origin p − R c, velocity v − ω × R c.
+
+    ``poses`` (bodies, 7), ``velocities`` (bodies, 6), ``offsets`` (bodies, 3) the file frame's position in the world's
+    body frame. Returns new arrays.
+    """
+    poses, velocities = poses.copy(), velocities.copy()
+    moved = np.flatnonzero(offsets.any(axis=1))
+    if len(moved):
+        q = poses[moved, 3:7]
+        c = offsets[moved]
+        uv = cross(q[:, 1:], c)
+        lever = c + 2.0 * (q[:, :1] * uv + cross(q[:, 1:], uv))
+        poses[moved, :3] -= lever
+        velocities[moved, :3] -= cross(velocities[moved, 3:], lever)
+    return poses, velocities

@@ -1,0 +1,99 @@
+"""What an engine can do beside its small core, each by name, and the check that it declares what it does not have.
+
+The core is what nothing works without: ``load``, ``read_back``, ``set_state``, ``get_state``, ``body_states``, ``step``,
+``contacts``, ``log`` and ``close``. All else is a capability: an engine's class either defines its methods, or says in
+``LACKS`` why it does not have it. The methods of what it lacks are not asked for, and raise EngineError with that reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from typing import Any, NoReturn
+
+from simspec.errors import EngineError
+
+
+class Capability(StrEnum):
+    """One thing that an engine may be able to do beside its core."""
+
+    MASS_MATRIX = "mass_matrix"
+    BIAS_FORCE = "bias_force"
+    ENERGY = "energy"
+    INVENTORY = "inventory"
+    PAIR_DETECTION = "pair_detection"
+    CONTACT_OFF = "contact_off"
+    DRY_FRICTION_OFF = "dry_friction_off"
+    NATIVE_CONTROLLERS = "native_controllers"
+    SNAPSHOTS = "snapshots"
+
+
+MEANING: Mapping[Capability, str] = {
+    Capability.MASS_MATRIX: "gives the mass matrix at a state",
+    Capability.BIAS_FORCE: "gives the bias force (Coriolis, centrifugal, gravity) at a state",
+    Capability.ENERGY: "gives kinetic and potential energy at a state",
+    Capability.INVENTORY: "reads back everything that it holds and that can act, beside the world's own fields",
+    Capability.PAIR_DETECTION: "tells which pairs of shapes or bodies touch at a state, without a step",
+    Capability.CONTACT_OFF: "steps without any contact",
+    Capability.DRY_FRICTION_OFF: "steps without the dry friction of chosen joints",
+    Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
+    Capability.SNAPSHOTS: "saves and restores its state with the solver's memory (warm starts, contact caches)",
+}
+
+METHODS: Mapping[Capability, tuple[str, ...]] = {
+    Capability.MASS_MATRIX: ("mass_blocks",),
+    Capability.BIAS_FORCE: ("bias_force",),
+    Capability.ENERGY: ("energy",),
+    Capability.INVENTORY: ("expected_inventory",),
+    Capability.PAIR_DETECTION: ("collision_units", "detect_units"),
+    Capability.CONTACT_OFF: ("disable_contact",),
+    Capability.DRY_FRICTION_OFF: ("disable_dry_friction",),
+    Capability.NATIVE_CONTROLLERS: ("track",),
+    Capability.SNAPSHOTS: ("save_state", "restore_state"),
+}
+"""The methods of :class:`simspec.engines.kit.contract.Engine` that an engine with the capability defines."""
+
+NO_SNAPSHOTS_YET = "simspec does not save the memory of any engine's solver yet"
+"""Why the engines of simspec lack snapshots."""
+
+
+class Lacking:
+    """Stands in an engine's class for a method of a capability that it lacks: a call raises EngineError with the reason."""
+
+    def __init__(self, capability: Capability, reason: str):
+        self._capability, self._reason = capability, reason
+
+    def __get__(self, instance: object, owner: Any) -> Callable[..., NoReturn]:
+        def refuse(*_: Any, **__: Any) -> NoReturn:
+            raise EngineError(owner.NAME, f"has no {self._capability}: {self._reason}")
+
+        return refuse
+
+
+def check_capabilities(engine: type, base: type, lacks: Mapping[Capability, str], is_program: bool = False) -> None:
+    """Raise TypeError unless the class ``engine`` has each capability, or declares in ``lacks`` why it does not.
+
+    Methods that only ``base`` defines count as not defined. What the engine lacks is replaced by :class:`Lacking`, whatever the
+    engine inherits. An engine that is a program of its own (``is_program``) answers by files and defines no methods here: it is
+    asked for what it does not declare as lacking.
+    """
+    owner = f"engine {engine.__name__}"
+    unknown = [str(capability) for capability in lacks if not isinstance(capability, Capability)]
+    if unknown:
+        raise TypeError(f"{owner}: LACKS has unknown capabilities {unknown}; known: {', '.join(Capability)}")
+    if silent := [str(capability) for capability, reason in lacks.items() if not reason.strip()]:
+        raise TypeError(f"{owner}: LACKS gives no reason for {', '.join(silent)}")
+    for capability, methods in METHODS.items():
+        if capability in lacks:
+            if own := [name for name in methods if name in vars(engine)]:
+                raise TypeError(f"{owner} declares that it lacks {capability}, and defines {', '.join(own)}")
+            for name in methods:
+                setattr(engine, name, Lacking(capability, lacks[capability]))
+        elif not is_program and (missing := [name for name in methods if not _defines(engine, name, base)]):
+            raise TypeError(f"{owner} must define {', '.join(missing)}, or say in LACKS why it has no {capability}")
+
+
+def _defines(engine: type, method: str, base: type) -> bool:
+    """Whether the class that ``engine`` has a method from is not ``base``, and does not lack it."""
+    definer = next(parent for parent in engine.__mro__ if method in vars(parent))
+    return definer is not base and not isinstance(vars(definer)[method], Lacking)

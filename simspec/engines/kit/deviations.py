@@ -1,0 +1,45 @@
+"""Known deviations of an engine from the contact law, each measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from simspec.world.types import PairContact
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """A known deviation of an engine from the contact law, in one contact probe (see ``proof/contact/``).
+
+    ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
+    else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
+    ``timestep`` (s) on, and under this ``friction_cone``, kind of ``hardness`` and ``setting`` (name, value) of the engine
+    alone, where these are given.
+    """
+
+    probe: str
+    size: float
+    why: str
+    relative: bool = True
+    friction: float = 0.0
+    timestep: float = 0.0
+    restitution: float = 0.0
+    friction_cone: str = ""
+    hardness: str = ""
+    setting: tuple[str, str] | None = None
+
+    def counts_for(
+        self, pair: PairContact, friction_cone: str, timestep: float, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> bool:
+        """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine."""
+        return (
+            (self.setting is None or settings.get(self.setting[0]) == self.setting[1])
+            and pair.friction >= self.friction
+            and pair.restitution >= self.restitution
+            and timestep >= self.timestep
+            and self.friction_cone in ("", friction_cone)
+            and self.hardness in ("", pair.hardness.kind)
+        )

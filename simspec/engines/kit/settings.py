@@ -1,0 +1,141 @@
+"""Solver settings of an engine: what it declares of each, those that a world writes, and the check of what a spec gives."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from simspec.errors import Problem
+from simspec.world.types import World
+
+Value = bool | int | float | str
+"""What a setting can be."""
+
+LARGEST_WHOLE = 2**31 - 1
+"""The largest whole number that every engine's settings can hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One solver setting of an engine: its default, what is allowed, what it does and why the default is what it is."""
+
+    default: Value
+    meaning: str
+    choices: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    only_with: str = ""
+    """The switch (a setting, or itself) without which it means nothing and is not written: files of worlds that do not ask for
+    it stay as they are."""
+    needs: tuple[str, tuple[bool | str, ...]] | None = None
+    """Another setting, and its values with which this one acts; with others it does nothing, and to give it is an error."""
+
+
+class HasSettings(Protocol):
+    """What of an engine's class its settings need."""
+
+    NAME: ClassVar[str]
+    SETTINGS: ClassVar[Mapping[str, Setting]]
+
+    @classmethod
+    def chosen_settings(cls, world: World, settings: Mapping[str, Value]) -> Mapping[str, Value]:
+        """See :class:`simspec.engines.kit.contract.Engine`."""
+        ...
+
+
+def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value]:
+    """The engine's solver settings: its defaults, with those of the world's options over them.
+
+    The options were checked by :func:`check_settings`.
+    """
+    return {name: setting.default for name, setting in engine.SETTINGS.items()} | dict(
+        world.options(engine.NAME).settings
+    )
+
+
+def written_settings(engine: type[HasSettings], world: World) -> dict[str, Value]:
+    """The settings that stand in files: those of :func:`resolve_settings` but for those whose switch is off.
+
+    Settings that the engine does not have stay, for it to refuse.
+    """
+    found = dict(engine.chosen_settings(world, resolve_settings(engine, world)))
+    off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
+    return {name: value for name, value in found.items() if name not in off}
+
+
+def idle_settings(engine: type[HasSettings], settings: Mapping[str, Any]) -> dict[str, str]:
+    """The settings that do nothing beside the others, each with why (``"with friction: coulomb"``), of all of an engine's."""
+    found = {}
+    for name, setting in engine.SETTINGS.items():
+        if setting.needs is not None and (value := settings[setting.needs[0]]) not in setting.needs[1]:
+            found[name] = f"with {_told(setting.needs[0], value)}"
+    return found
+
+
+def _told(name: str, value: Value) -> str:
+    """A setting as a spec writes it."""
+    return f"{name}: {str(value).lower() if isinstance(value, bool) else value}"
+
+
+def check_settings(engine: type[HasSettings], settings: Sequence[tuple[str, Any]]) -> list[Problem]:
+    """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range, and, where all
+    else is right, settings that do nothing beside others."""
+    problems: list[Problem] = []
+    for name, value in settings:
+        path = f"engines.{engine.NAME}.settings.{name}"
+        setting = engine.SETTINGS.get(name)
+        if setting is None:
+            near = difflib.get_close_matches(name, engine.SETTINGS, 1)
+            problems.append(
+                Problem(
+                    f"{engine.NAME} has no setting {name!r}",
+                    path,
+                    found=name,
+                    allowed=", ".join(engine.SETTINGS),
+                    hint=f"did you mean {near[0]!r}?" if near else None,
+                )
+            )
+        elif wrong := _wrong_value(setting, value):
+            problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong))
+    return problems or _idle(engine, dict(settings))
+
+
+def _idle(engine: type[HasSettings], given: Mapping[str, Any]) -> list[Problem]:
+    defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
+    why = idle_settings(engine, {**defaults, **given})
+    problems = []
+    for name, value in given.items():
+        if name not in why or (needs := engine.SETTINGS[name].needs) is None:
+            continue
+        acts = " or ".join(_told(needs[0], one) for one in needs[1])
+        problems.append(
+            Problem(
+                f"{engine.NAME}'s setting {name!r} does nothing {why[name]}",
+                f"engines.{engine.NAME}.settings.{name}",
+                found=_told(name, value),
+                hint=f"leave it out; it acts with {acts}",
+            )
+        )
+    return problems
+
+
+def _wrong_value(setting: Setting, value: Any) -> str | None:
+    kind = type(setting.default)
+    if kind is float and type(value) is int and abs(value) <= LARGEST_WHOLE:
+        value = float(value)
+    if type(value) is not kind:
+        return {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}[kind]
+    if kind is float and not math.isfinite(value):
+        return "a finite number"
+    if kind is int and abs(value) > LARGEST_WHOLE:
+        return f"a whole number of at most {LARGEST_WHOLE}"
+    if setting.choices and value not in setting.choices:
+        return ", ".join(setting.choices)
+    if setting.minimum is not None and value < setting.minimum:
+        return f"at least {setting.minimum}"
+    if setting.maximum is not None and value > setting.maximum:
+        return f"at most {setting.maximum}"
+    return None

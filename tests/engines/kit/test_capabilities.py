@@ -1,0 +1,136 @@
+"""An engine has each capability, or declares why it lacks it; what it lacks raises that reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from simspec.contact.rules import Rules
+from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import engines
+from simspec.errors import EngineError
+from simspec.report import matrix
+from simspec.support.declarations import EXACT, unsupported
+from simspec.support.features import Feature
+
+ALL = dict.fromkeys(Capability, "only falls")
+DECLARED: dict[str, Any] = {
+    "NAME": "falling",
+    "DIALECT": "none",
+    "DISTRIBUTION": "numpy",
+    "EXTRA": "none",
+    "RULES": Rules("max", "max"),
+    "LAYERS": False,
+    "SETTINGS": {},
+    "SUPPORT": dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("only falls")},
+}
+
+
+def make(lacks: dict[Any, str], parent: type[Engine] = Engine, **more: Any) -> type[Engine]:
+    return type("Falling", (parent,), DECLARED | {"LACKS": lacks} | more)
+
+
+def without(*capabilities: Capability) -> dict[Capability, str]:
+    return {capability: reason for capability, reason in ALL.items() if capability not in capabilities}
+
+
+def test_every_capability_has_a_meaning_and_methods_of_the_contract():
+    assert list(MEANING) == list(METHODS) == list(Capability)
+    for methods in METHODS.values():
+        assert methods
+        assert all(method in vars(Engine) for method in methods)
+
+
+@pytest.mark.parametrize("capability", Capability)
+def test_what_an_engine_lacks_raises_the_declared_reason(capability):
+    engine = make(ALL)()
+    for method in METHODS[capability]:
+        with pytest.raises(EngineError, match=f"falling: has no {capability}: only falls"):
+            getattr(engine, method)(1, 2, 3)
+
+
+def test_what_is_derived_of_it_raises_the_same_reason():
+    class Still(make(ALL)):
+        def get_state(self):
+            return [0.0], [0.0]
+
+    with pytest.raises(EngineError, match="has no mass_matrix: only falls"):
+        Still().mass_matrix()
+    with pytest.raises(EngineError, match="has no pair_detection: only falls"):
+        Still().detect_contacts()
+
+
+@pytest.mark.parametrize("capability", Capability)
+def test_an_engine_that_declares_nothing_lacking_defines_the_methods(capability):
+    for missing in METHODS[capability]:
+        rest = {method: lambda self: None for method in METHODS[capability] if method != missing}
+        with pytest.raises(TypeError, match=f"must define {missing}, or say in LACKS why it has no {capability}"):
+            make(without(capability), **rest)
+
+
+@pytest.mark.parametrize("capability", [one for one in Capability if one is not Capability.NATIVE_CONTROLLERS])
+def test_an_engine_cannot_define_what_it_declares_as_lacking(capability):
+    with pytest.raises(TypeError, match=f"declares that it lacks {capability}, and defines {METHODS[capability][0]}"):
+        make(ALL, **{METHODS[capability][0]: lambda self: None})
+
+
+@pytest.mark.parametrize("lacks", [{"magic": "why"}, {Capability.ENERGY: " "}, {"energy!": ""}])
+def test_a_declaration_names_a_capability_and_a_reason(lacks):
+    with pytest.raises(TypeError, match=r"unknown capabilities \['(magic|energy!)'\]|no reason for energy"):
+        make(lacks)
+
+
+def test_native_controllers_and_control_native_go_together():
+    with pytest.raises(TypeError, match=r"lacks native controllers, and declares to support control\.native"):
+        make(ALL, SUPPORT=dict.fromkeys(Feature, EXACT))
+
+
+def test_a_subclass_may_lack_what_its_parent_has_and_give_it_back():
+    able = make(without(Capability.ENERGY), energy=lambda self: (1.0, 2.0))
+    assert able().energy() == (1.0, 2.0)
+    unable = make(ALL, able)
+    with pytest.raises(EngineError, match="has no energy"):
+        unable().energy()
+    with pytest.raises(TypeError, match="must define energy"):
+        make(without(Capability.ENERGY), unable)
+    assert make(without(Capability.ENERGY), unable, energy=lambda self: (3.0, 4.0))().energy() == (3.0, 4.0)
+
+
+def test_a_program_of_its_own_defines_no_methods():
+    engine = make(without(Capability.ENERGY), command=classmethod(lambda cls, folder: [str(Path(folder))]))
+    assert Capability.ENERGY not in engine.LACKS
+
+
+def test_what_several_engines_are_built_on_declares_nothing():
+    class Common(Engine, abstract=True):
+        def energy(self):
+            return 5.0, 6.0
+
+    assert make(without(Capability.ENERGY), Common)().energy() == (5.0, 6.0)
+
+
+@pytest.mark.parametrize("name", engines())
+def test_the_engines_of_simspec_say_what_they_lack(name):
+    engine = engines()[name]
+    for capability, methods in METHODS.items():
+        for method in methods:
+            held = next(vars(parent)[method] for parent in engine.__mro__ if method in vars(parent))
+            assert isinstance(held, Lacking) == (capability in engine.LACKS)
+
+
+def test_the_matrix_shows_them_with_their_reasons():
+    page, data = matrix.markdown(), matrix.engine_data()
+    for name, engine in engines().items():
+        assert data[name]["capabilities"] == {one.value: one not in engine.LACKS for one in Capability}
+        for capability, reason in engine.LACKS.items():
+            assert data[name]["lacks"][capability.value] == reason
+            assert f"{name}, `{capability}`: {reason}" in page
+
+
+def test_the_page_about_adding_an_engine_lists_them():
+    page = (Path(__file__).parents[3] / "docs" / "adding-an-engine.md").read_text(encoding="utf-8")
+    for capability, methods in METHODS.items():
+        assert f"| `{capability}` | {', '.join(f'`{method}`' for method in methods)}" in page

@@ -1,0 +1,82 @@
+"""XML files as elements: lines and texts kept, everything that leads out of the file or out of bounds refused with its line."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.formats.kit import xml_elements
+from simspec.formats.kit.xml_elements import parse_xml, read_xml
+
+
+def test_elements_keep_order_lines_attributes_and_texts():
+    root = parse_xml(b"<a>\n  one\n  <b x='1' y='&lt;&#34;'/>\n  two <c\n  z='2'>\n<b/></c>\n</a>\n", "f.xml")
+    assert [(element.tag, element.line) for element in root.walk()] == [("a", 1), ("b", 3), ("c", 4), ("b", 6)]
+    assert root.text == "one two"
+    assert root.children[0].attributes == {"x": "1", "y": '<"'}
+    assert [element.line for element in root.all("b")] == [3]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1"])
+def test_declared_encodings_are_read(encoding):
+    text = f"<?xml version='1.0' encoding='{encoding}'?><a name='é'/>"
+    assert parse_xml(text.encode(encoding), "f.xml").attributes == {"name": "é"}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", r"f\.xml:1: no element found"),
+        (b"<a>\n<b>\n", r"f\.xml:3: no element found"),
+        (b"<a>\n</b>", r"f\.xml:2: mismatched tag"),
+        (b"<a/>\n<b/>", r"f\.xml:2: junk after document element"),
+        (b"<a x='1' x='2'/>", "duplicate attribute"),
+        (b"<a>&other;</a>", "undefined entity"),
+        (b"\n<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>", r"f\.xml:\d: a document type"),
+        (b"<!DOCTYPE a SYSTEM 'file:///etc/hostname'><a/>", "a document type"),
+        (b"<?xml version='1.0' encoding='utf-7'?><a/>", r"f\.xml:1: multi-byte"),
+        (b"<?xml version='1.0' encoding='zlib_codec'?><a/>", r"f\.xml:1: "),
+        (b"<?xml version='1.0' encoding='none-such'?><a/>", r"f\.xml:1: unknown encoding"),
+        (bytes(range(256)), r"f\.xml:1: not well-formed"),
+        (b"<a x='\0'/>", r"f\.xml:1: not well-formed"),
+        (b"<a " + b" ".join(b"x%d=''" % number for number in range(300)) + b"/>", "more than 256 attributes"),
+    ],
+)
+def test_what_is_no_sound_xml_is_refused_with_its_line(content, message):
+    with pytest.raises(ValueError, match=message):
+        parse_xml(content, "f.xml")
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "content", "message"),
+    [
+        ("MOST_ELEMENTS", 10, b"<a>" + b"<b/>" * 10 + b"</a>", "more than 10 elements"),
+        ("MOST_DEPTH", 10, b"<a>" * 11 + b"</a>" * 11, "more than 10 elements in one another"),
+        ("LONGEST_TAG", 2**12, b"<a x='" + b"1" * 2**14 + b"'/>", "a tag of more than 4,096 bytes"),
+    ],
+)
+def test_bounds_hold(monkeypatch, bound, value, content, message):
+    monkeypatch.setattr(xml_elements, "CHUNK", 2**10)
+    assert parse_xml(content, "f.xml").tag == "a"
+    monkeypatch.setattr(xml_elements, bound, value)
+    with pytest.raises(ValueError, match=message):
+        parse_xml(content, "f.xml")
+
+
+def test_a_chain_as_deep_as_the_bound_is_read_and_walked():
+    root = parse_xml(b"<a>" * 20_000 + b"</a>" * 20_000, "f.xml")
+    assert sum(1 for _ in root.walk()) == 20_000
+
+
+def test_only_regular_files_are_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe.xml")
+    (tmp_path / "real.xml").write_text("<a/>")
+    (tmp_path / "link.xml").symlink_to(tmp_path / "real.xml")
+    assert read_xml(tmp_path / "real.xml").tag == "a"
+    for name in ("pipe.xml", "link.xml"):
+        with pytest.raises(SpecError, match=name):
+            read_xml(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        read_xml(tmp_path / "none.xml")
