@@ -84,8 +84,11 @@ def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
         key, name = KEYS.get(decision.level), decision.feature.value
         if key is None or name in getattr(options, key):
             continue
-        without = dataclasses.replace(options, accept=every, outside=every)
-        without = dataclasses.replace(without, **{key: tuple(word for word in every if word != name)})
+        others = tuple(feature for feature in every if feature != name)
+        if key == "accept":
+            without = dataclasses.replace(options, accept=others, outside=every)
+        else:
+            without = dataclasses.replace(options, accept=every, outside=others)
         try:
             needed_decisions(_with(world, without), known)
         except UnsupportedError:  # a setting asks for it already, where this does not happen

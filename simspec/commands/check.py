@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from simspec.arguments import load_spec, names_alone, print_json
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.report.screen import say
 from simspec.world.canonical import sha256
+
+
+class Row(NamedTuple):
+    """What is known of one spec that is in order."""
+
+    spec: str
+    name: str
+    bodies: int
+    world_sha256: str
+    warnings: list[Problem]
 
 
 def check(
@@ -21,10 +32,10 @@ def check(
 ) -> int:
     """Check ``specs``; with ``engine``, compile them for these engines too. Raises SpecError with the problems of all specs."""
     problems: list[Problem] = []
-    rows = []
+    rows: list[Row] = []
     for name in specs:
         try:
-            spec, world, warned = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
+            spec, world, warnings = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
             if engine:
                 compile_world(world, names_alone(engine), spec.locate)
             else:
@@ -32,15 +43,14 @@ def check(
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        facts = {"spec": name, "name": world.name, "bodies": len(world.bodies), "world_sha256": sha256(world)}
-        rows.append({**facts, "warnings": warned})
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings))
     if problems:
         raise SpecError(problems)
     if as_json:
-        print_json({"specs": rows})
+        print_json({"specs": [row._asdict() for row in rows]})
     else:
         for row in rows:
-            count = len(row["warnings"])
-            told = f", {count} warning{'s' if count > 1 else ''}" if count else ""
-            say(f"{row['spec']}: ok, {row['bodies']} bodies, world {row['world_sha256'][:12]}{told}")
+            count = len(row.warnings)
+            warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
+            say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
     return EXIT_OK

@@ -14,7 +14,7 @@ from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
-from simspec.report.screen import say
+from simspec.report.screen import console, say
 from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
@@ -107,7 +107,6 @@ def compile_all(
             say(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:
             from simspec.report.explain import control_table, tables
-            from simspec.report.terminal import console
 
             if one.world.controllers:
                 console().print(control_table(one.world))

@@ -12,8 +12,9 @@ from simspec.comparison.runs import Diff
 from simspec.comparison.runs import diff as compare
 from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.report import differences, terminal
+from simspec.report import differences
 from simspec.report.plain import diff_data, plain, text
+from simspec.report.screen import console
 from simspec.report.session import show_diff
 from simspec.runner.store import load_run
 from simspec.world.types import World
@@ -52,7 +53,7 @@ def diff_specs(a: World, b: World, as_json: bool) -> int:
     if as_json:
         sys.stdout.write(text({"changes": plain(found)}))
     elif found:
-        terminal.console().print(differences.changes(found))
+        console().print(differences.changes(found))
     else:
         print("the same world")
     return EXIT_FAILED if found else EXIT_OK

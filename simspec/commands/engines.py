@@ -8,8 +8,8 @@ from simspec.arguments import print_json
 from simspec.commands.generated_file import generated_file
 from simspec.errors import EXIT_OK
 from simspec.report import matrix
-from simspec.report.screen import say
-from simspec.report.terminal import console, engine_tables
+from simspec.report.screen import console, say
+from simspec.report.terminal import engine_tables
 
 
 def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:

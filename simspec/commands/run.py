@@ -12,9 +12,9 @@ from simspec.commands.diff import diff_code
 from simspec.commands.study_folder import Results
 from simspec.comparison.study import study
 from simspec.errors import EXIT_OK, Location, Problem, SpecError
-from simspec.report import terminal
 from simspec.report.final import ends
 from simspec.report.plain import study_data, text
+from simspec.report.progress import progress
 from simspec.report.session import show_run
 from simspec.resources import find_spec
 from simspec.world.types import World
@@ -90,7 +90,7 @@ def run_world(
         )
     results = Results(world, folder)
     results.demand(engines, [spec] if spec is not None else [])
-    with terminal.progress(not as_json) as progress:
+    with progress(not as_json) as tell:
         found = study(
             world,
             engines,
@@ -103,9 +103,9 @@ def run_world(
             deadline=deadline,
             locate=locate,
             source=source,
-            progress=progress,
+            progress=tell,
         )
-        progress("writing")
+        tell("writing")
         results.finish(found)
     code = found.exit_code
     if code == EXIT_OK and fail_on_diff:

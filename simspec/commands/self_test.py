@@ -9,18 +9,20 @@ from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report import terminal
 from simspec.report.complete import complete_data, show_complete
 from simspec.report.plain import text
+from simspec.report.progress import progress
+from simspec.report.screen import console
 
 
 def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:
     """Plant defects into compiled files, one at a time, and count the ones that the proof catches."""
     from simspec.proof.selftest import self_test as plant
 
-    with terminal.progress(not as_json) as progress:
-        found = plant(engines, pythons=pythons, progress=progress)
+    with progress(not as_json) as tell:
+        found = plant(engines, pythons=pythons, progress=tell)
     if as_json:
         sys.stdout.write(text({"planted": found.planted, "caught": found.caught, "outcomes": found.outcomes}))
     else:
-        screen = terminal.console()
+        screen = console()
         screen.print(terminal.self_test_table(found))
         screen.print(f"caught {found.caught} of {found.planted} planted defects")
     return EXIT_OK if found.passed else EXIT_FAILED
@@ -34,5 +36,5 @@ def complete_self_test(engines: list[str], as_json: bool) -> int:
     if as_json:
         sys.stdout.write(text(complete_data(found)))
     else:
-        show_complete(found, terminal.console())
+        show_complete(found, console())
     return EXIT_OK if found.passed else EXIT_FAILED

@@ -16,6 +16,8 @@ from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import plain, text
+from simspec.report.progress import progress
+from simspec.report.screen import console
 from simspec.resources import find_spec
 from simspec.world.types import World
 
@@ -90,7 +92,7 @@ def verify_world(
     folder = out or generated.GENERATED / world.name
     built = generated.build(world, engines, locate)
     generated.write(built, folder)
-    with terminal.progress(not as_json) as progress:
+    with progress(not as_json) as tell:
         # in a private copy: the folder may be written again meanwhile, and its certificate names the hashes of these files
         certificate = prove(
             world,
@@ -98,7 +100,7 @@ def verify_world(
             pythons=pythons,
             locate=locate,
             deadline=deadline,
-            progress=progress,
+            progress=tell,
             cache=cache,
         )
     written = generated.write_certificate(certificate, folder)
@@ -108,7 +110,7 @@ def verify_world(
             text({"certificate": plain(certificate), "valid": certificate.valid, "file": path, "warnings": warnings})
         )
     else:
-        screen = terminal.console()
+        screen = console()
         terminal.show_certificate(certificate, screen)
         if contact:
             for path_of_plot in show_contact(certificate, world, screen):

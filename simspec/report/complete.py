@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from simspec.report import terminal
+from simspec.report.kit import table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -53,7 +53,7 @@ def show_complete(found: CompleteTest, screen: Console) -> None:
 
 def complete_table(found: CompleteTest) -> Table:
     """A row for each engine and kind of change."""
-    made = terminal.table("What becomes of every change", "engine", "change", *COLUMNS, right=range(2, 7))
+    made = table("What becomes of every change", "engine", "change", *COLUMNS, right=range(2, 7))
     for engine, kind, counts in found.rows():
         made.add_row(engine, kind, *(str(count) for count in counts))
     return made

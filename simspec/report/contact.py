@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from simspec.proof.contact.probe import Figure
-from simspec.report.terminal import table
+from simspec.report.kit import table
 
 TITLES: Mapping[str, str] = {
     "push": "Friction: pushed in 24 directions at 1.6 times the limit",

@@ -18,7 +18,8 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import idle_settings, resolve_settings
-from simspec.report.terminal import decisions, table
+from simspec.report.kit import table
+from simspec.report.terminal import decisions
 from simspec.scratch import scratch_folder
 from simspec.world.control import Controller
 from simspec.world.types import Hardness, PairContact, Surface, World
@@ -215,7 +216,7 @@ def _figures(one: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
     for kind, units in GAINS.items():
         mine = [index for index, name in enumerate(one.joints) if kinds[name] == kind]
         for (label, unit), values in zip(units.items(), (one.kp, one.kd, one.effort_limits), strict=True):
-            said = [values[index] for index in mine if values and values[index] is not None]
+            said = [value for index in mine if values and (value := values[index]) is not None]
             if said and (label == "effort" or any(said)):
                 low, high = min(said), max(said)
                 yield f"{label} {low:.4g} {unit}" if low == high else f"{label} {low:.4g} to {high:.4g} {unit}"

@@ -87,7 +87,9 @@ def _pose(pose: Sequence[float]) -> str:
     if not all(map(math.isfinite, pose)):
         return "not finite"
     place = " ".join(_number(value) for value in pose[:3])
-    turn = " ".join(f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in to_rpy(tuple(pose[3:])))
+    turn = " ".join(
+        f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in to_rpy((pose[3], pose[4], pose[5], pose[6]))
+    )
     return f"{place}\n{turn}°"  # two lines: three engines side by side fit 80 columns
 
 

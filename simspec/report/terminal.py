@@ -19,7 +19,6 @@ from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
 from simspec.report.kit import length, number, table, verdict
 from simspec.report.matrix import WORDS
-from simspec.report.progress import progress  # noqa: F401 (offered here, too)
 from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
@@ -81,13 +80,9 @@ def results(runs: Mapping[str, Run]) -> Table:
     for name, unit in QUANTITIES:
         cells = [one.get(name) for one in values]
         if any(cell is not None for cell in cells):
-            show = length if unit == "m" else lambda value, unit=unit: number(value, unit if value is not None else "")
-            found.add_row(name, *(show(cell) for cell in cells))
-    for name, get in (
-        ("real-time factor of the steps", lambda run: run.real_time_factor),
-        ("real-time factor end to end", lambda run: run.end_to_end_factor),
-    ):
-        found.add_row(name, *(number(get(run)) for run in shown))
+            found.add_row(name, *(length(cell) if unit == "m" else number(cell, unit) for cell in cells))
+    found.add_row("real-time factor of the steps", *(number(run.real_time_factor) for run in shown))
+    found.add_row("real-time factor end to end", *(number(run.end_to_end_factor) for run in shown))
     if any("control" in run.provenance for run in shown):
         found.add_row("control, µs per step", *(number(_per_step(run, "control")) for run in shown))
     failures = [run.failed for run in shown]

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from simspec.errors import EngineError, Location, Problem, SpecError, visible
 from simspec.report import terminal
+from simspec.report.kit import table
 from simspec.report.plain import error_data, text
 from simspec.report.screen import Screen, say
 
@@ -36,7 +37,7 @@ def test_printed_text_is_one_line_of_what_it_is(foreign, capsys):
 
 @pytest.mark.parametrize("foreign", FOREIGN)
 def test_a_table_shows_it_whole_and_does_not_obey_it(foreign):
-    found = terminal.table(foreign, foreign, "b")
+    found = table(foreign, foreign, "b")
     found.add_row(foreign, Text(foreign))
     given = shown(found, terminal=False)
     lines = given.replace("─", "").replace("━", "")

@@ -20,8 +20,10 @@ from simspec.proof.checks import Check
 from simspec.proof.selftest import Outcome as DefectOutcome
 from simspec.proof.selftest import SelfTest
 from simspec.report import differences, terminal
+from simspec.report.kit import length
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
+from simspec.report.progress import progress
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import failed_run
 from simspec.world.types import Expectation
@@ -103,7 +105,7 @@ def test_changes_of_a_world():
      (float("inf"), "∞"), (float("nan"), "NaN")],
 )  # fmt: skip
 def test_lengths(metres, words):
-    assert terminal.length(metres) == words
+    assert length(metres) == words
 
 
 def a_certificate(worst: float | None = 3e-12) -> Certificate:
@@ -176,7 +178,7 @@ def test_what_is_not_finite_is_null():
 
 
 def test_no_progress_in_a_pipe(capsys):
-    with terminal.progress() as say:
+    with progress() as say:
         say("running")
     assert capsys.readouterr() == ("", "")
 
