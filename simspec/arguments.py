@@ -27,17 +27,19 @@ Engines = Annotated[
         "--engine",
         "-e",
         metavar="NAME",
-        help="An engine, or a format: its engines; NAME@VERSION=PYTHON: one elsewhere.",
+        help="An engine, or a format (all engines that read it). NAME@VERSION=PYTHON: in another interpreter. Repeatable.",
     ),
 ]
-Outside = Annotated[bool, typer.Option("--allow-outside", help="Let `use:` read files outside the project's folder.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Warnings are errors: exit 2.")]
+Outside = Annotated[
+    bool, typer.Option("--allow-outside", help="Allow `use:` to read files outside the project folder.")
+]
+Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings as errors (exit code 2).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 Pythons = Annotated[
     list[str] | None,
-    typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another environment's Python. Repeatable."),
+    typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another Python interpreter. Repeatable."),
 ]
-Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="How long one engine process may take.")]
+Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="Time limit of one engine process.")]
 DEADLINE = 600.0
 
 
@@ -99,14 +101,12 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
     for word in words or ():
         given = parse(word)
         if given.python is None:
-            raise SpecError([Problem(f"--python {word}: no interpreter is named", allowed="ENGINE=/path/to/python")])
+            raise SpecError([Problem(f"--python {word}: no interpreter given", allowed="ENGINE=/path/to/python")])
         find_engine(given.name)
         found[given.label] = given.python
     for one in map(parse, engine_words or ()):
         if one.python is not None and found.setdefault(one.label, one.python) != one.python:
-            problem = Problem(
-                f"{one.label} is to run in two interpreters", found=f"{found[one.label]} and {one.python}"
-            )
+            problem = Problem(f"{one.label} is given two interpreters", found=f"{found[one.label]} and {one.python}")
             raise SpecError([problem])
     return found
 
@@ -140,7 +140,7 @@ def installed_engines() -> list[str]:
 
     found = [name for name, engine in engines().items() if engine.BY_DEFAULT and engine.version() is not None]
     if not found:
-        raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or say --engine NAME")])
+        raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])
     return found
 
 
@@ -152,7 +152,7 @@ def possible_engines(pythons: Mapping[str, str], as_json: bool) -> list[str]:
     absent = {name: why for name, why in left_out().items() if name not in pythons}
     if not as_json:
         for name, why in absent.items():
-            print(f"{name} is left out: it {why}; --python {name}=PATH runs it in another Python", file=sys.stderr)
+            print(f"{name} is skipped: it {why}; --python {name}=PATH runs it in another interpreter", file=sys.stderr)
     return [name for name in engine_names(None) if name not in absent]
 
 

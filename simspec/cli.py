@@ -36,19 +36,20 @@ app = typer.Typer(
 
 @app.callback()
 def simspec_command() -> None:
-    """One neutral scenario, every physics engine, provably the same model.
+    """Run one physics scenario in several engines, with proof that all simulate the same model.
 
     \b
     Start here:
-      simspec new pendulum                             a commented spec, pendulum.yaml
-      simspec run pendulum.yaml --all-engines          compile, verify, run, compare
-      simspec run spheres-216 --all-engines            a scenario of the library, by name
-      simspec verify pendulum.yaml                     does every engine hold this model?
-      simspec diff runs/pendulum/dart runs/pendulum/mujoco
+      simspec new pendulum                     write a commented spec, pendulum.yaml
+      simspec run pendulum.yaml --all-engines  compile, verify, run, compare
+      simspec run spheres-216 --all-engines    a scenario of the library, by name
+      simspec verify pendulum.yaml             prove that every engine has the spec's model
+      simspec diff runs/pendulum/ENGINE1 runs/pendulum/ENGINE2
+      simspec engines                          the names of the engines
 
     \b
-    Exit codes: 0 ok; 1 an expectation, a proof or a diff failed; 2 the spec or the
-    command is wrong; 3 an engine failed or is missing.
+    Exit codes: 0 success; 1 an expectation, a proof or a comparison failed; 2 error in
+    the spec or the command line; 3 an engine failed or is not installed.
     """
 
 
@@ -79,11 +80,11 @@ def check_command(
     strict: Strict = False,
     as_json: AsJson = False,
 ) -> int:
-    """Load and resolve specs; with --engine, see also whether these engines can have them. Writes nothing.
+    """Load and resolve specs; with --engine, also check that these engines support them. Writes nothing.
 
     \b
     simspec check specs/*.yaml
-    simspec check arm.yaml --engine pybullet
+    simspec check arm.yaml --engine ENGINE
     """
     from simspec.commands.check import check
 
@@ -98,14 +99,14 @@ def accept_command(
     allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
-    """Write the `accept` and `outside` entries that engines need into a spec, each with a short reason as a comment.
+    """Add the `accept` and `outside` entries that engines need to a spec, each with its reason as a comment.
 
-    Without --engine: for the engines that are installed here. Read what it writes: every entry is a difference from
-    what the spec says. What an engine cannot have at all is an error, and nothing is written.
+    Without --engine: for the installed engines. Review the entries: each one is a difference from the spec.
+    If an engine does not support a feature at all, this is an error, and nothing is written.
 
     \b
     simspec accept arm.yaml
-    simspec accept arm.yaml --engine pybullet
+    simspec accept arm.yaml --engine ENGINE
     """
     from simspec.commands.accept import accept
 
@@ -115,11 +116,11 @@ def accept_command(
 @app.command("fmt")
 @command
 def fmt_command(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="YAML files to lay out.")],
-    check: Annotated[bool, typer.Option("--check", help="Change nothing; exit 1 if a file would change.")] = False,
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="YAML files to format.")],
+    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit with 1 if a file would change.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Give specs their one canonical layout; comments stay.
+    """Format specs in the canonical layout; comments are kept.
 
     \b
     simspec fmt specs/*.yaml
@@ -134,15 +135,16 @@ def fmt_command(
 @command
 def schema_command(
     of: Annotated[
-        SchemaName, typer.Option("--of", help="Which: of the language, or of the files between simspec and engines.")
+        SchemaName,
+        typer.Option("--of", help="Schema of the language, or of the files exchanged with engine processes."),
     ] = SchemaName.LANGUAGE,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to write it (default schema/…); - for standard output.")
+        Path | None, typer.Option(metavar="FILE", help="Output file (default schema/…); - for standard output.")
     ] = None,
-    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if FILE is stale.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit with 1 if FILE is not current.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Write a JSON Schema: of the language, for editors, or of what engines are asked and answer.
+    """Write a JSON Schema: of the language, for editors, or of the requests and results of engine processes.
 
     \b
     simspec schema --out simspec.schema.json
@@ -162,26 +164,31 @@ def compile_command(
     engine: Engines = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder to write (default generated/NAME); of several specs, DIR/NAME."),
+        typer.Option(metavar="DIR", help="Output folder (default generated/NAME); with several specs, DIR/NAME."),
     ] = None,
-    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the folder is stale.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit with 1 if the folder is not current.")
+    ] = False,
     explain: Annotated[
         bool,
-        typer.Option("--explain", help="Say how each engine has contact and features, and why its solver is set so."),
+        typer.Option(
+            "--explain",
+            help="Print how each engine realises contact and features, and its solver settings.",
+        ),
     ] = False,
     sets: Sets = None,
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
 ) -> int:
-    """Compile specs to every engine's format: generated/NAME/ with world.json and one folder per engine.
+    """Compile specs to the formats of the engines: generated/NAME/ with world.json and one folder per engine.
 
-    Without SPEC: all of ./specs.
+    Without SPEC: all files in ./specs.
 
     \b
     simspec compile robot.yaml
-    simspec compile robot.yaml --engine mujoco --out build/robot
-    simspec compile --check                 in CI: is generated/ what specs/ compile to?
+    simspec compile robot.yaml --engine ENGINE --out build/robot
+    simspec compile --check                 in CI: is generated/ current?
     simspec compile robot.yaml --explain
     """
     from simspec.commands.compile import compile_specs
@@ -205,21 +212,22 @@ def verify_command(
     spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="A YAML file, or a library scenario.")] = None,
     engine: Engines = None,
     self_test: Annotated[
-        bool, typer.Option("--self-test", help="Plant one defect at a time into compiled files: is each caught?")
+        bool, typer.Option("--self-test", help="Test the proof: plant one defect at a time into compiled files.")
     ] = False,
     complete: Annotated[
         bool,
         typer.Option(
-            "--complete", help="With --self-test: every change that files can suffer, one at a time (half an hour)."
+            "--complete",
+            help="With --self-test: every possible change of the files, one at a time (takes half an hour).",
         ),
     ] = False,
     contact: Annotated[
-        bool, typer.Option("--contact", help="Print every contact figure, and draw friction by direction.")
+        bool, typer.Option("--contact", help="Print all contact measurements, and plot friction by direction.")
     ] = False,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Measure contact anew, whatever was measured before.")
+        bool, typer.Option("--no-cache", help="Measure contact again, even where results are cached.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder to write (default generated/NAME).")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Output folder (default generated/NAME).")] = None,
     sets: Sets = None,
     allow_outside: Outside = False,
     strict: Strict = False,
@@ -227,14 +235,14 @@ def verify_command(
     deadline: Deadline = DEADLINE,
     as_json: AsJson = False,
 ) -> int:
-    """Prove that every engine holds the spec's model; writes generated/NAME/certificate.json.
+    """Prove that every engine has the spec's model; writes generated/NAME/certificate.json.
 
     \b
     simspec verify robot.yaml
-    simspec verify robot.yaml --engine mujoco --engine dart
-    simspec verify box-on-ramp --contact        what friction and restitution each engine really has, with a plot
-    simspec verify --self-test                  does the proof catch planted defects? (worlds of its own)
-    simspec verify --self-test --complete       every change of every number, word, attribute and element, and more
+    simspec verify robot.yaml --engine ENGINE1 --engine ENGINE2
+    simspec verify box-on-ramp --contact        the measured friction and restitution of each engine, with a plot
+    simspec verify --self-test                  does the proof detect planted defects?
+    simspec verify --self-test --complete       every change of every number, word, attribute and element
     """
     from simspec.commands.verify import verify
 
@@ -260,28 +268,33 @@ def verify_command(
 def run_command(
     spec: SpecName,
     all_engines: Annotated[
-        bool, typer.Option("--all-engines", help="Run in every known engine that this Python can have.")
+        bool, typer.Option("--all-engines", help="Run in all engines that can be installed for this Python.")
     ] = False,
     engine: Engines = None,
     keep_going: Annotated[
-        bool, typer.Option("--keep-going", help="Go on without an engine that is missing or fails; still exit 3.")
+        bool,
+        typer.Option("--keep-going", help="Continue without an engine that is missing or fails (exit code 3)."),
     ] = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Results go to DIR/NAME.")] = Path("runs"),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results are written to DIR/NAME.")] = Path("runs"),
     repeats: Annotated[
-        bool, typer.Option("--repeats/--no-repeats", help="Run again, also perturbed, to measure each engine's noise.")
+        bool,
+        typer.Option(
+            "--repeats/--no-repeats",
+            help="Repeat runs, also with a perturbed initial state, to measure noise.",
+        ),
     ] = True,
     no_verify: Annotated[
-        bool, typer.Option("--no-verify", help="Skip the proof that the engines hold one model.")
+        bool, typer.Option("--no-verify", help="Skip the proof that the engines have the same model.")
     ] = False,
     tolerance: Annotated[
-        float, typer.Option(metavar="METRE", min=0.0, help="Position tolerance (and angle, rad).")
+        float, typer.Option(metavar="METRE", min=0.0, help="Tolerance of positions (m) and angles (rad).")
     ] = 1e-3,
     fail_on_diff: Annotated[
         float | None,
         typer.Option(
             metavar="METRE",
             min=0.0,
-            help="Exit 1 when two engines differ by more than this and their noise, or when that noise is above this.",
+            help="Exit with 1 if two engines differ by more than this and their noise, or if that noise is above this.",
         ),
     ] = None,
     sets: Sets = None,
@@ -291,14 +304,15 @@ def run_command(
     deadline: Deadline = DEADLINE,
     as_json: AsJson = False,
 ) -> int:
-    """Compile, verify, run in several engines, and compare: one table per question.
+    """Compile, verify, run in several engines, and compare.
 
     Writes runs/NAME/: one folder per engine (Parquet and provenance.json), compiled/, certificate.json, report.json.
 
     \b
     simspec run spheres-216 --all-engines
-    simspec run arm.yaml --engine mujoco --engine dart --set physics.timestep=2ms
-    simspec run arm.yaml --engine mujoco --python mujoco=/other/venv/bin/python
+    simspec run arm.yaml --engine ENGINE1 --engine ENGINE2 --set physics.timestep=2ms
+    simspec run arm.yaml --engine ENGINE --python ENGINE=/other/venv/bin/python
+    simspec run arm.yaml --engine ENGINE --engine ENGINE@VERSION=/other/venv/bin/python
     """
     from simspec.commands.run import run
 
@@ -324,18 +338,18 @@ def run_command(
 @app.command("diff")
 @command
 def diff_command(
-    a: Annotated[str, typer.Argument(metavar="A", help="A run's folder, or a spec.")],
-    b: Annotated[str, typer.Argument(metavar="B", help="Another of the same kind.")],
+    a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or a spec.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="Another run, or another spec.")],
     tolerance: Annotated[
-        float, typer.Option(metavar="METRE", min=0.0, help="Position tolerance (and angle, rad).")
+        float, typer.Option(metavar="METRE", min=0.0, help="Tolerance of positions (m) and angles (rad).")
     ] = 1e-3,
     allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
-    """Compare two runs, or what two specs mean. Exit 1 when they differ, or when noise hides whether they do.
+    """Compare two runs or two resolved specs. Exit code 1 if they differ, or if the engines' noise makes that inconclusive.
 
     \b
-    simspec diff runs/arm/mujoco runs/arm/dart --tolerance 1e-6
+    simspec diff runs/arm/ENGINE1 runs/arm/ENGINE2 --tolerance 1e-6
     simspec diff arm.yaml arm-heavier.yaml
     """
     from simspec.commands.diff import diff
@@ -346,14 +360,16 @@ def diff_command(
 @app.command("engines")
 @command
 def engines_command(
-    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a page.")] = False,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Where --markdown writes.")] = Path(
+    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a Markdown page.")] = False,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Output file of --markdown.")] = Path(
         "docs/support-matrix.md"
     ),
-    check: Annotated[bool, typer.Option("--check", help="With --markdown: exit 1 if the page is stale.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="With --markdown: exit with 1 if the page is not current.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Show the engines, their versions, and what each can do.
+    """List the engines, their versions and the features they support.
 
     \b
     simspec engines

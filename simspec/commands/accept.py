@@ -59,7 +59,7 @@ def accept_world(spec: Spec, world: World, engines: Iterable[str], as_json: bool
         for key, features in keys.items():
             for feature, why in features.items():
                 print(f"engines.{name}.{key}: {feature}  # {why}\n    {link(name, feature)}")
-    print(f"{path}: {'written' if wanted else 'nothing is missing'}")
+    print(f"{path}: {'written' if wanted else 'no entries missing'}")
     return EXIT_OK
 
 
@@ -67,10 +67,10 @@ def _own(spec: Spec) -> Path:
     """The file of a spec that is the user's own."""
     path = spec.path
     if path is None:
-        raise SpecError([Problem("a spec that was made in Python has no file to write")])
+        raise SpecError([Problem("a spec made in Python has no file to write")])
     if path.resolve().is_relative_to(resource_folder("specs").resolve()):
-        hint = "copy it into a file of your own"
-        raise SpecError([Problem(f"{path} belongs to simspec's library, which stays as it is", hint=hint)])
+        hint = "copy it to a file of your own"
+        raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])
     return path
 
 
@@ -103,7 +103,7 @@ def _with(world: World, options: EngineOptions) -> World:
 
 def edited(before: str, wanted: Mapping[str, Mapping[str, Mapping[str, str]]]) -> str:
     """The text of a spec with features added under ``engines``; all else stays byte for byte. Raises SpecError where the file
-    is not laid out in blocks (JSON)."""
+    is not in YAML block style (JSON)."""
     from ruamel.yaml import YAML
     from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
@@ -144,8 +144,8 @@ def _block(lines: list[str]) -> tuple[int, int]:
         lines[-1] += "\n"
     keys = [k for k, line in enumerate(lines) if _TOP.match(line)]
     if not any(lines[k].startswith("simspec:") for k in keys):
-        hint = "write the entries by hand, or lay the file out with simspec fmt first"
-        raise SpecError([Problem("this file is not laid out in blocks: its keys do not begin lines", hint=hint)])
+        hint = "add the entries by hand, or run simspec fmt first"
+        raise SpecError([Problem("this file is not in YAML block style: its keys do not begin lines", hint=hint)])
     start = next((k for k in keys if _ENGINES.match(lines[k])), None)
     if start is None:
         return len(lines), len(lines)

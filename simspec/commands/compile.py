@@ -38,7 +38,7 @@ def compile_specs(
     """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``."""
     names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
-        raise SpecError([Problem("no SPEC is given, and there is no specs/*.yaml here")])
+        raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
 
     warned: list[Problem] = []
 
@@ -82,7 +82,7 @@ def compile_all(
     worlds = [world.name for _, world in loaded]
     twice = sorted({name for name in worlds if worlds.count(name) > 1})
     if twice:
-        problems.append(Problem(f"several specs are called {', '.join(twice)}, and would share one folder"))
+        problems.append(Problem(f"several specs are called {', '.join(twice)}, and would write to one folder"))
     folders = [out if alone and out is not None else (out or GENERATED) / name for name in worlds]
     refused = [] if check else [folder_problem(folder, COMPILED, holds) for folder in folders]
     if any(refused):

@@ -55,5 +55,5 @@ def diff_specs(a: World, b: World, as_json: bool) -> int:
     elif found:
         console().print(differences.changes(found))
     else:
-        print("the same world")
+        print("no differences")
     return EXIT_FAILED if found else EXIT_OK

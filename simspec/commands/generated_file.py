@@ -28,7 +28,7 @@ def generated_file(path: Path, wanted: str, ours: Callable[[bytes], bool], check
     if as_json:
         sys.stdout.write(text({"file": path, "current": current, "written": not check and not current}))
     elif check and not current:
-        say(f"{path} is stale; {how} writes it", error=True)
+        say(f"{path} is not current; {how} writes it", error=True)
     elif not check:
         say(f"{path}: {'already current' if current else 'written'}")
     return EXIT_FAILED if check and not current else EXIT_OK

@@ -71,8 +71,8 @@ def write_starter(name: str, folder: Path) -> Path:
         raise SpecError(
             [
                 Problem(
-                    f"{name!r} cannot be the name of a scenario",
-                    allowed="letters, digits, _ and -, not beginning with a digit or -",
+                    f"{name!r} is not a valid scenario name",
+                    allowed="letters, digits, _ and -, starting with a letter or _",
                     hint=f"simspec new {clean}",
                 )
             ]

@@ -40,7 +40,7 @@ def run(
 ) -> int:
     """Study ``spec`` in all engines, or in those named by ``engine``, and write ``out``/NAME."""
     if all_engines == bool(engine):
-        raise SpecError([Problem("say which engines", allowed="--all-engines, or --engine NAME (repeatable)")])
+        raise SpecError([Problem("no engines selected", allowed="--all-engines, or --engine NAME (repeatable)")])
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     pythons = interpreters(python, engine)
     names = engine_names(engine) if engine else possible_engines(pythons, as_json)
@@ -86,7 +86,7 @@ def run_world(
     """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
     if fail_on_diff and len(engines) < 2:
         raise SpecError(
-            [Problem("--fail-on-diff compares engines with each other", found=", ".join(engines), allowed="two")]
+            [Problem("--fail-on-diff requires two engines", found=", ".join(engines), allowed="two or more engines")]
         )
     results = Results(world, folder)
     results.demand(engines, [spec] if spec is not None else [])

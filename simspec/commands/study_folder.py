@@ -72,7 +72,7 @@ class Results(Arrivals):
         try:
             return Certificate.from_json(content.decode(errors="replace"), str(self._folder / CERTIFICATE_FILE))
         except SpecError as error:
-            self.notes.append(f"{error.problems[0].message}; it was written anew")
+            self.notes.append(f"{error.problems[0].message}; it was replaced")
             return None
 
     def run(self, run: Run) -> None:
@@ -94,7 +94,7 @@ class Results(Arrivals):
             others[name] = {"same_world": same}
             if not same:
                 why = "cannot be read" if found is None else "is of another world (an earlier spec, or another --set)"
-                self.notes.append(f"{self._folder / name} {why}: it stays, and is no part of this comparison")
+                self.notes.append(f"{self._folder / name} {why}: it is kept and not compared")
         data = {**study_data(study), "world_sha256": self._hash, "other_runs": others}
         change_file(self._folder, STUDY, REPORT_FILE, lambda before: text(self._joined(data, before)))
 
@@ -119,7 +119,7 @@ class Results(Arrivals):
         try:
             old = read_as(Report, before, str(path))
         except SpecError as error:
-            self.notes.append(f"{path} could not be read and was written anew: {error.problems[0].message}")
+            self.notes.append(f"{path} could not be read and was replaced: {error.problems[0].message}")
             return data
         if old.schema_ != REPORT_SCHEMA or old.world_sha256 != self._hash:
             return data

@@ -49,9 +49,9 @@ def verify(
     """Verify ``spec``, or with ``planted`` test the proof itself (``complete``: with every change that files can suffer)."""
     names, pythons = engine_names(engine), interpreters(python, engine)
     if (spec is None) != planted:
-        raise SpecError([Problem("say what to verify", allowed="a SPEC, or --self-test, which has worlds of its own")])
+        raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
     if complete and (spec is not None or pythons):
-        raise SpecError([Problem("--complete goes with --self-test, and with the engines of this Python")])
+        raise SpecError([Problem("--complete requires --self-test, without --python")])
     demand_installed(names, pythons)
     if complete:
         return complete_self_test(names, as_json)
@@ -126,7 +126,7 @@ def show_contact(certificate: Certificate, world: World, screen: Console) -> lis
 
     figures = {name: proof.contact for name, proof in certificate.engines.items() if proof.contact}
     if not figures:
-        screen.print("nothing can touch in this world: there is no contact to measure")
+        screen.print("no two bodies of this world can touch: no contact measured")
         return []
     for table in contact_table(figures):
         screen.print(table)

@@ -21,7 +21,7 @@ TOLERANCE = 1e-3
 """Default tolerance: 1 mm in position and 1 mrad in angle, what a robot cell calls the same place."""
 
 
-WITHIN, OUT, CANNOT_BE_TOLD = "within", "out", "cannot be told"
+WITHIN, OUT, INCONCLUSIVE = "within", "out", "inconclusive"
 """Verdicts of a comparison."""
 
 
@@ -31,7 +31,7 @@ class BodyDiff:
     largest position deviation, both over the times up to the horizon; and the first time out of tolerance (s), None if
     never. ``floor`` and ``angle_floor`` are the engines' own noise (m, rad) for this body at the horizon; None when it was not
     measured.
-    ``cannot_tell_from``: the time (s) from which that noise hides deviations of the tolerance's size; None if it never does."""
+    ``inconclusive_from``: the time (s) from which noise hides deviations of the tolerance's size; None if never."""
 
     body: str
     position_largest: float
@@ -42,16 +42,16 @@ class BodyDiff:
     first_out: float | None
     floor: float | None
     cause: str = ""
-    cannot_tell_from: float | None = None
+    inconclusive_from: float | None = None
     angle_floor: float | None = None
 
     @property
     def verdict(self) -> str:
-        """``out`` of tolerance; ``cannot be told``: what it deviates is not above the engines' noise, and the tolerance is
+        """``out`` of tolerance; ``inconclusive``: the deviation is not above the engines' noise, and the tolerance is
         below that; else ``within``, up to the horizon."""
         if self.first_out is not None:
             return OUT
-        return WITHIN if self.cannot_tell_from is None else CANNOT_BE_TOLD
+        return WITHIN if self.inconclusive_from is None else INCONCLUSIVE
 
     @property
     def within(self) -> bool:
@@ -98,9 +98,9 @@ class Diff:
 
     @property
     def verdict(self) -> str:
-        """``out`` when a body is; else ``cannot be told`` when it cannot of a body; else ``within``, up to the horizon."""
+        """``out`` when a body is; else ``inconclusive`` when a body is; else ``within``, up to the horizon."""
         found = {body.verdict for body in self.bodies}
-        return OUT if OUT in found else CANNOT_BE_TOLD if CANNOT_BE_TOLD in found else WITHIN
+        return OUT if OUT in found else INCONCLUSIVE if INCONCLUSIVE in found else WITHIN
 
     @property
     def within(self) -> bool:
@@ -109,8 +109,8 @@ class Diff:
 
     @property
     def untold(self) -> BodyDiff | None:
-        """Of the bodies of which it cannot be told, the one with the largest noise; None when there is none."""
-        found = [body for body in self.bodies if body.verdict == CANNOT_BE_TOLD]
+        """The inconclusive body with the largest noise; None when there is none."""
+        found = [body for body in self.bodies if body.verdict == INCONCLUSIVE]
         return max(found, key=lambda body: body.floor or 0.0) if found else None
 
     @property
@@ -174,7 +174,7 @@ def diff(
         own, turned = common.noise(np.full(len(names), compared - 1))
         bodies = [
             replace(
-                body, floor=float(own[k]), angle_floor=float(turned[k]), cannot_tell_from=departures.first_hidden(k)
+                body, floor=float(own[k]), angle_floor=float(turned[k]), inconclusive_from=departures.first_hidden(k)
             )
             for k, body in enumerate(bodies)
         ]
@@ -258,7 +258,7 @@ def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:
     missing = sorted({run.engine for run in (a, b)} - {floor.engine for floor in floors})
     if missing:
         notes.append(
-            f"the noise floor of {' and '.join(missing)} was not measured: chaos cannot be told from disagreement"
+            f"the noise floor of {' and '.join(missing)} was not measured: chaos and disagreement are not distinguished"
         )
     return notes
 

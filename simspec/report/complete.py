@@ -44,7 +44,7 @@ def show_complete(found: CompleteTest, screen: Console) -> None:
             markup=False,
         )
     if len(found.missed) > SHOWN:
-        screen.print(f"and {len(found.missed) - SHOWN} more: --json has them")
+        screen.print(f"and {len(found.missed) - SHOWN} more (--json lists all)")
     for where, why in found.skipped.items():
         screen.print(f"{where}: {why}", markup=False)
     planted, missed = found.count(), len(found.missed)
@@ -53,7 +53,7 @@ def show_complete(found: CompleteTest, screen: Console) -> None:
 
 def complete_table(found: CompleteTest) -> Table:
     """A row for each engine and kind of change."""
-    made = table("What becomes of every change", "engine", "change", *COLUMNS, right=range(2, 7))
+    made = table("Complete self-test", "engine", "change", *COLUMNS, right=range(2, 7))
     for engine, kind, counts in found.rows():
         made.add_row(engine, kind, *(str(count) for count in counts))
     return made

@@ -11,20 +11,20 @@ from simspec.proof.contact.probe import Figure
 from simspec.report.kit import table
 
 TITLES: Mapping[str, str] = {
-    "push": "Friction: pushed in 24 directions at 1.6 times the limit",
-    "push-oblong": "Friction: an oblong slider pushed in 24 directions at 1.6 times the limit",
-    "stop": "Friction: distance of a slide, in 24 directions",
-    "stop-oblong": "Friction: where an oblong slider ends, in 24 directions",
+    "push": "Friction: force of a slider pushed in 24 directions at 1.6 times the limit",
+    "push-oblong": "Friction: force of an oblong slider pushed in 24 directions at 1.6 times the limit",
+    "stop": "Friction: sliding distance in 24 directions",
+    "stop-oblong": "Friction: final position of an oblong slider, in 24 directions",
     "stick": "Friction: creep at 0.8 times the limit, in 24 directions",
-    "restitution": "Restitution: separation over approach speed",
+    "restitution": "Restitution: separation speed over approach speed",
     "threshold": "Restitution below and above the threshold speed",
-    "rest": "Rest: how deep a cube (1 kg, 10 cm) and a ball (10 kg) lie",
-    "steady": "Rest: how fast they still move",
-    "overlap": "Hardness: speed at which an overlap is left",
-    "compliance": "Hardness: rest and bounce of compliant contact",
+    "rest": "Rest: penetration of a cube (1 kg, 10 cm) and a ball (10 kg)",
+    "steady": "Rest: residual speed of the same bodies",
+    "overlap": "Hardness: separation speed from an initial overlap",
+    "compliance": "Hardness: rest penetration and bounce of compliant contact",
     "torsional": "Torsional friction: spin-down of a ball",
-    "rolling": "Rolling friction: a ball that rolls to rest",
-    "size": "True sizes of shapes, by touch",
+    "rolling": "Rolling friction: a ball rolling to rest",
+    "size": "Shape sizes, measured by contact",
 }
 """Of each probe what its table answers; a probe that is not named here has its name."""
 FEW_DIGITS = 4
@@ -45,7 +45,7 @@ def _table(probe: str, figures: Mapping[str, Sequence[Figure]]) -> Table:
         for figure in some:
             if figure.probe == probe:
                 rows.setdefault((figure.subject, asked(figure), figure.quantity), {})[engine] = figure
-    found = table(TITLES.get(probe, probe), "of", "case", "should be", *engines, right=range(2, 3 + len(engines)))
+    found = table(TITLES.get(probe, probe), "materials", "case", "expected", *engines, right=range(2, 3 + len(engines)))
     for (subject, case, quantity), by_engine in rows.items():
         first = next(iter(by_engine.values()))
         cells = [_cell(by_engine.get(engine)) for engine in engines]
@@ -67,13 +67,13 @@ def _cell(figure: Figure | None) -> Text:
     if figure is None:
         return Text("–", style="dim")
     if figure.measured is None:
-        return Text("no number", style="bold red")
+        return Text("no value", style="bold red")
     shown = _number(figure.measured, figure)
     if figure.expected and abs(off := 100 * (figure.measured / figure.expected - 1)) >= LEAST_PERCENT:
         shown += f" ({off:+.2g} %)" if abs(off) < 100 else ""
     if not figure.passed:
         return Text(f"{shown} FAILED", style="bold red")
-    return Text(f"{shown} declared", style="yellow") if figure.deviation else Text(shown)
+    return Text(f"{shown} known deviation", style="yellow") if figure.deviation else Text(shown)
 
 
 def deviations(figures: Mapping[str, Sequence[Figure]]) -> list[str]:

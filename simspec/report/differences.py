@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import CANNOT_BE_TOLD, BodyDiff, Diff
+from simspec.comparison.runs import INCONCLUSIVE, BodyDiff, Diff
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
@@ -20,12 +20,10 @@ def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     """Each engine's own noise."""
     if not floors:
         return None
-    found = table(
-        "Does each engine repeat itself", "engine", "run again unchanged", "largest own deviation", right=(2,)
-    )
-    words = {True: "the same bits", False: "other bits", None: "not tried"}
+    found = table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
+    words = {True: "bitwise equal", False: "bits differ", None: "not run"}
     for name, floor in floors.items():
-        moved = f"  (state moved by {floor.perturbation:g})" if floor.perturbation else ""
+        moved = f"  (initial state perturbed by {floor.perturbation:g})" if floor.perturbation else ""
         found.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
     return found
 
@@ -36,13 +34,13 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
         return None
     tolerance = diffs[0].tolerance
     found = table(
-        f"Where do they differ  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' own noise)",
+        f"Differences between engines  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' noise)",
         "runs",
         "largest",
         "body",
         "RMS",
         "out of tolerance",
-        "noise there",
+        "noise",
         "compared until",
         right=(1, 3, 5, 6),
     )
@@ -63,29 +61,29 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
 def _stays(one: Diff) -> Text:
     """What is said of a comparison in which nothing is out of tolerance."""
     if one.untold is not None:
-        return Text(f"cannot be told: noise {_noise(one, one.untold)}", style="yellow")
-    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+        return Text(f"inconclusive: noise {_noise(one, one.untold)}", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not before {one.compared_until:.4g} s")
 
 
 def _out(one: Diff, body: BodyDiff) -> Text:
     """When a body was first out of tolerance."""
     if body.first_out is not None:
         return Text(f"{body.first_out:.4g} s ({body.cause})", style="yellow")
-    if body.cannot_tell_from is not None:
-        return Text("cannot be told", style="yellow")
-    return verdict(True, "never" if one.horizon is None else f"not until {one.compared_until:.4g} s")
+    if body.inconclusive_from is not None:
+        return Text("inconclusive", style="yellow")
+    return verdict(True, "never" if one.horizon is None else f"not before {one.compared_until:.4g} s")
 
 
-def cannot_be_told(one: Diff) -> str | None:
+def inconclusive_note(one: Diff) -> str | None:
     """What to do about a comparison that cannot be told; None where it can."""
     body = one.untold
-    if body is None or one.verdict != CANNOT_BE_TOLD:
+    if body is None or one.verdict != INCONCLUSIVE:
         return None
     tolerances = f"{length(one.tolerance)} and {one.angle_tolerance:g} rad"
     return (
-        f"{one.first} – {one.second}: whether they agree within {tolerances} cannot be told, because the engines' own noise is "
-        f"{_noise(one, body)} ({body.body}, from {body.cannot_tell_from:.4g} s on); a tolerance of more than "
-        f"{FLOOR_FACTOR:g} times that can be"
+        f"{one.first} – {one.second}: agreement within {tolerances} is inconclusive, because the engines' noise is "
+        f"{_noise(one, body)} ({body.body}, from {body.inconclusive_from:.4g} s on); use a tolerance above "
+        f"{FLOOR_FACTOR:g} times the noise"
     )
 
 
@@ -104,7 +102,7 @@ def diff_tables(one: Diff) -> list[Table]:
         "RMS",
         "angle, largest",
         "RMS",
-        "own noise",
+        "noise",
         "first out of tolerance",
         right=(1, 2, 3, 4, 5),
     )
@@ -119,7 +117,7 @@ def diff_tables(one: Diff) -> list[Table]:
             _out(one, body),
         )
     if len(one.bodies) > SHOWN_BODIES:
-        bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, less far apart"
+        bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
     scalars = table("Quantities", "", one.first, one.second, "difference", right=(1, 2, 3))
     for item in one.quantities:
         if item.first is None and item.second is None:
@@ -127,13 +125,13 @@ def diff_tables(one: Diff) -> list[Table]:
         gap = item.second - item.first if item.first is not None and item.second is not None else None
         scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
     if one.contact_first_difference is not None:
-        scalars.add_row("first time that other bodies touch", "", "", number(one.contact_first_difference, "s"))
+        scalars.add_row("first contact that differs", "", "", number(one.contact_first_difference, "s"))
     return [bodies, scalars]
 
 
 def changes(found: Sequence[Change]) -> Table:
     """What changed between two worlds."""
-    result = table("What changed in the world", "", "path", "before", "after")
+    result = table("Changes of the world", "", "path", "before", "after")
     signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
     for change in found:
         whole = isinstance(change.before if change.after is None else change.after, dict)

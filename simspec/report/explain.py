@@ -96,7 +96,7 @@ def explained(world: World, compiled: Compiled) -> Explained:
     used = {shape.material for body in world.bodies for shape in solid_shapes(body)}
     for law in world.contact.pairs:
         if not law.collide and {law.first, law.second} <= used:
-            how = "their shapes are filtered: they pass through each other"
+            how = "collision filtered out"
             pairs.append(PairExplained(law.first, law.second, {"collide": False}, how, False, 0, 0, layers))
     copies = sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in solid_shapes(body))
     given = dict(world.options(compiled.engine).settings)
@@ -148,11 +148,13 @@ def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: 
     pair = (law.first, law.second)
     explicit = f"{listed} explicit pairs of shapes" if listed != 1 else "1 explicit pair of shapes"
     if pair in plan.missed:
-        return f"{explicit}: no numbers of the materials give it"
+        return f"{explicit}: not representable by material parameters"
     first, second = (plan.numbers[name, layer] for name in pair)
-    told = [_numbers(name, rules, first, second) for name in QUANTITIES if getattr(law, name)] or ["no number needed"]
+    told = [_numbers(name, rules, first, second) for name in QUANTITIES if getattr(law, name)] or [
+        "no parameters needed"
+    ]
     where = f"; in layer {layer + 1} of {layers}" if layers > 1 else ""
-    return ", ".join(told) + where + (f"; and {explicit}, which win over numbers" if listed else "")
+    return ", ".join(told) + where + (f"; and {explicit}, which override the material parameters" if listed else "")
 
 
 def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> str:
@@ -165,7 +167,7 @@ def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> st
 def _told(name: str, value: Any) -> str:
     """One part of a law as a table writes it."""
     if name == "collide":
-        return "they do not collide"
+        return "no collision"
     if isinstance(value, dict):
         return ", ".join(_told(*part) for part in value.items())
     shown = f"{value:.4g}{UNITS.get(name, '')}" if isinstance(value, float) else str(value)
@@ -175,13 +177,13 @@ def _told(name: str, value: Any) -> str:
 def tables(world: World, compiled: Compiled) -> list[Table]:
     """Three tables of one engine: contact, features, solver settings."""
     one = explained(world, compiled)
-    contact = table(f"Contact in {one.engine}", "materials", "law", "how it has it")
+    contact = table(f"Contact in {one.engine}", "materials", "law", "realisation")
     for pair in one.pairs:
         law = ", ".join(_told(*part) for part in pair.law.items())
         contact.add_row(f"{pair.first}, {pair.second}", law, pair.how)
     costs = []
     if one.copies:
-        costs.append(f"{one.copies} copies of shapes in layers; two copies touch only in the layer of their pair")
+        costs.append(f"realised by copies: {one.copies} additional shapes in layers; shapes touch only within a layer")
     if one.explicit:
         costs.append(f"{one.explicit} explicit pairs of shapes in all")
     contact.caption = "; ".join(costs) or None
@@ -191,20 +193,20 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
         shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
         source, why = "spec" if setting.given else "default", setting.meaning
         if setting.idle:
-            shown, source, why = "–", "–", f"does nothing {setting.idle}"
+            shown, source, why = "–", "–", f"no effect {setting.idle}"
         settings.add_row(setting.name, shown, source, why)
     return [*([contact] if one.pairs else []), decisions(compiled), settings]
 
 
 def control_table(world: World) -> Table:
     """The controllers of a world: joints, law and numbers, on the joints' side of any gear."""
-    found = table("Control", "controller", "joints", "law", "numbers, at the joints")
+    found = table("Control", "controller", "joints", "law", "parameters, at the joints")
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
     for one in world.controllers:
         law = one.law if one.law == "native" else f"{one.law}, {one.discretisation}"
         found.add_row(one.name, ", ".join(one.joints), law, "; ".join(_figures(one, kinds)))
     if any(one.law == "native" for one in world.controllers):
-        found.caption = "native: each engine's own controller, a declared difference"
+        found.caption = "native: the engine's own controller, which differs between engines"
     return found
 
 
@@ -212,7 +214,7 @@ def _figures(one: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
     if one.law == "computed-torque":
         yield f"ω {one.natural_frequency:g} rad/s, ζ {one.damping_ratio:g}"
     if one.gravity_compensation:
-        yield "gravity compensated"
+        yield "gravity compensation"
     for kind, units in GAINS.items():
         mine = [index for index, name in enumerate(one.joints) if kinds[name] == kind]
         for (label, unit), values in zip(units.items(), (one.kp, one.kd, one.effort_limits), strict=True):

@@ -1,4 +1,4 @@
-"""Where things ended: the last recorded poses of some bodies, and positions of joints, engines side by side."""
+"""Final state: the last recorded poses of some bodies, and positions of joints, engines side by side."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
     times = {f"{run.time[-1]:.4g} s" for run in shown}
     when = times.pop() if len(times) == 1 else "the last record"
     found = table(
-        f"Where things ended, at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
+        f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
         "",
         *(run.label for run in shown),
     )
@@ -79,7 +79,9 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
         if len(names) > MOST_ROWS
     ]
     if more:
-        found.caption = f"and {' and '.join(more)}: record.show chooses; bodies.parquet and states.parquet have all"
+        found.caption = (
+            f"and {' and '.join(more)}: select with record.show; all are in bodies.parquet and states.parquet"
+        )
     return found
 
 

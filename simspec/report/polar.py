@@ -108,7 +108,7 @@ def _panel(axis: Any, subject: str, by_engine: Mapping[str, Figure], engines: Se
             )
             worst = _strokes(axis, points, friction, cone, COLOURS[index % len(COLOURS)])
             if worst > ASIDE:
-                off.append(f"{engine}: {100 * worst:.2g} % of μ off")
+                off.append(f"{engine}: {100 * worst:.2g} % of μ deviation")
     axis.text(0.03, 0.03, "\n".join(off), transform=axis.transAxes, fontsize=6, va="bottom")
     axis.set_title(f"{subject}   μ = {friction:.4g}")
     axis.axhline(0, color="0.85", linewidth=0.6, zorder=0)

@@ -36,5 +36,5 @@ def show_diff(diff: Diff) -> None:
 
 def _say_untold(diffs: Sequence[Diff]) -> None:
     for one in diffs:
-        if (why := differences.cannot_be_told(one)) is not None:
+        if (why := differences.inconclusive_note(one)) is not None:
             console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)

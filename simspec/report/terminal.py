@@ -75,7 +75,7 @@ def _problem(problem: Problem, kind: Text) -> Text:
 def results(runs: Mapping[str, Run]) -> Table:
     """What came out: one column per run, one row per quantity."""
     shown = list(runs.values())
-    found = table("What came out", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
+    found = table("Results", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
     values = [summary(run) for run in shown]
     for name, unit in QUANTITIES:
         cells = [one.get(name) for one in values]
@@ -105,7 +105,7 @@ def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
     """The expectations: one row per expectation and engine. None when the spec has none."""
     if not any(outcomes.values()):
         return None
-    found = table("Does it come out as expected", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
+    found = table("Expectations", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
     for index in range(max(len(one) for one in outcomes.values())):
         for engine, row in outcomes.items():
             outcome = row[index]
@@ -136,8 +136,8 @@ LEVEL_WORDS = {
 
 
 def certificate_tables(certificate: Certificate) -> list[Table]:
-    """Does the model agree: one row per level, one column per engine; then what failed."""
-    found = table("Does the model agree: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
+    """Model: largest deviations: one row per level, one column per engine; then what failed."""
+    found = table("Model: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
     levels = sorted(
         {check.level for proof in certificate.engines.values() for check in proof.checks}
         | {name for proof in certificate.engines.values() for name in proof.not_compared if " " not in name}
@@ -149,7 +149,7 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         tolerances = sorted({one.tolerance for one in tightest.values() if one.tolerance})
         found.add_row(
             f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
-            ", ".join(f"{value:.1e}" for value in tolerances) or ("the same" if tightest else "–"),
+            ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if tightest else "–"),
             *(_level_cell(blocks[name], tightest.get(name)) for name in certificate.engines),
         )
     counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
@@ -187,9 +187,9 @@ def _failures(certificate: Certificate) -> list[Table]:
     failures = certificate.failures()
     if not failures:
         return []
-    found = table("What does not agree", "engine", "check", "deviation", "where", "found", right=(2,))
+    found = table("Failed checks", "engine", "check", "deviation", "where", "found", right=(2,))
     for engine, check in failures[:SHOWN_FAILURES]:
-        worst = f"{check.worst:.1e}" if check.worst is not None else "in kind" if check.count else "not compared"
+        worst = f"{check.worst:.1e}" if check.worst is not None else "different kind" if check.count else "not compared"
         found.add_row(engine, f"{check.level} {check.name}", worst, check.where, _shorten(check.detail))
     if len(failures) > SHOWN_FAILURES:
         found.caption = f"and {len(failures) - SHOWN_FAILURES} more checks"
@@ -210,22 +210,20 @@ def certificate_notes(certificate: Certificate) -> list[str]:
     }
     notes += [f"motion: {detail}" for detail in motion]
     if any(proof.contact for proof in certificate.engines.values()):
-        notes.append(
-            "contact: the worst figure of each engine, in units of that figure's own tolerance (--contact: all)"
-        )
+        notes.append("contact: the largest deviation of each engine, relative to its tolerance (--contact prints all)")
     for name, proof in certificate.engines.items():
         for feature, said in proof.approximations.items():
             why = short_reason(name, feature, said)
-            notes.append(f"{name} has {feature} as accepted: {why} ({link(name, feature)})")
+            notes.append(f"{name}: accepted approximation ({feature}): {why} ({link(name, feature)})")
         declared: dict[str, dict[str, None]] = {}
         for figure in proof.contact:
             if figure.deviation:
                 declared.setdefault(figure.deviation, {})[figure.probe] = None
-        notes += [f"{name} deviates as declared in {', '.join(of)}: {why}" for why, of in declared.items()]
+        notes += [f"{name}: known deviation ({', '.join(of)}): {why}" for why, of in declared.items()]
         if proof.not_checked:
-            notes.append(f"{name} cannot be asked for {', '.join(proof.not_checked)}")
+            notes.append(f"{name}: not readable back: {', '.join(proof.not_checked)}")
     if any(figure.deviation for proof in proofs for figure in proof.contact):
-        notes.append("all that was measured of deviations: docs/contact.md")
+        notes.append("measured deviations: docs/contact.md")
     return notes
 
 
@@ -240,7 +238,7 @@ def show_certificate(certificate: Certificate, screen: Console) -> None:
 def self_test_table(result: SelfTest) -> Table:
     """One row per planted defect, one column per engine: the levels that noticed it, or why it cannot be held."""
     engines = list(dict.fromkeys(outcome.engine for outcome in result.outcomes))
-    found = table("Does the proof catch planted defects", "defect", *engines)
+    found = table("Self-test: planted defects", "defect", *engines)
     for defect in dict.fromkeys(outcome.defect for outcome in result.outcomes):
         cells = {outcome.engine: outcome for outcome in result.outcomes if outcome.defect == defect}
         found.add_row(defect, *(_outcome_cell(cells[engine]) if engine in cells else Text("–") for engine in engines))
@@ -249,7 +247,7 @@ def self_test_table(result: SelfTest) -> Table:
 
 def _outcome_cell(outcome: DefectOutcome) -> Text:
     if outcome.caught is None:
-        return Text(f"cannot be held: {outcome.reason}", style="dim")
+        return Text(f"not representable: {outcome.reason}", style="dim")
     if not outcome.caught:
         return Text(f"MISSED {outcome.first}".strip(), style="bold red")
     return Text(", ".join(outcome.by), style="green")
@@ -257,7 +255,7 @@ def _outcome_cell(outcome: DefectOutcome) -> Text:
 
 def decisions(compiled: Compiled) -> Table:
     """How each needed feature is realised in one engine."""
-    found = table(f"How {compiled.engine} has it ({compiled.format})", "feature", "", "how", "where")
+    found = table(f"Features in {compiled.engine} ({compiled.format})", "feature", "support", "realisation", "where")
     for one in compiled.decisions:
         more = f" (and {len(one.paths) - 1} more)" if len(one.paths) > 1 else ""
         found.add_row(one.feature.value, WORDS[one.level], one.how, one.paths[0] + more)
@@ -275,7 +273,7 @@ def engine_tables(data: Mapping[str, Any]) -> list[Table]:
             one["version"] or Text("not installed", style="red"),
             "" if installed else one["install"],
         )
-    support = table("What each can do  (simspec engines --json says how)", "feature", *data)
+    support = table("Supported features  (details: simspec engines --json)", "feature", *data)
     for feature in Feature:
         levels = [Level(one["support"][feature.value]["level"]) for one in data.values()]
         support.add_row(feature.value, *(Text(WORDS[level], style=STYLES[level]) for level in levels))

@@ -83,7 +83,7 @@ def test_what_an_engine_needs_is_written_and_all_else_stays(tmp_path, capsys, ow
         assert (comment in after) == (comment in own)
     # a second time there is nothing to do, and not a byte changes
     assert call(path) == 0
-    assert "nothing is missing" in capsys.readouterr().out
+    assert "no entries missing" in capsys.readouterr().out
     assert path.read_text() == after
 
 
@@ -109,7 +109,7 @@ def test_a_file_that_is_not_laid_out_in_blocks_is_left_alone(tmp_path, capsys):
     path.write_text(json.dumps({**data, "bodies": {"floor": {"fixed": True, "shapes": [{"plane": {}}]}, "b": box}}))
     before = path.read_text()
     assert call(path) == 2
-    assert "not laid out in blocks" in capsys.readouterr().err
+    assert "not in YAML block style" in capsys.readouterr().err
     assert path.read_text() == before
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from simspec import cli
 from simspec.comparison.floor import PERTURBATION, measure_floor, save_floor
-from simspec.comparison.runs import CANNOT_BE_TOLD, OUT, WITHIN, diff
+from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff
 from simspec.language.load import Spec
 from simspec.runner.run import run
 
@@ -60,12 +60,12 @@ def test_a_small_change_of_friction_shows_above_bounded_noise(pair):
         found = diff(a, b, tolerance=tolerance, floor=floors)
         assert (found.verdict, found.horizon) == (OUT, None), tolerance
     assert diff(a, b, tolerance=1e-3, floor=floors).verdict == WITHIN
-    assert diff(a, a, tolerance=1e-9, floor=floors).verdict == CANNOT_BE_TOLD
+    assert diff(a, a, tolerance=1e-9, floor=floors).verdict == INCONCLUSIVE
 
 
 @pytest.mark.parametrize(
     ("others", "tolerance", "verdict", "code"),
-    [(1, "1e-3", WITHIN, 0), (1, "1e-6", OUT, 1), (0, "1e-9", CANNOT_BE_TOLD, 1)],
+    [(1, "1e-3", WITHIN, 0), (1, "1e-6", OUT, 1), (0, "1e-9", INCONCLUSIVE, 1)],
 )
 def test_the_command_says_it_and_its_exit_code_follows(pair, tmp_path, capsys, others, tolerance, verdict, code):
     folders = []
@@ -78,5 +78,5 @@ def test_the_command_says_it_and_its_exit_code_follows(pair, tmp_path, capsys, o
     assert json.loads(capsys.readouterr().out)["verdict"] == verdict
     assert cli.main(arguments) == code
     shown = capsys.readouterr()
-    assert {WITHIN: "never", OUT: "(contacts not recorded)", CANNOT_BE_TOLD: "cannot be told"}[verdict] in shown.out
-    assert ("cannot be told, because" in shown.err) == (verdict == CANNOT_BE_TOLD)
+    assert {WITHIN: "never", OUT: "(contacts not recorded)", INCONCLUSIVE: "inconclusive"}[verdict] in shown.out
+    assert ("is inconclusive, because" in shown.err) == (verdict == INCONCLUSIVE)

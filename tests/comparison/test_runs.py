@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, load_floor, measure_floor, save_floor
-from simspec.comparison.runs import CANNOT_BE_TOLD, OUT, WITHIN, diff, summary
+from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff, summary
 from simspec.errors import SpecError
 from simspec.world import frames
 from simspec.world.types import Joint
@@ -105,17 +105,17 @@ def test_a_difference_above_the_floor_is_one_even_in_noise():
     assert found.verdict == OUT
     assert found.first_out.first_out == pytest.approx(0.1)
     # the other body does not deviate, and nothing below the noise can be told of it
-    assert found.bodies[1].verdict == CANNOT_BE_TOLD
+    assert found.bodies[1].verdict == INCONCLUSIVE
     assert not diff(a, b, tolerance=2 * FLOOR_FACTOR * 1e-4, floor=[own, quiet(b)]).within
 
 
-def test_a_tolerance_below_the_noise_cannot_be_told():
+def test_a_tolerance_below_the_noise_inconclusive_note():
     a = run(TWO)
     b = run(TWO, lambda n, t: column(0 * t + 2e-15, 0, 0), engine="second")
     found = diff(a, b, tolerance=1e-16, floor=[quiet(a, 1e-15), quiet(b)])
     assert (found.horizon, found.compared_until) == (None, 1.0)
-    assert (found.verdict, found.within) == (CANNOT_BE_TOLD, False)
-    assert (found.untold.floor, found.untold.cannot_tell_from) == (1e-15, 0.0)
+    assert (found.verdict, found.within) == (INCONCLUSIVE, False)
+    assert (found.untold.floor, found.untold.inconclusive_from) == (1e-15, 0.0)
     # a tolerance above the noise can be
     assert diff(a, b, tolerance=4e-15, floor=[quiet(a, 1e-15), quiet(b)]).verdict == WITHIN
 
@@ -162,11 +162,11 @@ def test_bounded_noise_hides_no_difference_above_it(noise):
         expected = a.time[np.argmax(1.27e-4 * a.time / 20.0 > threshold)]
         assert found.first_out.first_out == expected
     # where the two do not differ, a tolerance below the noise cannot be told, one above it can
-    assert diff(a, run(FINE, engine="second"), tolerance=1e-6, floor=floors).verdict == CANNOT_BE_TOLD
+    assert diff(a, run(FINE, engine="second"), tolerance=1e-6, floor=floors).verdict == INCONCLUSIVE
     assert diff(a, run(FINE, engine="second"), tolerance=2e-5, floor=floors).verdict == WITHIN
     # nor can a deviation above the tolerance that is not above three times the noise
     near = run(FINE, lambda name, t: column(np.where(name == "mover", 2.5 * noise(t), 0.0), 0, 0), engine="second")
-    assert diff(a, near, tolerance=5e-6, floor=floors).verdict == CANNOT_BE_TOLD
+    assert diff(a, near, tolerance=5e-6, floor=floors).verdict == INCONCLUSIVE
 
 
 def apart(name, t):

@@ -390,7 +390,7 @@ def test_a_forbidden_contact_counts_wherever_it_shows():
     assert check.where == "shapes lower_0, tip_0"
 
 
-def test_where_a_link_cannot_be_told_from_another_of_its_shapes_it_is_said():
+def test_where_a_link_inconclusive_note_from_another_of_its_shapes_it_is_said():
     """Two shapes in one place: a touching link is one of them."""
     base = worlds.spheres(1)
     ball = base.bodies[1]

@@ -52,8 +52,8 @@ def test_a_table_puts_engines_side_by_side():
     assert "0.4" in text
     assert "0.36 (-10 %) FAILED" in text
     assert "0.42 (+5 %)" in text
-    assert "declared" in text
-    assert "no number" in text
+    assert "known deviation" in text
+    assert "no value" in text
     assert "2e-05 m" in text
     assert deviations(figures) == ["third, push-oblong: it hops"]
 
@@ -96,7 +96,7 @@ def test_a_force_of_the_right_size_and_the_wrong_direction_is_drawn_as_wrong(mon
     turned = [(angle, (complex(x, y) * turn).real, (complex(x, y) * turn).imag) for angle, x, y in push().points]
     polar.polar_plot({"one": [dataclasses.replace(push(), points=tuple(turned))]}, "elliptic")
     assert len(strokes) == 24
-    assert told[1] == "one: 30 % of μ off"  # 2 sin(0.15)
+    assert told[1] == "one: 30 % of μ deviation"  # 2 sin(0.15)
     for (x, y), point, wrong in zip(strokes, push().points, turned, strict=True):
         assert (x[0], y[0]) == pytest.approx(point[1:])
         assert (x[1], y[1]) == pytest.approx(wrong[1:])
@@ -166,9 +166,9 @@ def test_it_is_explained_how_each_pair_is_had(engine, tmp_path):
     assert "a, b" in text
     if found["layered"]:
         assert "layer 1 of 2" in text
-        assert f"{one.copies} copies of shapes" in text
+        assert f"realised by copies: {one.copies} additional" in text
     else:
-        assert "no numbers of the materials give it" in text
+        assert "not representable by material parameters" in text
         assert f"{one.explicit} explicit pairs of shapes in all" in text
 
 
@@ -182,7 +182,7 @@ def test_what_one_number_gives_is_explained_as_that(engine, tmp_path):
     assert one.copies == 0
     count = len(listed(files, tmp_path / engine))
     assert one.pairs[0].explicit == count
-    assert ("which win over numbers" in one.pairs[0].how) == bool(count)
+    assert ("which override the material parameters" in one.pairs[0].how) == bool(count)
 
 
 def test_some_engine_lists_pairs_that_numbers_give_too():
@@ -213,6 +213,6 @@ def test_the_whole_law_is_told_with_units_and_what_passes_through():
     assert [(pair.first, pair.second) for pair in one.pairs] == [("a", "a"), ("a", "b"), ("b", "b")]
     assert ways(one)["passing"] == 1
     text = " ".join(printed(*tables(world, compiled(world, "pybullet"))).split())
-    assert "they do not collide" in text
+    assert "no collision" in text
     assert one.pairs[0].law["hardness"] == {"stiffness": 1e6, "damping": 500.0}
     assert "rolling friction 0.002 m" in text

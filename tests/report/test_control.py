@@ -45,7 +45,7 @@ def row(**controller: object) -> list[str]:
         (
             {"joints": ["lift"], "kp": 3, "kd": 1, "gravity_compensation": True, "discretisation": "implicit"},
             "pd, implicit",
-            "gravity compensated; kp 3 N/m; kd 1 N s/m",
+            "gravity compensation; kp 3 N/m; kd 1 N s/m",
         ),
         (
             {"joints": ["lift"], "actuator": "velocity", "kd": 1, "effort_limit": 0},
@@ -68,7 +68,7 @@ def test_joints_of_both_types_and_what_is_the_engines_own():
     found = row(law="native", joints=["*"], kp=gains, kd=gains)
     assert found[:3] == ["robot", "lift, elbow, wrist", "native"]
     assert found[3] == "kp 4 to 5 N m/rad; kd 4 to 5 N m s/rad; kp 3 N/m; kd 3 N s/m"
-    assert "declared difference" in found[4]
+    assert "differs between engines" in found[4]
 
 
 def test_explain_tells_controllers_once_and_as_data(tmp_path):

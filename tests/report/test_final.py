@@ -1,4 +1,4 @@
-"""Where things ended stands in the tables: bodies and joints by name, engines side by side."""
+"""Final state stands in the tables: bodies and joints by name, engines side by side."""
 
 from __future__ import annotations
 

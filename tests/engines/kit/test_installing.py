@@ -40,7 +40,7 @@ def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path, 
     assert cli.main(words) == 0
     assert asked == [["dart", "mujoco"]]
     said = capsys.readouterr().err
-    assert "pybullet is left out: it cannot be installed on Python 3.12; --python pybullet=PATH" in said
+    assert "pybullet is skipped: it cannot be installed on Python 3.12; --python pybullet=PATH" in said
     # an interpreter of its own makes it one of them again; who names it gets it, or the error
     assert cli.main([*words, "--python", "pybullet=/some/python"]) == 0
     assert cli.main(["run", "bouncing-ball", "--engine", "pybullet", "--out", str(tmp_path)]) == 0
