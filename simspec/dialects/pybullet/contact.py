@@ -8,12 +8,12 @@ part stays on the body's own link, every other gets a massless link on a fixed j
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
 
 from simspec.contact.meeting import meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
+from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
 from simspec.errors import Problem
 from simspec.formats.kit.passes import excluded_pairs_to_write
 from simspec.world.kinematics import rigid_groups
@@ -109,7 +109,7 @@ def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> 
     )
 
 
-def collision_filter(world: World, plan: ContactPlan) -> dict[str, Any]:
+def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
     """Classes of links (a group bit and a mask each) and pairs of links that do not touch besides.
 
     Links are of one class when they are in groups that ignore the same, both can move or both cannot (those never touch each
@@ -150,19 +150,15 @@ def collision_filter(world: World, plan: ContactPlan) -> dict[str, Any]:
         excluded.update((min(a, b), max(a, b)) for a, b in itertools.combinations(names, 2) if touch(of[a], of[b]))
     if len(classes) > FILTER_BITS:
         excluded |= _apart(of, touch)
-        return {"classes": [{"group": 1, "mask": 1, "links": list(of)}], "excluded": sorted(excluded)}
+        return CollisionFilter((FilterClass(1, 1, tuple(of)),), tuple(sorted(excluded)))
     bits = {key: 1 << index for index, key in enumerate(classes)}
-    return {
-        "classes": [
-            {
-                "group": bits[key],
-                "mask": sum(bit for other, bit in bits.items() if touch(key, other)),
-                "links": links[key],
-            }
+    return CollisionFilter(
+        tuple(
+            FilterClass(bits[key], sum(bit for other, bit in bits.items() if touch(key, other)), tuple(links[key]))
             for key in classes
-        ],
-        "excluded": sorted(excluded),
-    }
+        ),
+        tuple(sorted(excluded)),
+    )
 
 
 def _meeting(plan: ContactPlan) -> dict[tuple[str, int], frozenset[tuple[str, int]]]:
@@ -174,7 +170,7 @@ def _meeting(plan: ContactPlan) -> dict[tuple[str, int], frozenset[tuple[str, in
     return {key: frozenset(others) for key, others in found.items()}
 
 
-def _apart(of: Mapping[str, Key], touch: Any) -> set[tuple[str, str]]:
+def _apart(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> set[tuple[str, str]]:
     names: Iterable[str] = sorted(of)
     ordered = list(names)
     return {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import (
@@ -67,43 +68,43 @@ def _not_solid(root: Element) -> None:
 
 
 def _sidecar_number(block: str, key: str, by: float) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         content[block][0][key] += by
 
     return sidecar(edit)
 
 
 def _instance(key: str) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         arm = next(instance for instance in content["instances"] if instance["file"] == ARM)
         arm[key][0] += 1e-3
 
     return sidecar(edit)
 
 
-def _drop_exclude(content: dict) -> None:
+def _drop_exclude(content: dict[str, Any]) -> None:
     content["collision_filter"]["excluded"].remove(["ball", "cube"])
 
 
-def _exclude_too_many(content: dict) -> None:
+def _exclude_too_many(content: dict[str, Any]) -> None:
     content["collision_filter"]["excluded"].append(["ball", "floor"])
 
 
-def _drop_linked(content: dict) -> None:
+def _drop_linked(content: dict[str, Any]) -> None:
     content["collision_filter"]["excluded"].remove(["lower", "upper"])
 
 
-def _linked_too_many(content: dict) -> None:
+def _linked_too_many(content: dict[str, Any]) -> None:
     content["collision_filter"]["excluded"].append(["ball", "lower"])
 
 
-def _no_groups(content: dict) -> None:
+def _no_groups(content: dict[str, Any]) -> None:
     classes = content["collision_filter"]["classes"]
     for entry in classes:
         entry["mask"] = sum(other["group"] for other in classes)
 
 
-def _group(content: dict) -> None:
+def _group(content: dict[str, Any]) -> None:
     """The quiet body goes into the class of the cube."""
     classes = content["collision_filter"]["classes"]
     for one_class in classes:
@@ -112,11 +113,12 @@ def _group(content: dict) -> None:
     next(one_class for one_class in classes if "cube" in one_class["links"])["links"].append("quiet")
 
 
-def _class_of(content: dict, link: str) -> dict:
-    return next(one for one in content["collision_filter"]["classes"] if link in one["links"])
+def _class_of(content: dict[str, Any], link: str) -> dict[str, Any]:
+    entry: dict[str, Any] = next(entry for entry in content["collision_filter"]["classes"] if link in entry["links"])
+    return entry
 
 
-def _copy_filter(content: dict) -> None:
+def _copy_filter(content: dict[str, Any]) -> None:
     """The rubber cube and its copy change places in the filter."""
     instance = next(one for one in content["instances"] if one["bodies"] == ["rubber_cube"])
     own, copy = "rubber_cube", instance["copies"][0]["link"]
@@ -124,25 +126,25 @@ def _copy_filter(content: dict) -> None:
         one_class["links"] = [{own: copy, copy: own}.get(link, link) for link in one_class["links"]]
 
 
-def _passing(content: dict) -> None:
+def _passing(content: dict[str, Any]) -> None:
     ghost, ice = (_class_of(content, link) for link in ("ghost_cube", "ice_cube"))
     ghost["mask"] |= ice["group"]
     ice["mask"] |= ghost["group"]
 
 
-def _cone(content: dict) -> None:
+def _cone(content: dict[str, Any]) -> None:
     content["friction_cone"] = "pyramid-circumscribed"
 
 
-def _softer(content: dict) -> None:
+def _softer(content: dict[str, Any]) -> None:
     content["settings"]["contact_erp"] /= 10.0
 
 
-def _gravity(content: dict) -> None:
+def _gravity(content: dict[str, Any]) -> None:
     content["gravity"][2] += 1e-3
 
 
-def _timestep(content: dict) -> None:
+def _timestep(content: dict[str, Any]) -> None:
     content["timestep"] *= 1.001
 
 

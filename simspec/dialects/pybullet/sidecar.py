@@ -1,125 +1,193 @@
-"""The form of a URDF folder's sidecar, and whether its lists fit together."""
+"""PyBullet's sidecar: where trees stand, how they begin, what carries which shapes, what touches what."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Final
 
-from simspec.formats.kit.forms import COMMON, ListOf, check_common, check_distinct, check_fields, check_known
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
+from simspec.dialects.kit.sidecar import Sidecar
+from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct, check_known
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Pose, Vector3
 
-UNIT = 1e-9
+UNIT: Final = 1e-9
 """How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""
-ROOTS = ("free", "fixed", "world link")
+FREE: Final = "free"
+FIXED: Final = "fixed"
+WORLD_LINK: Final = "world link"
+ROOTS: Final = (FREE, FIXED, WORLD_LINK)
 """What the base of a tree is: its free root, its fixed root, or a link that stands for the world."""
 
-FORM: Mapping[str, Any] = {
-    **COMMON,
-    "gravity": ListOf(float, 3),
-    "timestep": float,
-    "instances": ListOf(
-        {
-            "file": str,
-            "model": str,
-            "root": str,
-            "base": {"position": ListOf(float, 3), "quaternion": ListOf(float, 4)},
-            "bodies": ListOf(str),
-            "joints": ListOf(str),
-            "shapes": ListOf(ListOf(str, distinct=True)),
-            "visual_only": ListOf(ListOf(int, distinct=True)),
-            "copies": ListOf({"link": str, "body": str, "layer": int, "shapes": ListOf(str, distinct=True)}),
-            "layers": ListOf(int),
-            "position": ListOf(float),
-            "velocity": ListOf(float),
-        }
-    ),
-    "springs": ListOf({"body": str, "stiffness": float, "rest": float}),
-    "armature": ListOf({"body": str, "armature": float}),
-    "collision_filter": {
-        "classes": ListOf({"group": int, "mask": int, "links": ListOf(str)}),
-        "excluded": ListOf(ListOf(str, 2), distinct=True),
-    },
-    "restitution_threshold": float,
-    "native_contact": bool,
-    "sleepers?": ListOf(str, distinct=True),
-}
+Places = Annotated[tuple[int, ...], DISTINCT]
 
 
-def check_sidecar(content: Mapping[str, Any]) -> None:
-    """Raise ValueError where a sidecar is not of the form, or its lists do not fit together."""
-    check_fields(content, dict(FORM))
-    bodies = check_common(content)
-    kinds = {body["name"]: body["kind"] for body in content["bodies"]}
-    named = [name for instance in content["instances"] for name in instance["bodies"]]
-    check_distinct(named, "sidecar.instances")
-    if set(named) != set(kinds):
-        raise ValueError(f"sidecar.instances and sidecar.bodies differ in {sorted(set(named) ^ set(kinds))}")
-    solid: set[str] = set()
-    for index, instance in enumerate(content["instances"]):
-        at = f"sidecar.instances.{index}"
-        _check_instance(instance, kinds, at)
-        solid.update(copy["link"] for copy in instance["copies"])
-        solid.update(
-            body
-            for body, names, places in zip(instance["bodies"], instance["shapes"], instance["visual_only"], strict=True)
-            if len(names) > len(places)
-        )
-    for name in ("springs", "armature"):
-        check_distinct((entry["body"] for entry in content[name]), f"sidecar.{name}")
-        check_known((entry["body"] for entry in content[name]), bodies, f"sidecar.{name}")
-    _check_classes(content["collision_filter"]["classes"], solid)
-    pairs = {name for pair in content["collision_filter"]["excluded"] for name in pair}
-    check_known(pairs, solid, "sidecar.collision_filter.excluded")
-    check_known(content.get("sleepers", ()), bodies, "sidecar.sleepers")
-    if ("sleepers" in content) != bool(content["settings"].get("sleeping", False)):
-        raise ValueError("sidecar.sleepers are those of the setting sleeping: both or none")
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """A link that only carries shapes: ``shapes`` of ``body``, in the ``layer`` of the contact plan."""
+
+    link: str
+    body: str
+    layer: int
+    shapes: Names
 
 
-def _check_classes(classes: Sequence[Mapping[str, Any]], solid: set[str]) -> None:
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """One tree: the file that says it, maybe shared, where it stands, how it begins, and the names of this one.
+
+    bodies, joints, shapes, layers   by body, in the order of the file's links after a world link; the layer of its own link
+    visual_only                      PyBullet lists collision shapes and visual shapes apart: of each body the places of the
+                                     shapes that are only seen
+    copies                           after the bodies' links: which shapes of which body a link carries, and the layer
+    position, velocity               generalised coordinates of the bodies, in their order
+    """
+
+    file: str
+    model: str
+    root: str
+    base: Pose
+    bodies: tuple[str, ...]
+    joints: tuple[str, ...]
+    shapes: tuple[Names, ...]
+    visual_only: tuple[Places, ...]
+    copies: tuple[Copy, ...]
+    layers: tuple[int, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Spring:
+    """A joint's spring: stiffness (N m/rad, N/m) and rest (rad, m)."""
+
+    body: str
+    stiffness: float
+    rest: float
+
+
+@dataclass(frozen=True, slots=True)
+class Armature:
+    """A joint's armature (kg m², kg)."""
+
+    body: str
+    armature: float
+
+
+@dataclass(frozen=True, slots=True)
+class FilterClass:
+    """Links of one bit and one mask of Bullet's filter."""
+
+    group: int
+    mask: int
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionFilter:
+    """Classes of links, and pairs of links that do not touch besides."""
+
+    classes: tuple[FilterClass, ...]
+    excluded: NamePairs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PybulletSidecar(Sidecar):
+    """What PyBullet is told beside its files."""
+
+    gravity: Vector3
+    timestep: float
+    instances: tuple[Instance, ...]
+    springs: tuple[Spring, ...]
+    armature: tuple[Armature, ...]
+    collision_filter: CollisionFilter
+    restitution_threshold: float
+    native_contact: bool
+    sleepers: Names | None = None
+    """The free rigid bodies that may sleep; there with the setting ``sleeping`` alone."""
+
+    def check(self) -> None:
+        kinds = {body.name: body.kind for body in self.bodies}
+        named = [name for instance in self.instances for name in instance.bodies]
+        check_distinct(named, "sidecar.instances")
+        if set(named) != set(kinds):
+            raise ValueError(f"sidecar.instances and sidecar.bodies differ in {sorted(set(named) ^ set(kinds))}")
+        solid: set[str] = set()
+        for index, instance in enumerate(self.instances):
+            _check_instance(instance, kinds, f"sidecar.instances.{index}")
+            solid.update(copy.link for copy in instance.copies)
+            solid.update(
+                body
+                for body, names, places in zip(instance.bodies, instance.shapes, instance.visual_only, strict=True)
+                if len(names) > len(places)
+            )
+        for field, entries in (("springs", self.springs), ("armature", self.armature)):
+            names = [entry.body for entry in entries]
+            check_distinct(names, f"sidecar.{field}")
+            check_known(names, kinds, f"sidecar.{field}")
+        _check_classes(self.collision_filter.classes, solid)
+        pairs = {name for pair in self.collision_filter.excluded for name in pair}
+        check_known(pairs, solid, "sidecar.collision_filter.excluded")
+        check_known(self.sleepers or (), kinds, "sidecar.sleepers")
+        if (self.sleepers is not None) != bool(self.settings.get("sleeping", False)):
+            raise ValueError("sidecar.sleepers are those of the setting sleeping: both or none")
+
+
+def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
     """Every link with collision shapes is in one class, every class has a bit of its own and asks for such bits alone."""
     at = "sidecar.collision_filter.classes"
-    held = [name for one in classes for name in one["links"]]
-    check_distinct(held, at)
-    if set(held) != solid or not all(one["links"] for one in classes):
-        raise ValueError(f"{at} do not hold each link with collision shapes: {sorted(set(held) ^ solid)}")
-    bits = [one["group"] for one in classes]
+    names = [name for entry in classes for name in entry.links]
+    check_distinct(names, at)
+    if set(names) != solid or not all(entry.links for entry in classes):
+        raise ValueError(f"{at} do not hold each link with collision shapes: {sorted(set(names) ^ solid)}")
+    bits = [entry.group for entry in classes]
     check_distinct(bits, f"{at}, groups")
     if not all(0 < bit < 1 << 31 and bit & (bit - 1) == 0 for bit in bits):
         raise ValueError(f"{at} have the groups {bits}, should each be one bit")
-    if any(one["mask"] < 0 or one["mask"] & ~sum(bits) for one in classes):
+    if any(entry.mask < 0 or entry.mask & ~sum(bits) for entry in classes):
         raise ValueError(f"{at} have masks with bits that are of no class")
 
 
-def _check_instance(instance: Mapping[str, Any], kinds: Mapping[str, str], at: str) -> None:
-    bodies = instance["bodies"]
-    if instance["root"] not in ROOTS:
-        raise ValueError(f"{at}.root is {instance['root']!r}, should be one of {', '.join(ROOTS)}")
-    for name in ("joints", "shapes", "visual_only", "layers"):
-        if len(instance[name]) != len(bodies):
-            raise ValueError(f"{at}.{name} has {len(instance[name])} entries for {len(bodies)} bodies")
-    for names, places in zip(instance["shapes"], instance["visual_only"], strict=True):
+def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
+    bodies = instance.bodies
+    if not bodies:
+        raise ValueError(f"{at} has no bodies")
+    if instance.root not in ROOTS:
+        raise ValueError(f"{at}.root is {instance.root!r}, should be one of {', '.join(ROOTS)}")
+    lists = {
+        "joints": instance.joints,
+        "shapes": instance.shapes,
+        "visual_only": instance.visual_only,
+        "layers": instance.layers,
+    }
+    for name, entries in lists.items():
+        if len(entries) != len(bodies):
+            raise ValueError(f"{at}.{name} has {len(entries)} entries for {len(bodies)} bodies")
+    for names, places in zip(instance.shapes, instance.visual_only, strict=True):
         if not set(places) <= set(range(len(names))):
-            raise ValueError(f"{at}.visual_only names shapes {places} of {len(names)}")
-    for name, sizes in (("position", POSITION_SIZE), ("velocity", VELOCITY_SIZE)):
+            raise ValueError(f"{at}.visual_only names shapes {list(places)} of {len(names)}")
+    for name, sizes, numbers in (
+        ("position", POSITION_SIZE, instance.position),
+        ("velocity", VELOCITY_SIZE, instance.velocity),
+    ):
         size = sum(sizes[kinds[body]] for body in bodies)
-        if len(instance[name]) != size:
-            raise ValueError(f"{at}.{name} has {len(instance[name])} numbers, should have {size}")
+        if len(numbers) != size:
+            raise ValueError(f"{at}.{name} has {len(numbers)} numbers, should have {size}")
     _check_placed(instance, kinds, at)
-    check_known({copy["body"] for copy in instance["copies"]}, set(bodies), f"{at}.copies")
-    shapes = dict(zip(bodies, instance["shapes"], strict=True))
-    for copy in instance["copies"]:
-        check_known(set(copy["shapes"]), set(shapes[copy["body"]]), f"{at}.copies, link {copy['link']!r}")
-    check_distinct((copy["link"] for copy in instance["copies"]), f"{at}.copies")
+    check_known({copy.body for copy in instance.copies}, set(bodies), f"{at}.copies")
+    shapes = dict(zip(bodies, instance.shapes, strict=True))
+    for copy in instance.copies:
+        check_known(set(copy.shapes), set(shapes[copy.body]), f"{at}.copies, link {copy.link!r}")
+    check_distinct((copy.link for copy in instance.copies), f"{at}.copies")
 
 
-def _check_placed(instance: Mapping[str, Any], kinds: Mapping[str, str], at: str) -> None:
+def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
     """The base stands where its free root does, and rotations are of unit length."""
-    base, numbers = instance["base"], list(instance["position"])
-    if instance["root"] == "free" and [*base["position"], *base["quaternion"]] != numbers[:7]:
+    base, numbers = instance.base, list(instance.position)
+    if instance.root == FREE and [*base.position, *base.quaternion] != numbers[:7]:
         raise ValueError(f"{at}.base is not where {at}.position puts it")
-    turns = [base["quaternion"]]
-    for body in instance["bodies"]:
+    turns: list[Sequence[float]] = [base.quaternion]
+    for body in instance.bodies:
         own = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
         if kinds[body] in ("ball", "free"):
             turns.append(own[-4:])

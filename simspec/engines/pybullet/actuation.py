@@ -65,7 +65,7 @@ class JointServos:
 
     def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
         self._sim = sim
-        gain = motor_rate(stiffness, damping, sim.sidecar["timestep"]) * sim.sidecar["timestep"]
+        gain = motor_rate(stiffness, damping, sim.sidecar.timestep) * sim.sidecar.timestep
         limit = np.minimum(motor_limit(stiffness, damping, limit), UNCLAMPED)
         order = {int(place): index for index, place in enumerate(v)}
         self._trees = []

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
+from simspec.dialects.pybullet.sidecar import Armature, Spring
 from simspec.engines.pybullet.simulation import Simulation, Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.world import frames
@@ -29,20 +29,20 @@ class Efforts:
     armature (trees of hinges and slides on a fixed base that nothing touches).
     """
 
-    def __init__(self, sim: Simulation, springs: Sequence[Mapping[str, Any]], armature: Sequence[Mapping[str, Any]]):
+    def __init__(self, sim: Simulation, springs: Sequence[Spring], armature: Sequence[Armature]):
         self._sim = sim
         self.armature = np.zeros(sim.nv)
         self.springs: dict[int, tuple[float, float]] = {}
         links = {link.index: (tree, link) for tree in sim.trees for link in tree.links}
         self._springs = []
-        for entry in springs:
-            index = sim.place[entry["body"]]
-            self.springs[index] = (entry["stiffness"], entry["rest"])
-            self._springs.append((*links[index], entry["stiffness"], entry["rest"]))
+        for spring in springs:
+            index = sim.place[spring.body]
+            self.springs[index] = (spring.stiffness, spring.rest)
+            self._springs.append((*links[index], spring.stiffness, spring.rest))
         armed: dict[int, Tree] = {}
         for entry in armature:
-            tree, link = links[sim.place[entry["body"]]]
-            self.armature[link.v] = entry["armature"]
+            tree, link = links[sim.place[entry.body]]
+            self.armature[link.v] = entry.armature
             armed[tree.uid] = tree
         self._armed = [(tree, *self._dynamics_places(tree)) for tree in armed.values()]
         self._movers = [
@@ -70,7 +70,7 @@ class Efforts:
         p, client = self._sim.bullet, self._sim.client
         damping = np.array([p.getJointInfo(tree.uid, joint, physicsClientId=client)[6] for joint in joints])
         _, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
-        local_gravity = frames.rotate(frames.conjugate(from_xyzw(raw)), tuple(self._sim.sidecar["gravity"]))
+        local_gravity = frames.rotate(frames.conjugate(from_xyzw(raw)), self._sim.sidecar.gravity)
         return joints, places, damping, local_gravity
 
     def total(self, given: np.ndarray) -> np.ndarray:
@@ -86,7 +86,7 @@ class Efforts:
                 effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, tuple(rotation_vector((w, x, y, z)))))
             else:
                 effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
-        gravity = self._sim.sidecar["gravity"]
+        gravity = self._sim.sidecar.gravity
         for tree, joints, places, damping, local_gravity in self._armed:
             states = p.getJointStates(tree.uid, joints, physicsClientId=client)
             q, v = [state[0] for state in states], [state[1] for state in states]

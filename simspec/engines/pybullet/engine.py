@@ -20,6 +20,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
+from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation, Engine
@@ -33,6 +34,7 @@ from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
+from simspec.errors import EngineError
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
@@ -233,7 +235,7 @@ class PyBullet(Engine):
         self._sim: Simulation | None = None
         self._efforts: Efforts | None = None
         self._probe: tuple[Simulation, Probe] | None = None
-        self._source: tuple[Path, Mapping[str, Any]] | None = None
+        self._source: tuple[Path, PybulletSidecar] | None = None
 
     @property
     def client(self) -> int:
@@ -258,9 +260,13 @@ class PyBullet(Engine):
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
-        self._source = (folder, sidecar)
-        self._sim = Simulation(folder, sidecar)
-        self._efforts = Efforts(self._sim, sidecar["springs"], sidecar["armature"])
+        try:
+            typed = PybulletSidecar.of(sidecar)
+        except ValueError as error:
+            raise EngineError("pybullet", str(error)) from error
+        self._source = (folder, typed)
+        self._sim = Simulation(folder, typed)
+        self._efforts = Efforts(self._sim, typed.springs, typed.armature)
         self._sim.set_state(*self._sim.initial_state)
 
     def read_back(self) -> ReadBack:

@@ -102,16 +102,16 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     names = link_names(sim)
     held = p.getPhysicsEngineParameters(physicsClientId=client)
     found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
-    found.update(sidecar_labels(sim.sidecar))
+    found.update(sidecar_labels(sim.sidecar.plain()))
     found["sidecar.bodies"] = listed(sim.names)
     # contacts are solved in the order in which the trees were loaded
-    found["trees"] = listed([instance["bodies"][0] for instance in sim.sidecar["instances"]])
-    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
-        found[f"tree.{instance['bodies'][0]}.model"] = instance["model"]
-        for body, joint, shapes in zip(instance["bodies"], instance["joints"], instance["shapes"], strict=True):
-            found[f"body.{body}.joint"], found[f"body.{body}.shapes"] = joint, tuple(shapes)
-        for body, places in zip(instance["bodies"], instance["visual_only"], strict=True):
-            found[f"body.{body}.visual_only"] = tuple(places)
+    found["trees"] = listed([instance.bodies[0] for instance in sim.sidecar.instances])
+    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
+        found[f"tree.{instance.bodies[0]}.model"] = instance.model
+        for body, joint, shapes in zip(instance.bodies, instance.joints, instance.shapes, strict=True):
+            found[f"body.{body}.joint"], found[f"body.{body}.shapes"] = joint, shapes
+        for body, places in zip(instance.bodies, instance.visual_only, strict=True):
+            found[f"body.{body}.visual_only"] = places
         for link in [link.link for link in tree.links] + [link for link, _ in tree.copies]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
@@ -167,10 +167,10 @@ def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
     """The names of all links: a body's name for its own, ``BODY__MATERIAL.LAYER`` for one of its copies, ``BODY/world`` for the
     massless base that stands for the world below that root."""
     found = {}
-    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
+    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         found.update({(tree.uid, link.link): sim.names[link.index] for link in tree.links})
-        copies = zip(tree.copies, instance["copies"], strict=True)
-        found.update({(tree.uid, link): copy["link"] for (link, _), copy in copies})
+        copies = zip(tree.copies, instance.copies, strict=True)
+        found.update({(tree.uid, link): copy.link for (link, _), copy in copies})
         if tree.links[0].link >= 0:
             found[tree.uid, -1] = f"{sim.names[tree.links[0].index]}/world"
     return found

@@ -63,7 +63,7 @@ class Probe:
         return (after_v - v) / PROBE_STEP
 
     def _set_gravity(self, on: bool) -> None:
-        gravity = self._sim.sidecar["gravity"] if on else (0.0, 0.0, 0.0)
+        gravity = self._sim.sidecar.gravity if on else (0.0, 0.0, 0.0)
         self._sim.bullet.setGravity(*gravity, physicsClientId=self._sim.client)
 
     def masses(self, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

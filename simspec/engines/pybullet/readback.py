@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.simulation import JOINT_KINDS, Link, Simulation, Tree
@@ -31,7 +33,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     """The model and its present state as PyBullet holds them."""
     q, v = sim.get_state()
     bodies: list[Body | None] = [None] * len(sim.names)
-    for tree, instance in zip(sim.trees, sim.sidecar["instances"], strict=True):
+    for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         frames_in_tree = _inertial_frames(sim, tree)
         by_link = {link.link: link for link in tree.links}
         visuals = _visual_shapes(sim, tree)
@@ -39,7 +41,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
             joint = _joint(sim, tree, link, frames_in_tree, by_link, efforts)
             joint = dataclasses.replace(
                 joint,
-                name=instance["joints"][position],
+                name=instance.joints[position],
                 position=tuple(q[link.q].tolist()),
                 velocity=tuple(v[link.v].tolist()),
             )
@@ -49,7 +51,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
             centre = tuple(sim.centre[link.index].tolist())
             bodies[link.index] = Body(
                 sim.names[link.index],
-                instance["model"],
+                instance.model,
                 Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
                 joint,
                 _body_shapes(sim, tree, instance, position, visuals.get(link.link, [])),
@@ -60,7 +62,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
         restore_frames(tuple(bodies), offsets),
         tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
         held["fixedTimeStep"],
-        sim.sidecar["friction_cone"],
+        sim.sidecar.friction_cone,
     )
 
 
@@ -142,20 +144,20 @@ def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _body_shapes(
-    sim: Simulation, tree: Tree, instance: dict[str, Any], position: int, visuals: list[Shape]
+    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape]
 ) -> tuple[Shape, ...]:
     """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
     every copy, in the order of layers."""
-    names, visual_only = instance["shapes"][position], instance["visual_only"][position]
+    names, visual_only = instance.shapes[position], instance.visual_only[position]
     carried = [
-        (copy["layer"], copy["shapes"], _solid(sim, tree, link))
-        for (link, _), copy in zip(tree.copies, instance["copies"], strict=True)
-        if copy["body"] == instance["bodies"][position]
+        (copy.layer, copy.shapes, _solid(sim, tree, link))
+        for (link, _), copy in zip(tree.copies, instance.copies, strict=True)
+        if copy.body == instance.bodies[position]
     ]
     others = {name for _, some, _ in carried for name in some}
     own = _solid(sim, tree, tree.links[position].link)
     solid = [name for index, name in enumerate(names) if index not in visual_only]
-    layer = instance["layers"][position] if carried else 0
+    layer = instance.layers[position] if carried else 0
     copies = [(layer, own_solid(instance, position), own), *carried]
     if any(len(some) != len(held) for _, some, held in copies) or not others <= set(solid):
         return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals))
@@ -193,7 +195,7 @@ def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
     """What two links of this kind make together: springs in series, dampers in sum."""
     if stiffness > 0.0:
         return Hardness("stiffness", stiffness=stiffness / 2.0, damping=2.0 * damping)
-    return Hardness("native") if sim.sidecar["native_contact"] else Hardness()
+    return Hardness("native") if sim.sidecar.native_contact else Hardness()
 
 
 def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
@@ -209,7 +211,7 @@ def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
     return [*found, *rest]
 
 
-def _named(shapes: tuple[Shape, ...], names: list[str], visual_only: list[int]) -> tuple[Shape, ...]:
+def _named(shapes: tuple[Shape, ...], names: Sequence[str], visual_only: Sequence[int]) -> tuple[Shape, ...]:
     """Shapes in the world's order, under the world's names, which PyBullet does not keep.
 
     A count that differs from the sidecar's leaves them as they came, without names.

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.sidecar import check_sidecar
+from simspec.dialects.pybullet.sidecar import CollisionFilter, Instance, PybulletSidecar
 from simspec.engines.kit.vectors import cross
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
@@ -91,7 +91,7 @@ def import_pybullet() -> Any:
 class Simulation:
     """A PyBullet client holding the artifacts of ``folder``."""
 
-    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+    def __init__(self, folder: Path, sidecar: PybulletSidecar):
         self.log: list[str] = []
         self.calls: list[Called] = []
         """What PyBullet was told while loading."""
@@ -119,30 +119,26 @@ class Simulation:
 
     # --- loading ----------------------------------------------------------------------------------------------
 
-    def _load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        try:
-            check_sidecar(sidecar)
-        except ValueError as error:
-            raise EngineError("pybullet", str(error)) from error
-        self.settings = sidecar["settings"]
+    def _load(self, folder: Path, sidecar: PybulletSidecar) -> None:
+        self.settings = sidecar.settings
         self.sidecar = sidecar
-        self.names = [body["name"] for body in sidecar["bodies"]]
+        self.names = [body.name for body in sidecar.bodies]
         self.place = {name: index for index, name in enumerate(self.names)}
-        self.kinds = [body["kind"] for body in sidecar["bodies"]]
-        self.offsets = np.array([body["frame_offset"] for body in sidecar["bodies"]], dtype=float).reshape(-1, 3)
+        self.kinds = [body.kind for body in sidecar.bodies]
+        self.offsets = np.array([body.frame_offset for body in sidecar.bodies], dtype=float).reshape(-1, 3)
         self._lay_out()
         self._set_parameters(sidecar)
         self._file_links: dict[str, list[str]] = {}
-        self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar["instances"])
-        self.carriers = carriers(self.trees, sidecar["instances"])
+        self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar.instances)
+        self.carriers = carriers(self.trees, sidecar.instances)
         self.body_index = {link: body for link, (body, _) in self.carriers.items()}
         self._layered = any(tree.copies for tree in self.trees)
         self.layer: dict[tuple[int, int], int] = {}
-        for tree, instance in zip(self.trees, sidecar["instances"], strict=True):
-            own = zip(tree.links, instance["layers"], strict=True)
+        for tree, instance in zip(self.trees, sidecar.instances, strict=True):
+            own = zip(tree.links, instance.layers, strict=True)
             self.layer.update(((tree.uid, link.link), layer) for link, layer in own)
-            carried = zip(tree.copies, instance["copies"], strict=True)
-            self.layer.update(((tree.uid, link), copy["layer"]) for (link, _), copy in carried)
+            carried = zip(tree.copies, instance.copies, strict=True)
+            self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
@@ -150,12 +146,12 @@ class Simulation:
         self._free_v = np.array([range(link.v.start, link.v.stop) for link in free], dtype=int)
         self._seen: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         # the sidecar names no sleepers when the setting is off
-        may_sleep = set(sidecar.get("sleepers", ()))
+        may_sleep = set(sidecar.sleepers or ())
         self._sleepers = Sleepers(
             self,
             (tree.uid for tree in self.trees if self.names[tree.links[0].index] in may_sleep),
         )
-        self._set_filter(sidecar["collision_filter"])
+        self._set_filter(sidecar.collision_filter)
 
     def _lay_out(self) -> None:
         self._q, self._v, self.nq, self.nv = [], [], 0, 0
@@ -164,9 +160,9 @@ class Simulation:
             self._v.append(slice(self.nv, self.nv + VELOCITY_SIZE[kind]))
             self.nq, self.nv = self._q[-1].stop, self._v[-1].stop
 
-    def _set_parameters(self, sidecar: Mapping[str, Any]) -> None:
-        given = self.settings
-        if not sidecar["native_contact"]:
+    def _set_parameters(self, sidecar: PybulletSidecar) -> None:
+        given: Mapping[str, Any] = self.settings
+        if not sidecar.native_contact:
             self.bullet.setPhysicsEngineParameter(
                 contactERP=given["contact_erp"], contactSlop=given["contact_slop"], physicsClientId=self.client
             )
@@ -175,21 +171,21 @@ class Simulation:
             solverResidualThreshold=given["residual_threshold"],
             erp=given["joint_erp"],
             frictionERP=given["friction_erp"],
-            restitutionVelocityThreshold=sidecar["restitution_threshold"],
+            restitutionVelocityThreshold=sidecar.restitution_threshold,
             contactBreakingThreshold=given["contact_breaking_threshold"],
-            enableConeFriction=int(sidecar["friction_cone"] == "elliptic"),
+            enableConeFriction=int(sidecar.friction_cone == "elliptic"),
             deterministicOverlappingPairs=int(given["deterministic_pairs"]),
             numSubSteps=0,
             physicsClientId=self.client,
         )
-        self.bullet.setGravity(*sidecar["gravity"], physicsClientId=self.client)
-        self.bullet.setTimeStep(sidecar["timestep"], physicsClientId=self.client)
+        self.bullet.setGravity(*sidecar.gravity, physicsClientId=self.client)
+        self.bullet.setTimeStep(sidecar.timestep, physicsClientId=self.client)
 
-    def _load_tree(self, folder: Path, instance: Mapping[str, Any]) -> Tree:
-        p, path = self.bullet, folder / instance["file"]
+    def _load_tree(self, folder: Path, instance: Instance) -> Tree:
+        p, path = self.bullet, folder / instance.file
         if not path.is_file():
-            raise EngineError("pybullet", f"the file {instance['file']!r} is missing")
-        base = instance["base"]
+            raise EngineError("pybullet", f"the file {instance.file!r} is missing")
+        base = instance.base
         flags = (
             p.URDF_USE_INERTIA_FROM_FILE
             | p.URDF_USE_IMPLICIT_CYLINDER
@@ -200,30 +196,30 @@ class Simulation:
         try:
             uid = p.loadURDF(
                 str(path),
-                basePosition=base["position"],
-                baseOrientation=to_xyzw(base["quaternion"]),
-                useFixedBase=int(instance["root"] != "free"),
+                basePosition=base.position,
+                baseOrientation=to_xyzw(base.quaternion),
+                useFixedBase=int(instance.root != "free"),
                 flags=flags,
                 physicsClientId=self.client,
             )
         except p.error as error:
-            raise EngineError("pybullet", f"refused {instance['file']!r}: {error}") from error
-        extra = int(instance["root"] == "world link")
+            raise EngineError("pybullet", f"refused {instance.file!r}: {error}") from error
+        extra = int(instance.root == "world link")
         self._check_links(uid, extra, instance)
         links = []
-        for position, name in enumerate(instance["bodies"]):
+        for position, name in enumerate(instance.bodies):
             index, link = self.place[name], position - 1 + extra
             turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
-            self._check_kind(uid, link, name, instance["root"])
+            self._check_kind(uid, link, name, instance.root)
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
-        first = len(instance["bodies"]) - 1 + extra
-        copies = tuple((first + k, self.place[copy["body"]]) for k, copy in enumerate(instance["copies"]))
-        tree = Tree(uid, instance["root"], tuple(links), movers, copies)
+        first = len(instance.bodies) - 1 + extra
+        copies = tuple((first + k, self.place[copy.body]) for k, copy in enumerate(instance.copies))
+        tree = Tree(uid, instance.root, tuple(links), movers, copies)
         self._quieten(tree)
         return tree
 
-    def _check_links(self, uid: int, extra: int, instance: Mapping[str, Any]) -> None:
+    def _check_links(self, uid: int, extra: int, instance: Instance) -> None:
         """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
         p, client = self.bullet, self.client
         held = [p.getBodyInfo(uid, physicsClientId=client)[0].decode()]
@@ -231,11 +227,11 @@ class Simulation:
             p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
             for joint in range(p.getNumJoints(uid, physicsClientId=client))
         ]
-        own = [*instance["bodies"], *(copy["link"] for copy in instance["copies"])]
-        wanted = self._file_links.setdefault(instance["file"], own)
+        own = [*instance.bodies, *(copy.link for copy in instance.copies)]
+        wanted = self._file_links.setdefault(instance.file, own)
         if held[extra:] != wanted or len(wanted) != len(own):
             raise EngineError(
-                "pybullet", f"{instance['file']!r} holds the links {held[extra:]}, the sidecar names {wanted}"
+                "pybullet", f"{instance.file!r} holds the links {held[extra:]}, the sidecar names {wanted}"
             )
 
     def _check_kind(self, uid: int, link: int, name: str, root: str) -> None:
@@ -311,8 +307,8 @@ class Simulation:
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """The initial (q, v) of the sidecar."""
         q, v = np.zeros(self.nq), np.zeros(self.nv)
-        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
-            for target, source, places in ((q, instance["position"], "q"), (v, instance["velocity"], "v")):
+        for tree, instance in zip(self.trees, self.sidecar.instances, strict=True):
+            for target, source, places in ((q, instance.position, "q"), (v, instance.velocity, "v")):
                 start = 0
                 for link in tree.links:
                     place = getattr(link, places)
@@ -323,16 +319,14 @@ class Simulation:
 
     # --- collision filter --------------------------------------------------------------------------------------
 
-    def _set_filter(self, content: Mapping[str, Any]) -> None:
+    def _set_filter(self, content: CollisionFilter) -> None:
         where: dict[str, tuple[int, int]] = {}
-        for tree, instance in zip(self.trees, self.sidecar["instances"], strict=True):
+        for tree, instance in zip(self.trees, self.sidecar.instances, strict=True):
             where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)
-            for (link, _), copy in zip(tree.copies, instance["copies"], strict=True):
-                where[copy["link"]] = (tree.uid, link)
-        self._masks = [
-            (*where[name], entry["group"], entry["mask"]) for entry in content["classes"] for name in entry["links"]
-        ]
-        for first, second in content["excluded"]:
+            for (link, _), copy in zip(tree.copies, instance.copies, strict=True):
+                where[copy.link] = (tree.uid, link)
+        self._masks = [(*where[name], entry.group, entry.mask) for entry in content.classes for name in entry.links]
+        for first, second in content.excluded:
             (uid, link), (other_uid, other_link) = where[first], where[second]
             self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
         self._forgotten = False
@@ -487,7 +481,7 @@ class Simulation:
         at, turn, linear, angular = self.inertial_states()
         local = rotate(conjugate(turn), angular)
         kinetic = 0.5 * float(np.sum(self.mass * np.sum(linear**2, axis=1)) + np.sum(self.moments * local**2))
-        return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar["gravity"]))))
+        return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar.gravity))))
 
     def close(self) -> None:
         if self.client >= 0:

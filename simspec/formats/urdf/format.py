@@ -1,13 +1,29 @@
-"""The format ``urdf``."""
+"""The format ``urdf``: the Unified Robot Description Format, one tree of links a file."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import ClassVar
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.text import environment
+from simspec.formats.urdf.document import Document
+from simspec.formats.urdf.tree import Robots
+
+INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+"""The attributes of an ``inertia``, in the order of :class:`simspec.formats.urdf.tree.Inertial`."""
 
 
 class Urdf(Format):
-    """Files of the format ``urdf``."""
+    """Files of the format ``urdf``: NAME.urdf for each distinct tree."""
 
     NAME: ClassVar[str] = "urdf"
+
+    def write(self, tree: Robots) -> dict[str, str]:
+        template = environment().get_template("urdf/model.urdf.j2")
+        return {name: template.render(robot=robot, inertia=INERTIA) for name, robot in tree.items()}
+
+    def read(self, folder: Path) -> Document:
+        from simspec.formats.urdf.reading import read_folder
+
+        return read_folder(folder)

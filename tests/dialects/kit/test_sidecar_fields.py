@@ -13,7 +13,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.dialects.dart import sidecar as skel_sidecar
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, SidecarBody, sidecar_text
-from simspec.dialects.pybullet.sidecar import check_sidecar
+from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.formats.kit.forms import NamePairs, Names, form_of
 from simspec.proof.selftest_worlds import WORLDS
 
@@ -25,7 +25,7 @@ def sound():
 
 @pytest.mark.parametrize("name", [name for name in WORLDS if name != "rolling"])
 def test_the_emitters_are_of_the_form(name):
-    check_sidecar(json.loads(compile_world(WORLDS[name]("pybullet"), ["pybullet"])["pybullet"].files[SIDECAR]))
+    PybulletSidecar.of(json.loads(compile_world(WORLDS[name]("pybullet"), ["pybullet"])["pybullet"].files[SIDECAR]))
 
 
 def _set(value, *path):
@@ -63,7 +63,7 @@ def test_what_is_not_is_refused(sound, change, said):
     content = copy.deepcopy(sound)
     change(content)
     with pytest.raises(ValueError, match=re.escape(said)):
-        check_sidecar(content)
+        PybulletSidecar.of(content)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,311 @@
+"""The model that PyBullet's URDF and its sidecar mean, in the world's frames and order (proof level L0).
+
+It starts from the document that ``formats/urdf/reading.py`` reads: neither the emitter's trees nor PyBullet have a part in it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
+from simspec.formats.kit.passes import restore_frames
+from simspec.formats.urdf.document import Document, Link, Node, Robot, strangers
+from simspec.formats.urdf.document import Joint as JointRead
+from simspec.formats.urdf.document import Shape as ShapeRead
+from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, named, pose_of, size_of
+from simspec.world import frames
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    Hardness,
+    Joint,
+    Pose,
+    ReadBack,
+    Shape,
+    Surface,
+)
+
+KINDS: Final[Mapping[str, str]] = {
+    "fixed": "fixed",
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slide",
+    "spherical": "ball",
+}
+"""The kind of joint that each type is; ``spherical`` is PyBullet's own."""
+OWN_GEOMETRIES: Final[Mapping[str, tuple[str, ...]]] = {"capsule": ("radius", "length"), "plane": ("normal",)}
+"""PyBullet's own geometries, with their attributes."""
+CONTACT: Final = (
+    "lateral_friction",
+    "rolling_friction",
+    "spinning_friction",
+    "restitution",
+    "stiffness",
+    "damping",
+)
+"""The elements of a link's ``contact`` that simspec writes."""
+NOTHING: Final = (0.0,)
+"""Size of a visual that only keeps PyBullet from showing the collision shapes."""
+NO_LIMITS: Final = (0.0, -1.0)
+"""What PyBullet takes for limits that a file does not say: lower > upper is unlimited."""
+
+UNREADABLE: Final = {
+    "collision_group": "the files carry what touches what, not the names of groups",
+    "control.native": "the engine's own controllers are switched on when a run begins",
+}
+
+Layers = list[tuple[int, tuple[Shape, ...]]]
+"""Shapes of one body by the layer of the link that carries them."""
+
+
+def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
+    """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what PyBullet's
+    dialect has not."""
+    files = {name: _File.of(robot) for name, robot in document.robots.items()}
+    first: dict[str, Instance] = {}
+    bodies: dict[str, Body] = {}
+    for instance in sidecar.instances:
+        if instance.file not in files:
+            raise ValueError(f"the file {instance.file!r} is missing")
+        file, pattern = files[instance.file], first.setdefault(instance.file, instance)
+        bodies.update((body.name, body) for body in _instance_bodies(file, pattern, instance))
+    if unused := files.keys() - first.keys():
+        raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
+    for spring in sidecar.springs:
+        body = bodies[spring.body]
+        joint = dataclasses.replace(body.joint, spring_stiffness=spring.stiffness, spring_rest=spring.rest)
+        bodies[spring.body] = dataclasses.replace(body, joint=joint)
+    for entry in sidecar.armature:
+        body = bodies[entry.body]
+        joint = dataclasses.replace(body.joint, armature=entry.armature)
+        bodies[entry.body] = dataclasses.replace(body, joint=joint)
+    ordered = tuple(bodies[body.name] for body in sidecar.bodies)
+    offsets = {body.name: body.frame_offset for body in sidecar.bodies if any(body.frame_offset)}
+    if sidecar.native_contact:
+        ordered = tuple(_as_native(body) for body in ordered)
+    return ReadBack(
+        restore_frames(ordered, offsets), sidecar.gravity, sidecar.timestep, sidecar.friction_cone, dict(UNREADABLE)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """One file: its links, the joint above each, and what each link holds of contact."""
+
+    links: tuple[Link, ...]
+    joints: Mapping[str, JointRead]
+    surface: Mapping[str, Surface]
+
+    @staticmethod
+    def of(robot: Robot) -> _File:
+        """Raises ValueError for what PyBullet's dialect does not have."""
+        for stranger in strangers(robot):
+            if stranger.name is not None or not _is_own(stranger.node, stranger.path):
+                what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
+                raise stranger.node.error(f"{what} {stranger.path} that is not of the dialect, or there once too often")
+        surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
+        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface)
+
+
+def _is_own(node: Node, path: str) -> bool:
+    """Whether a strange element is one of PyBullet's, as simspec writes it."""
+    attributes: Iterable[str] = ()
+    if path == "robot/link/contact":
+        tags = [child.tag for child in node.children]
+        plain = all(set(child.attributes) == {"value"} and not child.children for child in node.children)
+        return not node.attributes and plain and len(set(tags)) == len(tags) and set(tags) <= set(CONTACT)
+    if path.rpartition("/")[0] in ("robot/link/visual/geometry", "robot/link/collision/geometry"):
+        attributes = OWN_GEOMETRIES.get(node.tag, ())
+    return bool(attributes) and set(node.attributes) == set(attributes) and not node.children
+
+
+# --- parts of a file ----------------------------------------------------------------------------------------------
+
+
+def _surface(contact: Node) -> Surface:
+    """A link's contact. Two links' springs stand in series and their dampers add up: a pair has half and twice as much."""
+
+    def value(name: str) -> float:
+        return contact.need(name).need_number("value")
+
+    sliding, spinning = value("lateral_friction"), value("spinning_friction")
+    rolling, restitution = value("rolling_friction"), value("restitution")
+    spring = Hardness()
+    if contact.child("stiffness") is not None or contact.child("damping") is not None:
+        spring = Hardness("stiffness", stiffness=value("stiffness") / 2.0, damping=value("damping") * 2.0)
+    return Surface(sliding, spinning, rolling, restitution, spring)
+
+
+def _geometry(geometry: Node) -> tuple[str, tuple[float, ...]]:
+    if geometry.tag == "capsule":
+        return "capsule", (geometry.need_number("radius"), geometry.need_number("length"))
+    if geometry.tag == "plane":
+        if geometry.numbers("normal", 3) != (0.0, 0.0, 1.0):
+            raise geometry.error(
+                f"normal={geometry.word('normal')!r} of a plane, only z of its own frame is known here"
+            )
+        return "plane", ()
+    return size_of(geometry)
+
+
+def _colour(visual: ShapeRead) -> tuple[float, float, float, float]:
+    rgba = visual.material.rgba if visual.material is not None else None
+    if rgba is None:
+        raise visual.node.error(f"the visual {visual.name!r} has no colour")
+    return (rgba[0], rgba[1], rgba[2], rgba[3])
+
+
+def _shapes(link: Link, surface: Surface, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
+    """The shapes of a link, in the order of ``names``; those of one name in ``visual`` and ``collision`` are one."""
+    shapes: dict[str, Shape] = {}
+    for visual, elements in ((False, link.collisions), (True, link.visuals)):
+        for element in elements:
+            kind, size = _geometry(element.geometry)
+            if visual and size == NOTHING:
+                continue
+            name = named(element)
+            shape = Shape(name, kind, size, pose_of(element.origin), collision=False, visual=False)
+            known = shapes.get(name)
+            if known is not None and (known.kind, known.size, known.pose) != (kind, size, shape.pose):
+                raise element.node.error(f"link {link.name!r}: visual and collision of shape {name!r} differ")
+            shape = known or shape
+            if (visual and shape.visual) or (not visual and shape.collision):
+                raise element.node.error(f"link {link.name!r} has two shapes {name!r}")
+            if visual:
+                shapes[name] = dataclasses.replace(shape, visual=True, colour=_colour(element))
+            else:
+                shapes[name] = dataclasses.replace(shape, collision=True, surfaces=(surface,))
+    if set(shapes) != set(names) and not copied:
+        raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
+    return tuple(shapes[name] for name in names if name in shapes)
+
+
+def _joint(joint: JointRead) -> Joint:
+    if joint.type not in KINDS:
+        raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
+    kind = KINDS[joint.type]
+    moves = kind in ("hinge", "slide")
+    limit = joint.limit if moves else None
+    lower, upper = NO_LIMITS
+    if limit is not None:
+        lower = lower if limit.lower is None else limit.lower
+        upper = upper if limit.upper is None else limit.upper
+    dynamics = joint.dynamics
+    return Joint(
+        joint.name,
+        kind,
+        joint.parent,
+        pose_of(joint.origin),
+        (joint.axis or DEFAULT_AXIS) if moves else (0.0, 0.0, 0.0),
+        (lower, upper) if lower <= upper else None,
+        limit.velocity if limit is not None else None,
+        limit.effort if limit is not None else None,
+        damping=(dynamics.damping or 0.0) if dynamics is not None else 0.0,
+        dry_friction=(dynamics.friction or 0.0) if dynamics is not None else 0.0,
+    )
+
+
+# --- instances ----------------------------------------------------------------------------------------------------
+
+
+def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[Body]:
+    """The bodies of one tree, with the names of this instance. The file has the names of the ``first`` that shares it."""
+    skipped = 1 if instance.root == WORLD_LINK else 0
+    world_link = file.links[0].name if skipped else None
+    count = skipped + len(first.bodies)
+    links, carriers = file.links[skipped:count], file.links[count:]
+    if [link.name for link in links] != list(first.bodies):
+        raise ValueError(f"{instance.file}: the links are not those of the sidecar, {list(first.bodies)}")
+    if [link.name for link in carriers] != [copy.link for copy in first.copies]:
+        raise ValueError(f"{instance.file}: the links of copies are not those of the sidecar")
+    if len(first.copies) != len(instance.copies) or len(first.bodies) != len(instance.bodies):
+        raise ValueError(f"{instance.file}: two instances have other links, or other copies of shapes")
+    copies = _copies(file, carriers, first, instance)
+    own_name = dict(zip(first.bodies, instance.bodies, strict=True))
+    bodies = []
+    q, v = list(instance.position), list(instance.velocity)
+    for place, link in enumerate(links):
+        joint = _joint_above(file, link, instance, world_link, own_name)
+        position = tuple(q[: POSITION_SIZE[joint.kind]])
+        velocity = tuple(v[: VELOCITY_SIZE[joint.kind]])
+        del q[: POSITION_SIZE[joint.kind]], v[: VELOCITY_SIZE[joint.kind]]
+        if joint.kind == "free":
+            # the sidecar has ω in body axes; the file's frame is at the centre of mass
+            velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))  # type: ignore[arg-type]
+        name, names_in_file = instance.bodies[place], first.shapes[place]
+        carried = copies.get(name, [])
+        own_shapes = _shapes(link, file.surface[link.name], names_in_file, copied=bool(carried))
+        whole = {shape.name: shape for shape in _with_copies(own_shapes, instance.layers[place], carried)}
+        if set(whole) != set(names_in_file):
+            raise ValueError(f"body {name!r} has the shapes {sorted(whole)}, the sidecar names {sorted(names_in_file)}")
+        shapes = zip(names_in_file, instance.shapes[place], strict=True)
+        bodies.append(
+            Body(
+                name,
+                instance.model,
+                inertial_of(link.inertial),
+                dataclasses.replace(joint, name=instance.joints[place], position=position, velocity=velocity),
+                tuple(dataclasses.replace(whole[in_file], name=own) for in_file, own in shapes),
+            )
+        )
+    return bodies
+
+
+def _joint_above(
+    file: _File, link: Link, instance: Instance, world_link: str | None, own_name: Mapping[str, str]
+) -> Joint:
+    """The joint above a link, with its parent's own name; the root's is what the instance says."""
+    if link.name not in file.joints:
+        return Joint("", "free") if instance.root == FREE else Joint("", "fixed", None, instance.base)
+    joint = _joint(file.joints[link.name])
+    if joint.parent == world_link:
+        return dataclasses.replace(joint, parent=None, origin=frames.compose(instance.base, joint.origin))
+    if joint.parent is None or joint.parent not in own_name:
+        raise ValueError(f"{instance.file}: link {link.name!r} hangs on {joint.parent!r}, which is no body")
+    return dataclasses.replace(joint, parent=own_name[joint.parent])
+
+
+def _copies(file: _File, carriers: Sequence[Link], first: Instance, instance: Instance) -> dict[str, Layers]:
+    """Of each body of this instance the layers and shapes that other links carry, under the file's names."""
+    copies: dict[str, Layers] = {}
+    for link, in_file, own in zip(carriers, first.copies, instance.copies, strict=True):
+        joint = file.joints[link.name]
+        if joint.type != "fixed" or joint.parent != in_file.body or pose_of(joint.origin) != Pose():
+            raise joint.node.error(f"link {link.name!r} is not welded onto the body of its shapes, {in_file.body!r}")
+        if inertial_of(link.inertial).mass:
+            raise link.node.error(f"link {link.name!r} only carries shapes, and has a mass")
+        shapes = _shapes(link, file.surface[link.name], in_file.shapes)
+        copies.setdefault(own.body, []).append((own.layer, shapes))
+    return copies
+
+
+def _with_copies(own: tuple[Shape, ...], layer: int, copies: Layers) -> tuple[Shape, ...]:
+    """The shapes of a body: those of its own link in ``layer``, and those of other links, each once with all surfaces."""
+    known = {shape.name: shape for shape in own}
+    layers = {shape.name: [(layer, shape.surfaces[0])] for shape in own if shape.collision}
+    for number, shapes in copies:
+        for shape in shapes:
+            before = known.setdefault(shape.name, shape)
+            if (before.kind, before.size, before.pose) != (shape.kind, shape.size, shape.pose):
+                raise ValueError(f"a copy of shape {shape.name!r} is unlike the shape")
+            layers.setdefault(shape.name, []).append((number, shape.surfaces[0]))
+    whole = []
+    for name, shape in known.items():
+        surfaces = tuple(surface for _, surface in sorted(layers.get(name, []), key=lambda entry: entry[0]))
+        whole.append(dataclasses.replace(shape, collision=bool(surfaces), surfaces=surfaces))
+    return tuple(whole)
+
+
+def _as_native(body: Body) -> Body:
+    """Contact without stiffness is as hard as PyBullet makes it."""
+
+    def native(surface: Surface) -> Surface:
+        common = surface.hardness == Hardness()
+        return dataclasses.replace(surface, hardness=Hardness("native")) if common else surface
+
+    shapes = tuple(dataclasses.replace(shape, surfaces=tuple(map(native, shape.surfaces))) for shape in body.shapes)
+    return dataclasses.replace(body, shapes=shapes)
