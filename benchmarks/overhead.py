@@ -21,7 +21,7 @@ from pathlib import Path
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.registry import default_engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine
 
 SCENARIOS = ("spheres-216", "ur10e")
 ROOT = Path(__file__).resolve().parent.parent
@@ -55,7 +55,15 @@ def bare_dart(engine, steps, every):
     return time.perf_counter() - started
 
 
-BARE = {"mujoco": bare_mujoco, "pybullet": bare_pybullet, "dart": bare_dart}
+def bare_drake(engine, steps, every):
+    plant, context = engine.plant, engine.context
+    started = time.perf_counter()
+    for _ in range(steps):
+        context.SetDiscreteState(plant.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
+    return time.perf_counter() - started
+
+
+BARE = {"mujoco": bare_mujoco, "pybullet": bare_pybullet, "dart": bare_dart, "drake": bare_drake}
 
 
 def measure(name: str, folder: Path, steps: int, every: int, rounds: int) -> tuple[float, float]:
@@ -106,7 +114,7 @@ def main() -> int:
         return 0
     print(f"{'scenario':14} {'engine':9} {'simspec µs':>10} {'bare µs':>10} {'ratio':>7}")
     for scenario in SCENARIOS:
-        for name in default_engines():
+        for name in (name for name in engines() if name in BARE):
             command = [
                 sys.executable,
                 __file__,

@@ -13,6 +13,7 @@ from simspec.errors import EngineError, Problem, SpecError
 
 if TYPE_CHECKING:
     from simspec.language.load import Spec
+    from simspec.selection import Selection
     from simspec.world.types import World
 
 SpecName = Annotated[str, typer.Argument(metavar="SPEC", help="A YAML file, or the name of a library scenario.")]
@@ -111,14 +112,14 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
     return found
 
 
-def engine_names(words: list[str] | None) -> list[str]:
-    """The engines asked for, by label (a format stands for its engines); when none is, all that are taken by default."""
+def engine_names(words: list[str]) -> list[str]:
+    """The engines asked for, by label; a format stands for its engines."""
     from simspec.engines.kit.identity import parse
-    from simspec.engines.kit.registry import default_engines, engines, find_engine, format_of
+    from simspec.engines.kit.registry import engines, find_engine, format_of
 
     known = engines()
     labels: dict[str, None] = {}
-    for word in words or default_engines():
+    for word in words:
         readers = [name for name, engine in known.items() if word not in known and word == format_of(engine)]
         given = parse(word)
         if not readers:
@@ -127,33 +128,34 @@ def engine_names(words: list[str] | None) -> list[str]:
     return list(labels)
 
 
-def names_alone(words: list[str] | None) -> list[str]:
+def names_alone(words: list[str]) -> list[str]:
     """The same for what is about files: they are of an engine, whatever its version."""
     from simspec.engines.kit.identity import engine_name
 
     return list(dict.fromkeys(map(engine_name, engine_names(words))))
 
 
-def installed_engines() -> list[str]:
-    """The engines that are installed here, of those that are taken by default. Raises SpecError when none is."""
-    from simspec.engines.kit.registry import engines
+def engines_for_files(words: list[str] | None) -> Selection:
+    """The engines that files are written for: those that are named, else every known one."""
+    from simspec import selection
 
-    found = [name for name, engine in engines().items() if engine.BY_DEFAULT and engine.version() is not None]
-    if not found:
+    return selection.named(names_alone(words)) if words else selection.known()
+
+
+def engines_at_work(words: list[str] | None, pythons: Mapping[str, str], demand: bool = True) -> Selection:
+    """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine
+    that is not installed (unless ``demand`` is false), SpecError when no engine is."""
+    from simspec import selection
+
+    if words:
+        names = engine_names(words)
+        if demand:
+            demand_installed(names, pythons)
+        return selection.named(names)
+    found = selection.available(pythons)
+    if not found.engines:
         raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])
     return found
-
-
-def possible_engines(pythons: Mapping[str, str], as_json: bool) -> list[str]:
-    """The known engines but those that this Python cannot have, which are named on standard error; an engine with an
-    interpreter of its own is one of them."""
-    from simspec.engines.kit.installing import left_out
-
-    absent = {name: why for name, why in left_out().items() if name not in pythons}
-    if not as_json:
-        for name, why in absent.items():
-            print(f"{name} is skipped: it {why}; --python {name}=PATH runs it in another interpreter", file=sys.stderr)
-    return [name for name in engine_names(None) if name not in absent]
 
 
 def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:

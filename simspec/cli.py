@@ -101,8 +101,9 @@ def accept_command(
 ) -> int:
     """Add the `accept` and `outside` entries that engines need to a spec, each with its reason as a comment.
 
-    Without --engine: for the installed engines. Review the entries: each one is a difference from the spec.
-    If an engine does not support a feature at all, this is an error, and nothing is written.
+    Without --engine: for the installed engines; those that do not support the spec at all are listed. Review the
+    entries: each one is a difference from the spec. If a named engine does not support a feature at all, this is an
+    error, and nothing is written.
 
     \b
     simspec accept arm.yaml
@@ -183,7 +184,7 @@ def compile_command(
 ) -> int:
     """Compile specs to the formats of the engines: generated/NAME/ with world.json and one folder per engine.
 
-    Without SPEC: all files in ./specs.
+    Without SPEC: all files in ./specs. Without --engine: for every known engine; those that do not support a spec are listed.
 
     \b
     simspec compile robot.yaml
@@ -237,6 +238,8 @@ def verify_command(
 ) -> int:
     """Prove that every engine has the spec's model; writes generated/NAME/certificate.json.
 
+    Without --engine: in every installed engine; those that do not support the spec are listed.
+
     \b
     simspec verify robot.yaml
     simspec verify robot.yaml --engine ENGINE1 --engine ENGINE2
@@ -268,7 +271,7 @@ def verify_command(
 def run_command(
     spec: SpecName,
     all_engines: Annotated[
-        bool, typer.Option("--all-engines", help="Run in all engines that can be installed for this Python.")
+        bool, typer.Option("--all-engines", help="Run in every installed engine that supports the spec, at least two.")
     ] = False,
     engine: Engines = None,
     keep_going: Annotated[
@@ -306,6 +309,7 @@ def run_command(
 ) -> int:
     """Compile, verify, run in several engines, and compare.
 
+    With --all-engines, engines that do not support the spec are listed and the others run: at least two, else exit 2.
     Writes runs/NAME/: one folder per engine (Parquet and provenance.json), compiled/, certificate.json, report.json.
 
     \b

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.engines.kit.registry import default_engines, engines
+from simspec.engines.kit.registry import engines
 from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 
@@ -241,7 +241,7 @@ def test_schemas_of_the_engine_process(folder, name):
 def test_compile_writes_every_engine_and_is_stable(folder):
     simspec("compile", "fall.yaml")
     place = folder / "generated" / "fall"
-    assert {path.name for path in place.iterdir()} == {"simspec-folder.json", "world.json", *default_engines()}
+    assert {path.name for path in place.iterdir()} == {"simspec-folder.json", "world.json", *engines()}
     files = {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}
     assert data("compile", "fall.yaml")["compiled"][0]["changed"] is False
     assert files == {path: path.read_bytes() for path in place.rglob("*") if path.is_file()}

@@ -29,6 +29,7 @@ ORDER = (
     "dialects",
     "engines",
     "compiler",
+    "selection",
     "proof",
     "runner",
     "comparison",

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from tests.random_specs import spec
 
 ROOT = Path(__file__).resolve().parent.parent
-ENGINES = sorted(default_engines())
+ENGINES = sorted(engines())
 RARE = {
     Feature.IMPACT_FRICTION,
     Feature.TREE_SIZE,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import run
 from simspec.world.kinematics import poses
@@ -20,7 +20,7 @@ from simspec.world.types import Inertial
 
 ROOT = Path(__file__).resolve().parent.parent
 SPECS = ROOT / "specs"
-ENGINES = sorted(default_engines())
+ENGINES = sorted(engines())
 LIMIT = 0.01
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, Reply, call
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.support.features import Feature
@@ -33,7 +33,7 @@ from simspec.world.types import (
 
 Settings = tuple[tuple[str, bool | int | float | str], ...]
 
-ENGINES = tuple(default_engines())
+ENGINES = tuple(engines())
 RUNS: Mapping[str, tuple[str, Settings]] = {
     **{name: (name, ()) for name in ENGINES},
     "mujoco, coulomb": ("mujoco", (("friction", "coulomb"),)),

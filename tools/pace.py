@@ -32,7 +32,7 @@ from simspec.control.request import from_request, to_request
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.process import ONE_THREAD
 from simspec.engines.kit.recorder import MOST_BYTES, Recording, Stepper
-from simspec.engines.kit.registry import default_engines, engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.world.types import EngineOptions, World
 
 PARTS = ("step", "control", "record")
@@ -143,9 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """See the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("spec", type=Path)
-    parser.add_argument(
-        "--only", nargs="+", choices=list(default_engines()), default=list(default_engines()), help="engines"
-    )
+    parser.add_argument("--only", nargs="+", choices=list(engines()), default=list(engines()), help="engines")
     parser.add_argument("--seconds", type=float, help="of the scenario; all of it without")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--setting", type=_setting, action="append", default=[], metavar="ENGINE.NAME=VALUE")

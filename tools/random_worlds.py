@@ -25,7 +25,7 @@ import numpy as np
 
 import simspec
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.registry import default_engines, engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError, UnsupportedError
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.kinematics import initial_state
@@ -105,7 +105,7 @@ def main() -> int:
     parser.add_argument("--contact-every", type=int, default=10, metavar="N")
     parser.add_argument("--write", type=Path)
     asked = parser.parse_args()
-    names = asked.engine or sorted(default_engines())
+    names = asked.engine or sorted(engines())
     seeds = asked.seeds or range(asked.first, asked.first + asked.count)
     invalid, causes, began = [], collections.Counter(), time.monotonic()
     compared = collections.Counter()

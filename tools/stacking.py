@@ -26,7 +26,7 @@ from pace import measure, table, with_settings
 from stacking_page import ASLEEP, PAGE, ROOT, SEEDS, TIMESTEPS, keep, key, load, page, picture
 
 import simspec
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run, run
@@ -136,7 +136,7 @@ def _at_a_record(one: Expectation, timestep: float, steps: int, every: int) -> E
 
 
 def _asleep(world: World) -> World:
-    for engine in default_engines():
+    for engine in engines():
         world = with_settings(world, engine, {"sleeping": True})
     return world
 
@@ -298,9 +298,7 @@ def control(chosen: Sequence[str]) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """See the module's docstring."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--only", nargs="+", choices=list(default_engines()), default=list(default_engines()), help="engines"
-    )
+    parser.add_argument("--only", nargs="+", choices=list(engines()), default=list(engines()), help="engines")
     parser.add_argument("--timesteps", nargs="+", type=float, default=list(TIMESTEPS), help="ms")
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
     parser.add_argument("--jobs", type=int, default=2, help="runs at once")

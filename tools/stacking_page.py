@@ -9,7 +9,7 @@ from typing import Any
 
 from pace import PARTS
 
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "stacking.json"
@@ -21,13 +21,18 @@ TIMESTEPS = (*range(1, 11), 12, 14, 16, 18, 20, 24, 28, 32, 48, 64)
 SEEDS = (0, 1, 2)
 ASLEEP = (1.0, 4.0)
 """ms: timesteps of the runs with sleeping."""
-COLOURS = dict(zip(default_engines(), ("#4c72b0", "#dd8452", "#55a868"), strict=False))
+COLOURS = {"dart": "#4c72b0", "mujoco": "#dd8452", "pybullet": "#55a868", "drake": "#c44e52"}
 """A colour for each engine."""
 
 
 def key(engine: str, milliseconds: float, seed: int, kind: str = "run") -> str:
     """The name of a result among those kept."""
     return f"{kind} {engine} {milliseconds:g} {seed}"
+
+
+def measured(known: Mapping[str, dict[str, Any]]) -> list[str]:
+    """The engines that have results."""
+    return [name for name in engines() if any(one.split()[1] == name for one in known)]
 
 
 def load() -> dict[str, dict[str, Any]]:
@@ -59,7 +64,7 @@ def _verdict(row: dict[str, Any] | None) -> str:
 
 def tables(known: Mapping[str, dict[str, Any]]) -> dict[str, str]:
     """The generated parts of the page, by name."""
-    names = list(default_engines())
+    names = measured(known)
     lines = [f"| timestep | {' | '.join(names)} |", f"|---|{'---|' * len(names)}"]
     for step in TIMESTEPS:
         cells = [cell([known.get(key(name, step, seed)) for seed in SEEDS]) for name in names]
@@ -115,7 +120,7 @@ def picture(known: Mapping[str, dict[str, Any]]) -> None:
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
     axes = figure.subplots()
     top = 40.0
-    for name, marker in zip(default_engines(), "osD^v", strict=False):
+    for name, marker in zip(measured(known), "osD^v", strict=False):
         for seed in SEEDS:
             rows = [(step, known.get(key(name, step, seed))) for step in TIMESTEPS]
             there = [(step, row) for step, row in rows if row is not None]

@@ -6,11 +6,11 @@ import dataclasses
 import io
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import installed_engines, load_spec, names_alone
+from simspec.arguments import engines_at_work, engines_for_files, load_spec
 from simspec.compiler import needed_decisions
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
@@ -20,6 +20,7 @@ from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
+from simspec.selection import NotTaken, Selection, refusal
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.types import EngineOptions, World
@@ -31,30 +32,35 @@ KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outsid
 def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
     """Write what the engines named by ``engine`` (without: those installed) need into the file ``spec``."""
     loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
-    return accept_world(loaded, world, names_alone(engine) if engine else installed_engines(), as_json)
+    selection = engines_for_files(engine) if engine else engines_at_work(None, {})
+    return accept_world(loaded, world, selection, as_json)
 
 
-def accept_world(spec: Spec, world: World, engines: Iterable[str], as_json: bool) -> int:
-    """Write what ``engines`` need into the spec's file; what stands there stays. Raises SpecError for scenarios of the library
-    and for files that cannot be written, UnsupportedError with every feature that an engine cannot have at all."""
+def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) -> int:
+    """Write what engines need into the spec's file; what stands there stays. Engines that nobody named and that do not support
+    the world at all are told. Raises SpecError for scenarios of the library and for files that cannot be written,
+    UnsupportedError with every feature that a named engine, or every engine, does not support at all."""
     path = _own(spec)
     wanted: dict[str, dict[str, dict[str, str]]] = {}
-    problems: list[Problem] = []
-    for name in engines:
+    not_taken: dict[str, NotTaken] = {}
+    for name in selection.engines:
         try:
             wanted[name] = missing(world, name)
         except UnsupportedError as error:
-            problems += [dataclasses.replace(one, location=spec.locate(one.path)) for one in error.problems]
-    if problems:
-        raise UnsupportedError(problems)
+            located = [dataclasses.replace(one, location=spec.locate(one.path)) for one in error.problems]
+            not_taken[name] = refusal(located)
+    if not_taken and (selection.named or not wanted):
+        raise UnsupportedError([problem for one in not_taken.values() for problem in one.problems])
     wanted = {name: keys for name, keys in wanted.items() if keys}
     if wanted:
         before = read_text(path)
         after = edited(before, wanted)
         write_file(path, after, ours=lambda found: found == before.encode())
     if as_json:
-        sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted}))
+        sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted, "not_taken": not_taken}))
         return EXIT_OK
+    for name, one in not_taken.items():
+        print(f"not for {name}: {one}")
     for name, keys in wanted.items():
         for key, features in keys.items():
             for feature, why in features.items():

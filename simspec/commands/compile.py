@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
-from simspec.arguments import load_spec, names_alone
+from simspec.arguments import engines_for_files, load_spec
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
@@ -16,6 +16,7 @@ from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
 from simspec.report.screen import console, say
 from simspec.resources import find_spec
+from simspec.selection import Selection
 from simspec.world.canonical import sha256
 
 if TYPE_CHECKING:
@@ -51,14 +52,14 @@ def compile_specs(
         return spec, world
 
     return compile_all(
-        names, load, names_alone(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+        names, load, engines_for_files(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
     )
 
 
 def compile_all(
     names: Sequence[str],
     load: Callable[[str], tuple[Spec, World]],
-    engines: list[str],
+    selection: Selection,
     out: Path | None,
     *,
     check: bool,
@@ -88,9 +89,11 @@ def compile_all(
     if any(refused):
         demand([*problems, *refused])
     built: list[Built] = []
+    chosen: list[Selection] = []
     for spec, world in loaded:
         try:
-            built.append(generated.build(world, engines, spec.locate))
+            chosen.append(selection.for_world(world, spec.locate))
+            built.append(generated.build(world, list(chosen[-1].engines), spec.locate))
         except SpecError as error:
             problems.extend(error.problems)
     demand(problems)
@@ -98,11 +101,16 @@ def compile_all(
         return _check(built, folders, as_json)
     written = [generated.write(one, folder) for one, folder in zip(built, folders, strict=True)]
     if as_json:
-        data = [_compiled_data(one, place, explain) for one, place in zip(built, written, strict=True)]
+        data = [
+            {**_compiled_data(one, place, explain), "not_compiled": choice.not_taken}
+            for one, place, choice in zip(built, written, chosen, strict=True)
+        ]
         sys.stdout.write(text({"compiled": data, "warnings": warnings}))
         return EXIT_OK
-    for one, place in zip(built, written, strict=True):
+    for one, place, choice in zip(built, written, chosen, strict=True):
         say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
+        for line in choice.lines():
+            say(f"  not for {line}")
         if place.dropped:
             say(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:

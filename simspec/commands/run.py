@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import engine_names, interpreters, load_spec, possible_engines, source_of
+from simspec.arguments import engines_at_work, interpreters, load_spec, source_of
 from simspec.commands.diff import diff_code
 from simspec.commands.study_folder import Results
 from simspec.comparison.study import study
@@ -15,8 +15,11 @@ from simspec.errors import EXIT_OK, Location, Problem, SpecError
 from simspec.report.final import ends
 from simspec.report.plain import study_data, text
 from simspec.report.progress import progress
+from simspec.report.screen import console
 from simspec.report.session import show_run
+from simspec.report.terminal import show_not_taken
 from simspec.resources import find_spec
+from simspec.selection import Selection
 from simspec.world.types import World
 
 
@@ -43,10 +46,9 @@ def run(
         raise SpecError([Problem("no engines selected", allowed="--all-engines, or --engine NAME (repeatable)")])
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     pythons = interpreters(python, engine)
-    names = engine_names(engine) if engine else possible_engines(pythons, as_json)
     return run_world(
         world,
-        names,
+        engines_at_work(engine, pythons, demand=False),
         out / world.name,
         spec=find_spec(spec),
         locate=loaded.locate,
@@ -66,7 +68,7 @@ def run(
 
 def run_world(
     world: World,
-    engines: list[str],
+    selection: Selection,
     folder: Path,
     *,
     spec: Path | None = None,
@@ -83,7 +85,12 @@ def run_world(
     warnings: Sequence[Problem] = (),
     show: Sequence[str] = (),
 ) -> int:
-    """Study ``world``, of the file ``spec``, in ``engines``, write ``folder``, and print."""
+    """Study ``world``, of the file ``spec``, in the engines of ``selection``, write ``folder``, and print.
+
+    Where no engine is named, those that support the world are compared: at least two.
+    """
+    selection = selection.for_world(world, locate, least=2)
+    engines = list(selection.engines)
     if fail_on_diff and len(engines) < 2:
         raise SpecError(
             [Problem("--fail-on-diff requires two engines", found=", ".join(engines), allowed="two or more engines")]
@@ -112,8 +119,10 @@ def run_world(
         code = diff_code(found.diffs)
     if as_json:
         more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        more["not_run"] = selection.not_taken
         more["ends"] = {name: ends(one, show) for name, one in found.runs.items()}
         sys.stdout.write(text({**study_data(found), **more}))
         return code
+    show_not_taken(selection, console())
     show_run(found, folder, results.notes, show, fail_on_diff)
     return code

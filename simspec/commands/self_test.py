@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report import terminal
@@ -13,7 +13,7 @@ from simspec.report.progress import progress
 from simspec.report.screen import console
 
 
-def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> int:
+def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool) -> int:
     """Plant defects into compiled files, one at a time, and count the ones that the proof catches."""
     from simspec.proof.selftest import self_test as plant
 
@@ -28,7 +28,7 @@ def self_test(engines: list[str], pythons: Mapping[str, str], as_json: bool) -> 
     return EXIT_OK if found.passed else EXIT_FAILED
 
 
-def complete_self_test(engines: list[str], as_json: bool) -> int:
+def complete_self_test(engines: Sequence[str], as_json: bool) -> int:
     """Try every change that compiled files can suffer, and say what was missed."""
     from simspec.proof.complete import complete_self_test as plant
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.arguments import demand_installed, engine_names, interpreters, load_spec
+from simspec.arguments import engines_at_work, interpreters, load_spec
 from simspec.commands.self_test import complete_self_test, self_test
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
@@ -19,6 +19,7 @@ from simspec.report.plain import plain, text
 from simspec.report.progress import progress
 from simspec.report.screen import console
 from simspec.resources import find_spec
+from simspec.selection import Selection
 from simspec.world.types import World
 
 if TYPE_CHECKING:
@@ -47,19 +48,21 @@ def verify(
     as_json: bool,
 ) -> int:
     """Verify ``spec``, or with ``planted`` test the proof itself (``complete``: with every change that files can suffer)."""
-    names, pythons = engine_names(engine), interpreters(python, engine)
+    pythons = interpreters(python, engine)
     if (spec is None) != planted:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
     if complete and (spec is not None or pythons):
         raise SpecError([Problem("--complete requires --self-test, without --python")])
-    demand_installed(names, pythons)
+    selection = engines_at_work(engine, pythons)
     if complete:
-        return complete_self_test(names, as_json)
+        return complete_self_test(selection.engines, as_json)
     if spec is None:
-        return self_test(names, pythons, as_json)
+        return self_test(selection.engines, pythons, as_json)
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     check_targets(world, spec, out, contact)
-    return verify_world(world, names, loaded.locate, pythons, deadline, out, as_json, contact, cache, warnings=warned)
+    return verify_world(
+        world, selection, loaded.locate, pythons, deadline, out, as_json, contact, cache, warnings=warned
+    )
 
 
 def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
@@ -75,7 +78,7 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
 
 def verify_world(
     world: World,
-    engines: list[str],
+    selection: Selection,
     locate: Callable[[str], Location | None],
     pythons: Mapping[str, str],
     deadline: float,
@@ -89,6 +92,8 @@ def verify_world(
     """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it."""
     from simspec.proof.verify import verify as prove
 
+    selection = selection.for_world(world, locate)
+    engines = list(selection.engines)
     folder = out or generated.GENERATED / world.name
     built = generated.build(world, engines, locate)
     generated.write(built, folder)
@@ -107,10 +112,19 @@ def verify_world(
     path = folder / generated.CERTIFICATE_FILE
     if as_json:
         sys.stdout.write(
-            text({"certificate": plain(certificate), "valid": certificate.valid, "file": path, "warnings": warnings})
+            text(
+                {
+                    "certificate": plain(certificate),
+                    "valid": certificate.valid,
+                    "file": path,
+                    "not_verified": selection.not_taken,
+                    "warnings": warnings,
+                }
+            )
         )
     else:
         screen = console()
+        terminal.show_not_taken(selection, screen)
         terminal.show_certificate(certificate, screen)
         if contact:
             for path_of_plot in show_contact(certificate, world, screen):

@@ -23,6 +23,7 @@ from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
+from simspec.selection import Selection
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 
@@ -295,6 +296,18 @@ STYLES = {
     Level.APPROXIMATE: "yellow",
     Level.UNSUPPORTED: "red",
 }
+
+
+def show_not_taken(selection: Selection, screen: Console) -> None:
+    """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
+    if not selection.not_taken:
+        return
+    found = table("Not run", "engine", "why", "where")
+    for name, one in selection.not_taken.items():
+        found.add_row(name, _shorten(one.reason), str(one.location or ""))
+    screen.print(found)
+    if asked := [name for name, one in selection.not_taken.items() if one.acceptable]:
+        screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
 
 
 def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:

@@ -12,6 +12,7 @@ from simspec.comparison.floor import Floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK, SpecError
+from simspec.selection import named
 from tests.runner.synthetic import column, free_body, run, world
 
 ONE = world(free_body("ball"))
@@ -46,7 +47,7 @@ def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart
     monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
     found = run_command.run_world(
         ONE,
-        ["first", "second"],
+        named(["first", "second"]),
         tmp_path / "run",
         locate=lambda path: None,
         prove=False,
@@ -75,7 +76,7 @@ def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
     with pytest.raises(SpecError, match="requires two engines"):
         run_command.run_world(
             ONE,
-            ["first"],
+            named(["first"]),
             tmp_path / "run",
             locate=lambda path: None,
             prove=False,

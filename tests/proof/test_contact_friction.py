@@ -9,11 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.registry import default_engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
+from simspec.support.features import Feature
 from simspec.world.types import FRICTION_CONES, Hardness, PairContact
+from tests.declared import engines_with
 from tests.proof import contact_probing as probing
 
 PROBES = friction.PROBES
@@ -159,7 +161,7 @@ ASIDE = {("pybullet", "push-oblong"): 0.2226, ("pybullet", "stop-oblong"): 0.298
 """Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
 
 
-@pytest.mark.parametrize("engine", sorted(default_engines()))
+@pytest.mark.parametrize("engine", engines_with(Feature.RESTITUTION))
 @pytest.mark.parametrize("name", ["push-oblong", "stop-oblong"])
 def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, name, tmp_path):
     """It would not, were it square: PyBullet's figures must be off by what is declared, the others' in tolerance."""
@@ -201,7 +203,7 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
     assert abs(figure.measured / figure.expected - 1.0) < 0.003
 
 
-@pytest.mark.parametrize("engine", sorted(default_engines()))
+@pytest.mark.parametrize("engine", engines_with(Feature.RESTITUTION))
 @pytest.mark.parametrize("name", PROBES)
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):

@@ -7,15 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from simspec.engines.kit.registry import default_engines
 from simspec.proof.contact import compliance, impact
 from simspec.proof.contact.compliance import Oscillator
 from simspec.proof.contact.impact import bounce_ratio
 from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.support.features import Feature
 from simspec.world.types import Hardness
+from tests.declared import engines_with
 from tests.proof.contact_probing import figures, law
 
-ENGINES = sorted(default_engines())
+ENGINES = engines_with(Feature.RESTITUTION)
 DT = 0.001
 RESTITUTION, REST, OVERLAP = (impact.PROBES[name] for name in ("restitution", "rest", "overlap"))
 COMPLIANCE = compliance.PROBES["compliance"]

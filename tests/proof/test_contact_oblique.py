@@ -9,16 +9,20 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.registry import default_engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import oblique, run, size
 from simspec.proof.contact.law import project
 from simspec.proof.contact.oblique import impact_begins, impact_ends
 from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.support.features import Feature
 from tests import worlds
+from tests.declared import engines_with
 from tests.proof.contact_probing import law
 
 PROBE = oblique.PROBES["oblique"]
-MODES = {name: () for name in sorted(default_engines()) if name != "mujoco"} | {"mujoco": (("friction", "coulomb"),)}
+MODES = {name: () for name in engines_with(Feature.RESTITUTION) if name != "mujoco"} | {
+    "mujoco": (("friction", "coulomb"),)
+}
 """Settings of each engine with which impacts have friction."""
 
 

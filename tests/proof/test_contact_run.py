@@ -12,7 +12,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.defects import NAMES
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.registry import default_engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.contact import cache, run, size
@@ -20,10 +20,12 @@ from simspec.proof.contact.probe import Figure, Law
 from simspec.proof.selftest import defects_of
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.proof.verify import verify
+from simspec.support.features import Feature
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
+from tests.declared import engines_with
 
-ENGINES = sorted(default_engines())
+ENGINES = engines_with(Feature.RESTITUTION)
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0
 ASIDE = {"pybullet": ("push-oblong", "stop-oblong"), "mujoco": ("oblique",)}

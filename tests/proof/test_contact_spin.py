@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.kit.registry import default_engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import spin
 from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.support.features import Feature
+from tests.declared import engines_with
 from tests.proof.contact_probing import figures, law, world_of
 
 TORSIONAL, ROLLING = spin.PROBES["torsional"], spin.PROBES["rolling"]
 WITH_MOMENTS = []
-for _name in sorted(default_engines()):
+for _name in engines_with(Feature.RESTITUTION):
     _law = law(torsional_friction=0.005, rolling_friction=0.005)
     try:
         compile_world(world_of(_law, TORSIONAL.trials(_law)[0]), [_name])
@@ -59,7 +60,7 @@ def test_another_length_is_measured_as_such(engine, probe, quantity, tmp_path):
     assert left.passed
 
 
-@pytest.mark.parametrize("engine", sorted(default_engines()))
+@pytest.mark.parametrize("engine", engines_with(Feature.RESTITUTION))
 def test_a_dropped_moment_is_caught(engine, tmp_path):
     slowing, left = figures(engine, TORSIONAL, law(torsional_friction=0.004), tmp_path, compiled=law())
     assert slowing.measured == pytest.approx(0.0, abs=1e-6)

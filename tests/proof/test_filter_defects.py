@@ -7,12 +7,12 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.registry import default_engines
+from simspec.engines.kit.registry import engines
 from simspec.proof.verify import prepare, verify
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds
 
-ENGINES = sorted(default_engines())
+ENGINES = sorted(engines())
 
 
 @pytest.fixture(scope="module", params=ENGINES)

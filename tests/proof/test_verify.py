@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from simspec.engines.kit.registry import default_engines, engines
+from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError, UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.judge import judge
@@ -92,7 +92,7 @@ def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
     assert len(caught.value.problems) >= 2
 
 
-DEFECTS = dict.fromkeys(default_engines()) | {
+DEFECTS = dict.fromkeys(engines()) | {
     "drake": ("armature", "ball damping", "ball spring", "restitution", "rolling friction", "dry friction", "hardness"),
 }
 """Which are planted (None: all). Drake's contact probes take minutes: ``verify --self-test --engine drake`` plants all 40."""

@@ -67,7 +67,6 @@ class Drake(Engine):
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
-    BY_DEFAULT: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
         Capability.NATIVE_CONTROLLERS: _NOT_YET,

@@ -45,8 +45,6 @@ class Engine:
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
     """Whether pairs that no numbers give are had by copies of shapes in layers (see ``contact/plan.py``)."""
-    BY_DEFAULT: ClassVar[bool] = True
-    """Whether it is taken where no engine is named. One that most worlds are refused by is asked for by name."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0

@@ -50,11 +50,6 @@ def format_of(engine: type[Engine]) -> str:
     return dialects()[engine.DIALECT].FORMAT
 
 
-def default_engines() -> list[str]:
-    """The names of the engines that are taken where none is named."""
-    return [name for name, engine in engines().items() if engine.BY_DEFAULT]
-
-
 def broken_engines() -> Mapping[str, str]:
     """The engines that are offered and cannot be used, with the reason."""
     return _offered().broken

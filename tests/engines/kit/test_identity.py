@@ -6,7 +6,7 @@ import pytest
 
 from simspec.arguments import engine_names, interpreters, names_alone
 from simspec.engines.kit.identity import EngineId, demand_version, engine_name, parse
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, SpecError
 
 
@@ -59,7 +59,6 @@ def test_labels_of_a_command():
     assert engine_names(words) == ["mujoco", "mujoco@3.3", "dart"]
     assert names_alone(words) == ["mujoco", "dart"]
     assert interpreters(["dart=/b/python"], words) == {"mujoco@3.3": "/a/python", "dart": "/b/python"}
-    assert engine_names(None) == [name for name, engine in engines().items() if engine.BY_DEFAULT]
     assert find_engine("mujoco@3.3") is find_engine("mujoco")
     with pytest.raises(SpecError, match="two interpreters"):
         interpreters(["mujoco@3.3=/b/python"], words)

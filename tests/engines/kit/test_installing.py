@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from simspec import cli
+from simspec import cli, selection
 from simspec.commands import run
 from simspec.engines.kit import installing
 from simspec.engines.kit.registry import engines
@@ -32,19 +32,23 @@ def test_an_engine_without_wheels_for_a_python_says_so():
     )
 
 
-def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path, capsys):
+def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path):
     asked = []
-    monkeypatch.setattr(installing, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
-    monkeypatch.setattr(run, "run_world", lambda world, names, *_, **__: asked.append(names) or 0)
+    pybullet = engines()["pybullet"]
+    monkeypatch.setattr(pybullet, "version", classmethod(lambda cls: None))
+    monkeypatch.setattr(selection, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
+    monkeypatch.setattr(run, "run_world", lambda world, chosen, *_, **__: asked.append(chosen) or 0)
     words = ["run", "bouncing-ball", "--all-engines", "--out", str(tmp_path)]
     assert cli.main(words) == 0
-    assert asked == [["dart", "mujoco"]]
-    said = capsys.readouterr().err
-    assert "pybullet is skipped: it cannot be installed on Python 3.12; --python pybullet=PATH" in said
+    assert asked[0].engines == ("dart", "drake", "mujoco")
+    assert str(asked[0].not_taken["pybullet"]) == (
+        "cannot be installed on Python 3.12; --python pybullet=PATH runs it in another Python"
+    )
     # an interpreter of its own makes it one of them again; who names it gets it, or the error
     assert cli.main([*words, "--python", "pybullet=/some/python"]) == 0
     assert cli.main(["run", "bouncing-ball", "--engine", "pybullet", "--out", str(tmp_path)]) == 0
-    assert asked[1:] == [["dart", "mujoco", "pybullet"], ["pybullet"]]
+    assert [one.engines for one in asked[1:]] == [("dart", "drake", "mujoco", "pybullet"), ("pybullet",)]
+    assert [one.named for one in asked] == [False, False, True]
 
 
 def extra(name: str) -> set[str]:

@@ -1,0 +1,136 @@
+"""The engines that a command takes, and those that it leaves out with the reason.
+
+One rule for every command. An engine that the user names has to do the work: when it is not installed, or does not support the
+world, the command fails. Where no engine is named, every engine that can do the work is taken; the others are listed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from simspec.compiler import check_control, check_options, compile_world
+from simspec.engines.kit.installing import left_out
+from simspec.engines.kit.registry import engines
+from simspec.errors import Location, Problem, UnsupportedError
+from simspec.support.features import Feature
+from simspec.world.types import World
+
+
+@dataclass(frozen=True, slots=True)
+class NotTaken:
+    """An engine that is left out: why in one line, the place in the spec, and every problem (none: it is not installed).
+
+    ``acceptable``: whether it takes the world once what it asks for is accepted by name (``simspec accept``).
+    """
+
+    reason: str
+    location: Location | None = None
+    problems: tuple[Problem, ...] = ()
+    acceptable: bool = False
+
+    def __str__(self) -> str:
+        return self.reason + (f" ({self.location})" if self.location else "")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """``engines`` by label, in order; ``named``: whether the user named them; ``not_taken``: the others, by name."""
+
+    engines: tuple[str, ...]
+    named: bool
+    not_taken: Mapping[str, NotTaken]
+
+    def lines(self) -> list[str]:
+        """Every engine that is not taken, with the reason and the place in the spec."""
+        return [f"{name}: {one}" for name, one in self.not_taken.items()]
+
+    def for_world(
+        self, world: World, locate: Callable[[str], Location | None] = lambda path: None, least: int = 1
+    ) -> Selection:
+        """The engines of this selection that support ``world``.
+
+        Named engines stay: what they refuse is the error of the step that compiles for them. Raises UnsupportedError, with
+        every problem, when fewer than ``least`` engines are left, and for what is wrong whatever the engine is.
+        """
+        if self.named:
+            return self
+        if general := [*check_options(world, locate), *check_control(world, locate)]:
+            raise UnsupportedError(general)
+        taken, left = supporting(world, self.engines, locate)
+        not_taken = {**self.not_taken, **left}
+        if len(taken) < least:
+            raise UnsupportedError(_too_few(taken, least, not_taken))
+        return Selection(tuple(taken), False, not_taken)
+
+
+def supporting(
+    world: World, names: Iterable[str], locate: Callable[[str], Location | None]
+) -> tuple[list[str], dict[str, NotTaken]]:
+    """The engines that ``world`` compiles for, and the others with the reason."""
+    taken: list[str] = []
+    left: dict[str, NotTaken] = {}
+    for name in names:
+        try:
+            compile_world(world, [name], locate)
+        except UnsupportedError as error:
+            left[name] = dataclasses.replace(refusal(error.problems), acceptable=_acceptable(world, name))
+        else:
+            taken.append(name)
+    return taken, left
+
+
+def _acceptable(world: World, name: str) -> bool:
+    """Whether an engine supports ``world`` where everything is accepted that can be."""
+    words = tuple(feature.value for feature in Feature)
+    options = dataclasses.replace(world.options(name), accept=words, outside=words)
+    others = tuple(one for one in world.engines if one.engine != options.engine)
+    try:
+        compile_world(dataclasses.replace(world, engines=(*others, options)), [name])
+    except UnsupportedError:
+        return False
+    return True
+
+
+def refusal(problems: Sequence[Problem]) -> NotTaken:
+    """What an engine does not support, in one line: the first problem, and how many more there are."""
+    first, more = problems[0], len(problems) - 1
+    reason = first.message + (f"; and {more} more problem{'s' if more > 1 else ''}" if more else "")
+    return NotTaken(reason, first.location, tuple(problems))
+
+
+def _too_few(taken: Sequence[str], least: int, not_taken: Mapping[str, NotTaken]) -> list[Problem]:
+    told = [problem for one in not_taken.values() for problem in one.problems]
+    absent = [f"{name}: {one.reason}" for name, one in not_taken.items() if not one.problems]
+    words = f"at least {least} engines" if least > 1 else "one engine"
+    problem = Problem(
+        f"{words} must support this world, and {', '.join(taken) or 'none'} does",
+        found="; ".join(absent) or None,
+        hint=f"run it alone: --engine {taken[0]}" if taken else None,
+    )
+    return [*told, problem]
+
+
+def available(pythons: Mapping[str, str]) -> Selection:
+    """Every engine that is installed here, or has an interpreter in ``pythons``; the others with the way to install them."""
+    impossible = left_out()
+    taken, not_taken = [], {}
+    for name, engine in engines().items():
+        if name in pythons or engine.version() is not None:
+            taken.append(name)
+        elif name in impossible:
+            not_taken[name] = NotTaken(f"{impossible[name]}; --python {name}=PATH runs it in another Python")
+        else:
+            not_taken[name] = NotTaken(f"not installed: pip install 'simspec[{engine.EXTRA}]'")
+    return Selection(tuple(taken), False, not_taken)
+
+
+def known() -> Selection:
+    """Every known engine, installed or not: for what is about files."""
+    return Selection(tuple(engines()), False, {})
+
+
+def named(labels: Iterable[str]) -> Selection:
+    """The engines that the user named."""
+    return Selection(tuple(labels), True, {})

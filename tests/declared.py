@@ -1,0 +1,20 @@
+"""The engines that a test is for, by what they declare."""
+
+from __future__ import annotations
+
+from simspec.dialects.kit.contract import dialects
+from simspec.engines.kit.registry import engines
+from simspec.support.declarations import Level, combine
+from simspec.support.features import Feature
+
+
+def engines_with(*features: Feature) -> list[str]:
+    """Every engine that supports all the features in some world, by name."""
+    return sorted(
+        name
+        for name, engine in engines().items()
+        if all(
+            combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)[feature].level is not Level.UNSUPPORTED
+            for feature in features
+        )
+    )

@@ -1,0 +1,146 @@
+"""Which engines a command takes: those that are named have to; where none is, those that support the world do."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import simspec
+from simspec import cli, selection
+from simspec.engines.kit.registry import engines
+from simspec.errors import UnsupportedError
+
+BALL = """simspec: 1
+name: ball
+physics: {timestep: 1 ms, duration: 20 ms}
+bodies:
+  ball:
+    pose: {xyz: [0, 0, 1]}
+    shapes: [{sphere: {radius: 50 mm}, density: 1000}]
+  floor: {fixed: true, shapes: [{plane: {}}]}
+contact:
+  materials: {rubber: {friction: 0, restitution: 0.5}}
+engines:
+  mujoco: {accept: [material.restitution]}
+  dart: {accept: [material.restitution]}
+"""
+ALONE = """simspec: 1
+name: ball
+physics: {timestep: 1 ms, duration: 20 ms}
+bodies:
+  ball:
+    pose: {xyz: [0, 0, 1]}
+    shapes: [{sphere: {radius: 50 mm}, density: 1000}]
+  floor: {fixed: true, shapes: [{plane: {}}]}
+contact:
+  friction_cone: pyramid-inscribed
+  materials: {rubber: {friction: 0.5}}
+engines:
+  mujoco: {accept: [contact.friction.impact, contact.cone.pyramid-inscribed]}
+"""
+"""One engine has this cone."""
+WRONG = BALL.replace("mujoco: {", "mujoco: {settings: {nothing: 1}, ")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def write(text):
+        (tmp_path / "ball.yaml").write_text(text)
+        return tmp_path
+
+    return write
+
+
+def answer(capsys, *words, code=0):
+    capsys.readouterr()
+    assert cli.main([*words, "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def test_what_is_refused_is_listed_with_its_place_and_the_others_go_on(place, capsys):
+    place(BALL)
+    (compiled,) = answer(capsys, "compile", "ball.yaml")["compiled"]
+    proven = answer(capsys, "verify", "ball.yaml")
+    run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats")
+    others = {"dart", "mujoco", "pybullet"}
+    assert set(compiled["engines"]) == set(proven["certificate"]["engines"]) == set(run["runs"]) == others
+    for told in (compiled["not_compiled"], proven["not_verified"], run["not_run"]):
+        assert list(told) == ["drake"]
+        assert "material.restitution" in told["drake"]["reason"]
+        assert told["drake"]["location"]["file"].endswith("ball.yaml")
+        assert told["drake"]["acceptable"] is False
+    assert run["exit_code"] == 0
+
+
+def test_tables_have_one_row_for_each_engine_that_is_left_out(place, capsys):
+    place(BALL)
+    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
+    said = capsys.readouterr().out
+    assert "Not run" in said
+    row = next(line for line in said.splitlines() if line.strip().startswith("drake"))
+    assert "material.restitution" in row
+    assert cli.main(["compile", "ball.yaml"]) == 0
+    assert "not for drake: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [("compile",), ("verify",), ("run",), ("check",)])
+def test_an_engine_that_is_named_and_refuses_is_an_error(place, capsys, words):
+    place(BALL)
+    found = answer(capsys, *words, "ball.yaml", "--engine", "drake", "--engine", "mujoco", code=2)
+    assert any("material.restitution" in problem["message"] for problem in found["error"]["problems"])
+    assert not list(place(BALL).glob("[gr][eu]n*"))
+
+
+def test_run_compares_at_least_two(place, capsys):
+    place(ALONE)
+    found = answer(capsys, "run", "ball.yaml", "--all-engines", code=2)["error"]["problems"]
+    assert "at least 2 engines must support this world, and mujoco does" in found[-1]["message"]
+    assert found[-1]["hint"] == "run it alone: --engine mujoco"
+    assert {problem["message"].split()[0] for problem in found[:-1]} >= {"drake", "dart"}
+    # a proof of one engine is a proof
+    assert list(answer(capsys, "verify", "ball.yaml")["certificate"]["engines"]) == ["mujoco"]
+
+
+def test_what_is_wrong_whatever_the_engine_is_an_error(place, capsys):
+    place(WRONG)
+    for words in (("compile",), ("verify",), ("run", "--all-engines")):
+        found = answer(capsys, words[0], "ball.yaml", *words[1:], code=2)
+        assert "nothing" in json.dumps(found)
+
+
+def test_where_no_engine_supports_a_world_all_say_why():
+    world = simspec.Spec.from_data({"simspec": 1, "name": "a", "bodies": {"b": {"fixed": True}}}).resolve()
+    names = list(engines())
+    taken, left = selection.supporting(world, names, lambda path: None)
+    assert (taken, left) == (names, {})
+    ball = simspec.load(simspec.find_spec("bouncing-ball")).resolve()
+    with pytest.raises(UnsupportedError) as caught:
+        selection.Selection(("drake",), False, {}).for_world(ball)
+    assert [problem.path for problem in caught.value.problems][:-1] == ["contact.pairs.rubber.rubber.restitution"]
+    # named engines stay: compiling is what refuses
+    assert selection.named(["drake"]).for_world(ball).engines == ("drake",)
+
+
+def test_what_can_be_accepted_is_told(place, capsys):
+    place(BALL.replace("  mujoco: {accept: [material.restitution]}\n", ""))
+    assert cli.main(["run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify"]) == 0
+    said = capsys.readouterr().out
+    assert "to accept by name what differs: simspec accept SPEC  (mujoco)" in said
+    assert cli.main(["accept", "ball.yaml"]) == 0
+    said = capsys.readouterr().out
+    assert "engines.mujoco.accept: material.restitution" in said
+    assert "not for drake: " in said
+    assert cli.main(["accept", "ball.yaml", "--engine", "drake"]) == 2
+    assert set(answer(capsys, "compile", "ball.yaml")["compiled"][0]["engines"]) == {"dart", "mujoco", "pybullet"}
+
+
+def test_what_is_not_installed_is_listed_too(place, capsys, monkeypatch):
+    place(BALL)
+    monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
+    run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify")
+    assert set(run["runs"]) == {"mujoco", "pybullet"}
+    assert run["not_run"]["dart"]["reason"] == "not installed: pip install 'simspec[dart]'"
