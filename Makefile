@@ -1,9 +1,9 @@
 # make setup   .venv with everything, at the locked versions
-# make demo    the main job: 216 spheres in three engines, then a robot arm
+# make demo    the main job: 216 spheres in four engines, then a robot arm
 # make test    what CI runs: lint, stale files, tests
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
-# make selftest   every change that compiled files can suffer, in three engines, and its table in docs/proof.md: under an hour
+# make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make kills    compile, verify and run, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
