@@ -15,7 +15,7 @@ from simspec.control.native import fed_forward
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.target import Target
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
@@ -75,7 +75,7 @@ def compile_world(
     decisions: dict[str, tuple[Decision, ...]] = {}
     for name in names:
         try:
-            decisions[name] = _negotiate(world, find_engine(name), locate, (plans or {}).get(name))
+            decisions[name] = _negotiate(world, name, locate, (plans or {}).get(name))
         except UnsupportedError as error:
             problems.extend(_located(error, locate))
     for name in names:
@@ -114,9 +114,10 @@ def _engine_names(targets: Iterable[str]) -> list[str]:
 
 
 def _negotiate(
-    world: World, engine: type[Engine], locate: Callable[[str], Location | None], plan: ContactPlan | None
+    world: World, label: str, locate: Callable[[str], Location | None], plan: ContactPlan | None
 ) -> tuple[Decision, ...]:
-    decisions = needed_decisions(world, engine, locate, plan)
+    engine = find_engine(label)
+    decisions = needed_decisions(world, label, locate, plan)
     if plan is None and engine.LAYERS:
         _refuse_unreachable(world, engine)
     return tuple(decisions)
@@ -130,14 +131,17 @@ def _emit(world: World, label: str, plan: ContactPlan | None, decisions: tuple[D
 
 def needed_decisions(
     world: World,
-    engine: type[Engine],
+    label: str,
     locate: Callable[[str], Location | None] = _nowhere,
     plan: ContactPlan | None = None,
 ) -> list[Decision]:
-    """How each feature that ``world`` needs is realised in ``engine``; nothing is emitted. Raises UnsupportedError."""
+    """How each feature that ``world`` needs is realised in the engine of a ``label``, at the version that the label names, or
+    else the installed one; nothing is emitted. Raises UnsupportedError."""
+    engine = find_engine(label)
+    version = engine_version(label) or engine.version()
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
-    return negotiate(world, engine.NAME, table, locate, extra)
+    return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
 
 
 def _refuse_unreachable(world: World, engine: type[Engine]) -> None:

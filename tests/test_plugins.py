@@ -17,13 +17,13 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import broken_engines, engines, find_engine
 from simspec.errors import EngineError
-from simspec.support.declarations import EXACT, unsupported
+from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 
 
 def an_engine(**more):
     words = {"NAME": "odd", "DIALECT": "mujoco", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
-    support = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("odd")}
+    support = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("odd")}
     words |= {"LAYERS": False, "SUPPORT": support, "SETTINGS": {}, "LACKS": dict.fromkeys(Capability, "odd")} | more
     return type("Odd", (Engine,), {name: value for name, value in words.items() if value is not None})
 

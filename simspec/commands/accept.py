@@ -12,7 +12,6 @@ from typing import Any
 
 from simspec.arguments import engines_at_work, engines_for_files, load_spec
 from simspec.compiler import needed_decisions
-from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec
@@ -83,10 +82,10 @@ def _own(spec: Spec) -> Path:
 def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
     """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
     with its short reason. Raises UnsupportedError for what it cannot have at all."""
-    known, options = find_engine(engine), world.options(engine)
+    options = world.options(engine)
     every = tuple(feature.value for feature in Feature)
     found: dict[str, dict[str, str]] = {}
-    for decision in needed_decisions(_with(world, dataclasses.replace(options, accept=every, outside=every)), known):
+    for decision in needed_decisions(_with(world, dataclasses.replace(options, accept=every, outside=every)), engine):
         key, name = KEYS.get(decision.level), decision.feature.value
         if key is None or name in getattr(options, key):
             continue
@@ -96,7 +95,7 @@ def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
         else:
             without = dataclasses.replace(options, accept=every, outside=others)
         try:
-            needed_decisions(_with(world, without), known)
+            needed_decisions(_with(world, without), engine)
         except UnsupportedError:  # a setting asks for it already, where this does not happen
             found.setdefault(key, {})[name] = decision.short
     return found

@@ -10,7 +10,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import broken_engines, engines, format_of
 from simspec.formats.kit.contract import broken_formats
-from simspec.support.declarations import Level, Support, combine
+from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
 
 MATRIX_FILE = "docs/support-matrix.md"
@@ -21,6 +21,7 @@ WORDS = {
     Level.APPROXIMATE: "approximate",
     Level.UNSUPPORTED: "no",
 }
+NOT_YET = "not yet"
 SIGNATURE = "Generated from the declarations of formats and engines by `simspec engines --markdown`; do not edit."
 """The line by which a page is known to be simspec's, and may be replaced."""
 HEAD = f"""# Support matrix
@@ -33,11 +34,20 @@ HEAD = f"""# Support matrix
 | exact, by API | exact; set through the engine's API, since the file cannot carry it |
 | on request | exact, computed outside the engine at each step, where the spec asks for it: `engines.NAME.outside` |
 | approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
-| no | an error that names the line of the spec |
+| no | the engine cannot: an error that names the line of the spec |
+| not yet | the engine could, nobody has built it: the same error, and a test fails when it starts to work |
+| from V, before V | the versions of the engine that have it; an error in others |
 """
 CAPABILITIES = (
     "What an engine can do beside its core (load, read back, states, steps, contacts). What it lacks is not asked for."
 )
+
+
+def word(entry: Support) -> str:
+    """How well a feature is supported, in a word or two."""
+    name = NOT_YET if entry.absence is Absence.NOT_YET else WORDS[entry.level]
+    bounds = (f"from {entry.since}" if entry.since else "", f"before {entry.until}" if entry.until else "")
+    return ", ".join(part for part in (name, *bounds) if part)
 
 
 def support(engine: type[Engine]) -> dict[Feature, Support]:
@@ -64,15 +74,23 @@ def engine_data() -> dict[str, Any]:
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 for key, setting in engine.SETTINGS.items()
             },
-            "support": {
-                feature.value: {"level": entry.level.value, "how": entry.how}
-                | ({"short": entry.short} if entry.short else {})
-                | ({"outside_short": entry.outside_short} if entry.outside_short else {})
-                for feature, entry in support(engine).items()
-            },
+            "support": {feature.value: _support_data(entry) for feature, entry in support(engine).items()},
         }
         for name, engine in engines().items()
     }
+
+
+def _support_data(entry: Support) -> dict[str, Any]:
+    """A declaration as plain values; what is empty is left out."""
+    data: dict[str, Any] = {"level": entry.level.value, "how": entry.how}
+    more = {
+        "absence": entry.absence and entry.absence.value,
+        "short": entry.short,
+        "cases": [{"level": case.level or entry.level, "how": case.how, "short": case.short} for case in entry.cases],
+        "since": entry.since,
+        "until": entry.until,
+    }
+    return data | {key: value for key, value in more.items() if value}
 
 
 def broken() -> dict[str, str]:
@@ -101,7 +119,7 @@ def markdown() -> str:
         cells = []
         for name in names:
             entry = tables[name][feature]
-            cell = WORDS[entry.level]
+            cell = word(entry)
             if entry.how:
                 note = f'<a id="{anchor(name, feature.value)}"></a>{name}, `{feature.value}`: {_cell(entry.how)}'
                 notes.append(note)

@@ -1,6 +1,6 @@
 """What a format or an engine declares about each feature.
 
-Every format and every engine declares every feature (a missing declaration is an error at import).
+Every dialect and every engine declares every feature (a missing declaration is an error at import).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from simspec.support.features import Feature
+from simspec.support.versions import earlier, later, out_of_bounds, release
 from simspec.world.types import World
 
 
@@ -23,63 +24,153 @@ class Level(StrEnum):
     UNSUPPORTED = "unsupported"
 
 
-_ORDER = list(Level)
+class Absence(StrEnum):
+    """Why a feature is not supported, the weaker reason first."""
+
+    NOT_YET = "not_yet"
+    """The engine could; nobody has built it. An attempt fails today, and the shared tests say when it works."""
+    NEVER = "never"
+    """The engine, or the language of its files, cannot."""
+
+
+class Attempt(StrEnum):
+    """How the shared tests try a feature that is not built yet: in a world that needs it, as if it were declared exact."""
+
+    CONTACT_PROBES = "contact-probes"
+    """The contact probes of the world's laws; it works when all agree with the law."""
+    READ_BACK = "read-back"
+    """The world is loaded and read back; it works when what the engine says it holds has the law of every pair."""
+    OWN_CONTROLLER = "own-controller"
+    """The engine's own controller is told to drive a joint; it works when no error is raised."""
+
+
+_LEVELS = list(Level)
+_ABSENCES = list(Absence)
+
+
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """What holds of a feature in one world. ``level`` and ``how`` (None: as declared) take the declaration's place; ``short``
+    is one line on what is lost or done outside; ``note`` is added to ``how``, whatever the level. ``asked``: a setting of the
+    spec asks for the computation outside the engine, so that it needs no name under ``outside``.
+    """
+
+    level: Level | None = None
+    how: str | None = None
+    short: str = ""
+    note: str = ""
+    asked: bool = False
+
+
+Refine = Callable[[World], Refinement | None]
+"""What holds in a world; None: what is declared."""
+
+
+def not_here(reason: str | None) -> Refinement | None:
+    """That a world is not covered, for a ``reason``; None without one."""
+    return None if reason is None else Refinement(Level.UNSUPPORTED, reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """One declaration: the level, how (or why not), and tests of the world.
+    """One declaration: the level, and how (or why not).
 
-    ``only_if`` takes the world and gives None, or the reason why this world is not covered (then the feature counts as
-    unsupported for it). ``exact_if``, for APPROXIMATE, gives the reason why nothing in this world can show the
-    difference (then it counts as VIA_API, and needs no acceptance), or None. ``outside_if``, for APPROXIMATE too, gives how
-    it is computed outside the engine where a setting of the spec asks for that (then it counts as OUTSIDE, asked for by
-    name), or None. ``accepted_in`` gives what is approximate in this world because the spec accepts the feature by name, or
-    None; it is for what depends on more than the feature (which shapes may meet), and which the format refuses by itself
-    where it is not accepted. ``noted_in`` gives what must be known of it in this world, whatever its level, or None.
-
-    ``short`` says in one line of at most 100 characters what is lost where it is approximate, or what is done where it is
-    computed outside: a text of its own, for comments and tables; ``outside_short`` of what ``outside_if`` says.
+    short    one line of at most 100 characters, a text of its own for comments and tables: what is lost where the feature is
+             approximate, or what is done where it is computed outside the engine
+    refine   what holds in one world instead
+    cases    the refinements that are known before any world is: what each costs, for tables and pages
+    absence  of what is unsupported: never, or not yet; then ``attempt`` says how the shared tests try it
+    since    the first release of the engine that has it ("" for any); ``until`` the first that no longer has it
+    asked    in one world: a setting of the spec asks for the computation outside the engine
     """
 
     level: Level
     how: str = ""
-    only_if: Callable[[World], str | None] | None = None
-    exact_if: Callable[[World], str | None] | None = None
-    outside_if: Callable[[World], str | None] | None = None
-    accepted_in: Callable[[World], str | None] | None = None
     short: str = ""
-    outside_short: str = ""
-    noted_in: Callable[[World], str | None] | None = None
+    refine: Refine | None = None
+    cases: tuple[Refinement, ...] = ()
+    absence: Absence | None = None
+    attempt: Attempt | None = None
+    since: str = ""
+    until: str = ""
+    asked: bool = False
+
+    def __post_init__(self) -> None:
+        if (self.level is Level.UNSUPPORTED) is (self.absence is None):
+            raise ValueError("what is unsupported is so never or not yet (never, not_yet), and nothing else is")
+        if (self.absence is Absence.NOT_YET) is (self.attempt is None):
+            raise ValueError("what is not built yet names its attempt, and nothing else does")
+        if self.level is Level.UNSUPPORTED and (self.since or self.until):
+            raise ValueError("bounds of versions say which releases have a feature; this one is unsupported")
+        for bound in (self.since, self.until):
+            if bound:
+                release(bound)
+        if self.since and self.until and release(self.since) >= release(self.until):
+            raise ValueError(f"no release is from {self.since} on and before {self.until}")
 
     def brief(self, level: Level) -> str:
         """What is lost, or done outside, in one line; all that is said of it where nothing shorter is."""
-        outside = level is Level.OUTSIDE and self.level is not Level.OUTSIDE
-        return (self.outside_short if outside else self.short) or self.how
+        if level is not self.level:
+            for case in self.cases:
+                if case.level is level:
+                    return case.short or case.how or self.how
+        return self.short or self.how
+
+    def in_world(self, world: World) -> Support:
+        """What holds in ``world``, its refinement applied."""
+        refined = None if self.refine is None else self.refine(world)
+        if refined is None:
+            return replace(self, refine=None)
+        level = refined.level or self.level
+        how = self.how if refined.how is None else refined.how
+        same = level is self.level
+        lost: Absence | None = None if level is not Level.UNSUPPORTED else self.absence or Absence.NEVER
+        return replace(
+            self,
+            level=level,
+            how="; ".join(part for part in (how, refined.note) if part),
+            short=refined.short or (self.short if same else ""),
+            refine=None,
+            absence=lost,
+            attempt=self.attempt if lost is Absence.NOT_YET else None,
+            since="" if lost else self.since,
+            until="" if lost else self.until,
+            asked=refined.asked,
+        )
+
+    def at_version(self, engine: str, version: str | None) -> Support:
+        """What holds in a release of ``engine``; in all of them where ``version`` is None, which nothing is known of."""
+        reason = None if version is None else out_of_bounds(version, self.since, self.until)
+        return self if reason is None else never(f"{engine} {reason}")
 
 
 EXACT = Support(Level.EXACT)
 
 
-def via_api(how: str) -> Support:
+def via_api(how: str, refine: Refine | None = None) -> Support:
     """Exact, but set through the engine's API (the file cannot carry it; it goes into the sidecar)."""
-    return Support(Level.VIA_API, how)
+    return Support(Level.VIA_API, how, refine=refine)
 
 
-def outside(how: str, only_if: Callable[[World], str | None] | None = None, short: str = "") -> Support:
+def outside(how: str, refine: Refine | None = None, short: str = "") -> Support:
     """Exact, computed outside the engine at every step, where the spec asks for it by name; ``short`` in one line."""
-    return Support(Level.OUTSIDE, how, only_if, short=short)
+    return Support(Level.OUTSIDE, how, short, refine)
 
 
-def approximate(how: str, exact_if: Callable[[World], str | None] | None = None, short: str = "") -> Support:
+def approximate(how: str, refine: Refine | None = None, short: str = "", cases: tuple[Refinement, ...] = ()) -> Support:
     """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size; ``short`` in
     one line."""
-    return Support(Level.APPROXIMATE, how, exact_if=exact_if, short=short)
+    return Support(Level.APPROXIMATE, how, short, refine, cases)
 
 
-def unsupported(why: str) -> Support:
-    """Cannot be had."""
-    return Support(Level.UNSUPPORTED, why)
+def never(why: str) -> Support:
+    """Not supported, since the engine or its format cannot."""
+    return Support(Level.UNSUPPORTED, why, absence=Absence.NEVER)
+
+
+def not_yet(why: str, attempt: Attempt) -> Support:
+    """Not supported, since nobody has built it; ``attempt`` is how the shared tests see that it works."""
+    return Support(Level.UNSUPPORTED, why, absence=Absence.NOT_YET, attempt=attempt)
 
 
 Table = Mapping[Feature, Support]
@@ -94,15 +185,35 @@ def check_total(owner: str, table: Table) -> None:
 
 
 def combine(file: Table, engine: Table) -> dict[Feature, Support]:
-    """What a format and an engine reading it support together: for each feature the weaker declaration, and where both are
-    of one level what both say."""
-    return {feature: _weaker(file[feature], engine[feature]) for feature in Feature}
+    """What a dialect and an engine support together: for each feature the weaker declaration, in a world the weaker of
+    what holds there, and where both are of one level what both say."""
+    return {feature: _combined(file[feature], engine[feature]) for feature in Feature}
+
+
+def _combined(file: Support, engine: Support) -> Support:
+    weaker = _weaker(file, engine)
+    if file.refine is None and engine.refine is None:
+        return weaker
+
+    def refine(world: World) -> Refinement | None:
+        there = _weaker(file.in_world(world), engine.in_world(world))
+        return Refinement(there.level, there.how, there.short, asked=there.asked)
+
+    return replace(weaker, refine=refine)
+
+
+def _rank(support: Support) -> tuple[int, int]:
+    return _LEVELS.index(support.level), -1 if support.absence is None else _ABSENCES.index(support.absence)
 
 
 def _weaker(file: Support, engine: Support) -> Support:
-    if file.level is not engine.level:
-        return max(file, engine, key=lambda support: _ORDER.index(support.level))
-    if file.level is Level.UNSUPPORTED:  # one reason is enough
-        return file
-    said = dict.fromkeys(how for how in (file.how, engine.how) if how)
-    return replace(engine, how="; ".join(said), short=engine.short or file.short)
+    """The weaker of two declarations without their refinements, in the releases that both allow."""
+    cases = (*file.cases, *engine.cases)
+    unsupported = Level.UNSUPPORTED in (file.level, engine.level)
+    since = "" if unsupported else later(file.since, engine.since)
+    until = "" if unsupported else earlier(file.until, engine.until)
+    weaker = max(file, engine, key=_rank)
+    if _rank(file) == _rank(engine) and not unsupported:  # of what is unsupported one reason is enough
+        said = dict.fromkeys(how for how in (file.how, engine.how) if how)
+        weaker = replace(engine, how="; ".join(said), short=engine.short or file.short)
+    return replace(weaker, refine=None, cases=cases, since=since, until=until)

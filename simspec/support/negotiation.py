@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from simspec.errors import Location, Problem, UnsupportedError
-from simspec.support.declarations import Level, Table
+from simspec.support.declarations import Absence, Level, Support, Table
 from simspec.support.features import MEANING, Feature
 from simspec.support.needs import Need, needs
-from simspec.world.types import World
+from simspec.world.types import EngineOptions, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,67 +33,52 @@ def negotiate(
     table: Table,
     locate: Callable[[str], Location | None] = lambda path: None,
     extra_needs: Iterable[Need] = (),
+    title: str = "",
+    version: str | None = None,
 ) -> list[Decision]:
     """Hold what ``world`` needs against what ``target`` declares.
 
-    ``locate`` gives the place in the spec of a path. Returns one decision per needed feature; raises UnsupportedError
-    with every problem found.
+    ``locate`` gives the place in the spec of a path; ``title`` is the target's name in sentences; ``version`` the release
+    that is at work, None where it is not known. Returns one decision per needed feature; raises UnsupportedError with every
+    problem found.
     """
     options = world.options(target)
     decisions: list[Decision] = []
     problems: list[Problem] = []
     for need in [*needs(world), *extra_needs]:
-        support = table[need.feature]
-        level, how = support.level, support.how
-        if support.only_if is not None and (reason := support.only_if(world)):
-            level, how = Level.UNSUPPORTED, reason
-        if level is Level.APPROXIMATE and support.exact_if is not None and (reason := support.exact_if(world)):
-            level, how = Level.VIA_API, reason
-        asked = None if level is not Level.APPROXIMATE or support.outside_if is None else support.outside_if(world)
-        if asked is not None:
-            level, how = Level.OUTSIDE, asked
-        if (
-            level is not Level.UNSUPPORTED
-            and support.accepted_in is not None
-            and (reason := support.accepted_in(world))
-        ):
-            level, how = Level.APPROXIMATE, reason
-        name, path = need.feature.value, need.paths[0]
+        support = table[need.feature].at_version(title or target, version).in_world(world)
+        refused = _refusal(need.feature, support, options, title or target)
+        if refused is None:
+            short = support.short or support.how
+            decisions.append(Decision(need.feature, support.level, support.how, need.paths, short))
+            continue
+        message, hint = refused
         more = f" (and {len(need.paths) - 1} more places)" if len(need.paths) > 1 else ""
-        if level is Level.UNSUPPORTED:
-            problems.append(
-                Problem(
-                    f"{target} cannot have {name}: {how}{more}",
-                    path,
-                    locate(path),
-                    found=f"{name}: {MEANING[need.feature]}",
-                    hint=f"leave it out of the spec, or run without --engine {target}",
-                )
-            )
-        elif level is Level.APPROXIMATE and name not in options.accept:
-            problems.append(
-                Problem(
-                    f"{target} has {name} only approximately: {how}{more}",
-                    path,
-                    locate(path),
-                    found=f"{name}: {MEANING[need.feature]}",
-                    hint=f"accept it by name: engines.{target}.accept: [{name}]",
-                )
-            )
-        elif level is Level.OUTSIDE and asked is None and name not in options.outside:
-            problems.append(
-                Problem(
-                    f"{target} has no {name} of its own; simspec can compute it outside the engine: {how}{more}",
-                    path,
-                    locate(path),
-                    found=f"{name}: {MEANING[need.feature]}",
-                    hint=f"ask for it by name: engines.{target}.outside: [{name}]",
-                )
-            )
-        else:
-            if support.noted_in is not None and (note := support.noted_in(world)):
-                how = f"{how}; {note}" if how else note
-            decisions.append(Decision(need.feature, level, how, need.paths, support.brief(level) or how))
+        path = need.paths[0]
+        meaning = f"{need.feature.value}: {MEANING[need.feature]}"
+        problems.append(Problem(f"{message}{more}", path, locate(path), found=meaning, hint=hint))
     if problems:
         raise UnsupportedError(problems)
     return decisions
+
+
+def _refusal(feature: Feature, support: Support, options: EngineOptions, title: str) -> tuple[str, str] | None:
+    """Why a feature is refused, and what can be done; None where the spec may have it so."""
+    name, target = feature.value, options.engine
+    if support.level is Level.UNSUPPORTED:
+        yet = " yet" if support.absence is Absence.NOT_YET else ""
+        return (
+            f"{title} does not support {name}{yet}: {support.how}",
+            f"leave it out of the spec, or run without --engine {target}",
+        )
+    if support.level is Level.APPROXIMATE and name not in options.accept:
+        return (
+            f"{title} supports {name} only approximately: {support.how}",
+            f"accept it by name: engines.{target}.accept: [{name}]",
+        )
+    if support.level is Level.OUTSIDE and not support.asked and name not in options.outside:
+        return (
+            f"{title} does not support {name} itself; simspec can compute it outside the engine: {support.how}",
+            f"ask for it by name: engines.{target}.outside: [{name}]",
+        )
+    return None

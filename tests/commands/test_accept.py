@@ -126,14 +126,11 @@ def test_comments_before_the_next_key_stay_with_it():
 # --- short reasons ------------------------------------------------------------------------------------------------
 
 DECLARED = [
-    (owner.NAME, feature.value, short)
+    (owner.NAME, feature.value, said.short)
     for owner in (*dialects().values(), *engines().values())
     for feature, one in owner.SUPPORT.items()
-    for short, counts in (
-        (one.short, one.level in (Level.APPROXIMATE, Level.OUTSIDE) or one.accepted_in is not None),
-        (one.outside_short, one.outside_if is not None),
-    )
-    if counts
+    for said in (one, *one.cases)
+    if said.level in (Level.APPROXIMATE, Level.OUTSIDE)
 ]
 """Of every format and engine: what has to be accepted or asked for by name, and its short reason."""
 PAGE = Path(__file__).resolve().parents[2] / reasons.PAGE
@@ -170,7 +167,7 @@ def test_a_certificate_is_told_in_short_by_what_its_engine_declares():
     how = support(find_engine("mujoco"))[Feature.IMPACT_FRICTION]
     name = Feature.IMPACT_FRICTION.value
     assert reasons.short_reason("mujoco", name, f"approximate: {how.how}") == how.short
-    assert reasons.short_reason("mujoco", name, "outside: by a loop") == how.outside_short
+    assert reasons.short_reason("mujoco", name, "outside: by a loop") == how.cases[0].short
     assert reasons.short_reason("mujoco", "no.such.feature", "approximate: x") == "approximate: x"
     assert reasons.short_reason("another", name, "approximate: x") == "approximate: x"
     assert reasons.short_reason("mujoco", Feature.GRAVITY.value, "approximate: x") == "x", "nothing is declared"

@@ -23,7 +23,7 @@ from simspec.dialects.kit.target import Target
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.kit.text import environment
-from simspec.support.declarations import EXACT, Level, Support, Table, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, never, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -87,7 +87,7 @@ class DartDialect(Dialect):
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
-        Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
+        Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),

@@ -31,7 +31,7 @@ from simspec.dialects.mujoco.filter import Attributes, Kind, collision_masks
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, principal_axes, recentre_free_roots
 from simspec.formats.kit.text import environment, number, numbers
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import free_rigid, rigid_groups
@@ -174,7 +174,7 @@ class MujocoDialect(Dialect):
             "a reference velocity of the contact constraint, −e times the approach speed",
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
     }
 
     def emit(self, world: World, target: Target) -> dict[str, str]:

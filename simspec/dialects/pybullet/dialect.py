@@ -28,7 +28,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import Files
-from simspec.support.declarations import EXACT, Support, Table, unsupported, via_api
+from simspec.support.declarations import EXACT, Support, Table, never, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import free_rigid, trees
 from simspec.world.types import POSITION_SIZE, ReadBack, World
@@ -72,13 +72,13 @@ class PybulletDialect(Dialect):
         Feature.INITIAL_VELOCITY: via_api(_SIDECAR),
         Feature.INERTIA: EXACT,
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
-        Feature.TREE_SIZE: unsupported("PyBullet holds at most 127 links besides the base in one tree"),
-        Feature.TREE_DEPTH: unsupported("PyBullet holds at most 127 links besides the base in one tree"),
+        Feature.TREE_SIZE: never("PyBullet holds at most 127 links besides the base in one tree"),
+        Feature.TREE_DEPTH: never("PyBullet holds at most 127 links besides the base in one tree"),
         Feature.SHAPE_SPHERE: EXACT,
         Feature.SHAPE_BOX: EXACT,
         Feature.SHAPE_CYLINDER: EXACT,
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
-        Feature.SHAPE_ELLIPSOID: unsupported("neither URDF nor PyBullet has an ellipsoid"),
+        Feature.SHAPE_ELLIPSOID: never("neither URDF nor PyBullet has an ellipsoid"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,
@@ -91,16 +91,14 @@ class PybulletDialect(Dialect):
         Feature.TORSIONAL_FRICTION: EXACT,
         Feature.ROLLING_FRICTION: EXACT,
         Feature.HARDNESS_COMMON: EXACT,
-        Feature.HARDNESS_TIME_CONSTANT: unsupported("PyBullet's springs are in N/m, for whatever mass"),
+        Feature.HARDNESS_TIME_CONSTANT: never("PyBullet's springs are in N/m, for whatever mass"),
         Feature.HARDNESS_STIFFNESS: EXACT,
         Feature.HARDNESS_NATIVE: via_api(_SIDECAR),
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
-        Feature.CONE_PYRAMID_INSCRIBED: unsupported(
-            "PyBullet has the elliptic cone and the circumscribed pyramid only"
-        ),
+        Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),

@@ -9,6 +9,7 @@ import numpy as np
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
+from simspec.support.declarations import Refinement, not_here
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World
 
@@ -20,11 +21,13 @@ NATIVE = (
 )
 
 
-def no_springs(world: World) -> str | None:
-    """None unless a natively driven joint has a spring."""
+def no_springs(world: World) -> Refinement | None:
+    """Not supported where a natively driven joint has a spring."""
     sprung = [body.name for body in world.bodies if body.joint.spring_stiffness]
     served = [name for name in natively_driven(world.bodies, world) if name in sprung]
-    return f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring" if served else None
+    if not served:
+        return None
+    return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
 
 
 class JointArrays(Actuation):

@@ -28,7 +28,18 @@ from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.declarations import (
+    EXACT,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    approximate,
+    never,
+    not_here,
+    outside,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
@@ -60,27 +71,39 @@ DANTZIG = ("contact_solver", "dantzig")
 _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
 
 
-def _coulomb(world: World) -> str | None:
-    """Why the elliptic cone is exact in this world, None where the spec asks for the solver that has only the pyramid."""
-    return None if DANTZIG in world.options("dart").settings else "NsgsFrictionSolver, law Coulomb"
+def _coulomb(world: World) -> Refinement | None:
+    """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid."""
+    if DANTZIG in world.options("dart").settings:
+        return None
+    return Refinement(Level.VIA_API, "NsgsFrictionSolver, law Coulomb")
 
 
 def _shape(kind: str, how: str = _DETECTORS) -> Support:
     """A shape that some detector has exactly; what the spec accepts of the one in use is said."""
 
-    def accepted(world: World) -> str | None:
+    accepted = Refinement(
+        Level.APPROXIMATE,
+        short=f"some contacts of a {kind} are missed, too deep or rounded by the collision detector in use",
+    )
+
+    def refine(world: World) -> Refinement | None:
         setting = str(resolve_settings(Dart, world)["collision_detector"])
-        return accepted_contact(world, detector_of(world, "dart", setting), "dart", kind)
+        wrong = accepted_contact(world, detector_of(world, "dart", setting), "dart", kind)
+        note = overlooked(world, setting, "dart", kind) or ""
+        if wrong is not None:
+            return dataclasses.replace(accepted, how=wrong, note=note)
+        return Refinement(note=note) if note else None
 
-    def noted(world: World) -> str | None:
-        return overlooked(world, str(resolve_settings(Dart, world)["collision_detector"]), "dart", kind)
-
-    short = f"some contacts of a {kind} are missed, too deep or rounded by the collision detector in use"
-    return Support(Level.EXACT, how, accepted_in=accepted, noted_in=noted, short=short)
+    return Support(Level.EXACT, how, refine=refine, cases=(accepted,))
 
 
-def _armature_covered(world: World) -> str | None:
-    """None when every armature sits in a tree where it is exact, else the reason why not."""
+def _armature_covered(world: World) -> Refinement | None:
+    """Not supported where some armature sits in a tree where it is not exact."""
+    return not_here(_armature_not_felt(world))
+
+
+def _armature_not_felt(world: World) -> str | None:
+    """Why something would not feel an armature; None where every one sits in a tree where it is exact."""
     allowed = CollisionFilter(world)
     groups = rigid_groups(world)
     for bodies in trees(world).values():
@@ -103,6 +126,7 @@ class Dart(Engine):
     """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
 
     NAME: ClassVar[str] = "dart"
+    TITLE: ClassVar[str] = "DART"
     DIALECT: ClassVar[str] = "dart"
     DISTRIBUTION: ClassVar[str] = "dartpy"
     EXTRA: ClassVar[str] = "dart"
@@ -151,16 +175,16 @@ class Dart(Engine):
             "and all else does, whatever threshold is asked for",
             short="the threshold is DART's own, 0.1 m/s after the impact, whatever is asked for",
         ),
-        Feature.TORSIONAL_FRICTION: unsupported(f"{_NO_MOMENT} about the normal"),
-        Feature.ROLLING_FRICTION: unsupported(f"{_NO_MOMENT} across the normal"),
+        Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
+        Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
         Feature.HARDNESS_COMMON: Support(
             Level.EXACT,
             "DART's own law, for overlaps up to 0.1 mm for each ms of the timestep; larger ones are taken back at 1 mm/s",
         ),
-        Feature.HARDNESS_TIME_CONSTANT: unsupported(_RIGID),
-        Feature.HARDNESS_STIFFNESS: unsupported(_RIGID),
+        Feature.HARDNESS_TIME_CONSTANT: never(_RIGID),
+        Feature.HARDNESS_STIFFNESS: never(_RIGID),
         Feature.HARDNESS_NATIVE: Support(Level.EXACT, "DART's default is the common law"),
-        Feature.HARDNESS_PAIRS: unsupported(_RIGID),
+        Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
         Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(
@@ -169,10 +193,10 @@ class Dart(Engine):
             _coulomb,
             "the circumscribed pyramid instead: up to 1.41 times the friction between its axes",
         ),
-        Feature.CONE_PYRAMID_INSCRIBED: unsupported("DART has the elliptic cone and the circumscribed pyramid only"),
+        Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_springs),
+        Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
         Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.contact.meeting import meeting_laws, solid_shapes
+from simspec.support.declarations import Level, Refinement
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import World
 
@@ -31,18 +32,20 @@ def _asked(world: World) -> str:
     return approximation(world) if asked == "auto" else str(asked)
 
 
-def coulomb(world: World) -> str | None:
-    """Why this world's friction is exact; None where SAP has some."""
+def coulomb(world: World) -> Refinement | None:
+    """Friction is exact unless SAP has some."""
     if not any(law.friction for law in meeting_laws(world).values()):
-        return "nothing that meets has friction"
-    return "TAMSI's friction" if _asked(world) == "tamsi" else None
+        return Refinement(Level.VIA_API, "nothing that meets has friction")
+    return Refinement(Level.VIA_API, "TAMSI's friction") if _asked(world) == "tamsi" else None
 
 
-def stops(world: World) -> str | None:
-    """How joints stop at their limits, where that is the hard stop of the language; None by TAMSI, which has springs there."""
+def stops(world: World) -> Refinement | None:
+    """Joints stop at their limits as the language has it but by TAMSI, which has springs there."""
     if _asked(world) != "sap":
         return None
-    return "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"
+    return Refinement(
+        Level.VIA_API, "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"
+    )
 
 
 def chosen(world: World, settings: Mapping[str, bool | int | float | str]) -> dict[str, bool | int | float | str]:

@@ -24,13 +24,25 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, written_settings
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.declarations import (
+    EXACT,
+    Attempt,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    approximate,
+    never,
+    not_here,
+    not_yet,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
-_NOT_YET = "simspec does not write it for Drake yet"
+_NOT_YET = "simspec does not write it for Drake"
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
 _ONE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
@@ -45,8 +57,13 @@ _SLOW_RECOVERY = (
 )
 
 
-def planes_covered(world: World) -> str | None:
-    """None, or why Drake does not have the planes of this world."""
+def planes_covered(world: World) -> Refinement | None:
+    """Not supported where Drake crashes with the planes of a world."""
+    return not_here(_planes_that_crash(world))
+
+
+def _planes_that_crash(world: World) -> str | None:
+    """Why Drake crashes with the planes of this world; None where it does not."""
     groups = rigid_groups(world)
     plan = contact_plan(world, Drake.RULES, Drake.LAYERS)
     planes = [(body, shape) for body in world.bodies for shape in solid_shapes(body) if shape.kind == "plane"]
@@ -62,6 +79,7 @@ class Drake(Engine):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
+    TITLE: ClassVar[str] = "Drake"
     DIALECT: ClassVar[str] = "drake"
     DISTRIBUTION: ClassVar[str] = "drake"
     EXTRA: ClassVar[str] = "drake"
@@ -88,7 +106,7 @@ class Drake(Engine):
         Feature.BALL_DAMPING: via_api(_COMPUTED),
         Feature.SPRING: via_api(_COMPUTED),
         Feature.BALL_SPRING: via_api(_COMPUTED),
-        Feature.DRY_FRICTION: unsupported("Drake has no dry friction in joints"),
+        Feature.DRY_FRICTION: never("Drake has no dry friction in joints"),
         Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: Support(Level.EXACT, f"with eight balls in its corners: {_ONE_POINT}"),
         Feature.SHAPE_CYLINDER: Support(
@@ -96,19 +114,19 @@ class Drake(Engine):
             f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
         ),
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", planes_covered),
+        Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
-        Feature.RESTITUTION: unsupported("Drake's contact has no restitution"),
-        Feature.RESTITUTION_PAIRS: unsupported("Drake's contact has no restitution"),
+        Feature.RESTITUTION: never("Drake's contact has no restitution"),
+        Feature.RESTITUTION_PAIRS: never("Drake's contact has no restitution"),
         Feature.RESTITUTION_THRESHOLD: Support(Level.EXACT, "nothing bounces"),
-        Feature.TORSIONAL_FRICTION: unsupported("Drake's point contact has no moment about the normal"),
-        Feature.ROLLING_FRICTION: unsupported("Drake's point contact has no moment across the normal"),
-        Feature.HARDNESS_TIME_CONSTANT: unsupported(_NOT_YET),
-        Feature.HARDNESS_STIFFNESS: unsupported(_NOT_YET),
-        Feature.HARDNESS_NATIVE: unsupported(_NOT_YET),
-        Feature.HARDNESS_PAIRS: unsupported(_NOT_YET),
-        Feature.CONE_PYRAMID_INSCRIBED: unsupported("Drake has the elliptic cone only"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("Drake has the elliptic cone only"),
+        Feature.TORSIONAL_FRICTION: never("Drake's point contact has no moment about the normal"),
+        Feature.ROLLING_FRICTION: never("Drake's point contact has no moment across the normal"),
+        Feature.HARDNESS_TIME_CONSTANT: never("Drake's contact is a spring in N/m, for whatever mass"),
+        Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
+        Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.HARDNESS_PAIRS: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.CONE_PYRAMID_INSCRIBED: never("Drake has the elliptic cone only"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("Drake has the elliptic cone only"),
         Feature.CONE_ELLIPTIC: approximate(
             f"exact by TAMSI (to 0.01 %), and without friction. {_LIFTS}; stops are up to 15 % off from μ = 1 on",
             coulomb,
@@ -120,7 +138,7 @@ class Drake(Engine):
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: unsupported(_NOT_YET),
+        Feature.CONTROL_NATIVE: not_yet(_NOT_YET, Attempt.OWN_CONTROLLER),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(

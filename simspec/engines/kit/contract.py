@@ -33,6 +33,8 @@ class Engine:
     """
 
     NAME: ClassVar[str]
+    TITLE: ClassVar[str] = ""
+    """Its name in sentences, as its makers write it; empty: ``NAME``."""
     DIALECT: ClassVar[str]
     """The dialect (``simspec/dialects``) in which it is told a world."""
     DISTRIBUTION: ClassVar[str]

@@ -48,9 +48,14 @@ def engine_name(label: str) -> str:
     return label.partition(MARK)[0]
 
 
+def engine_version(label: str) -> str:
+    """The version that a label names, or its beginning; empty where it names none."""
+    return label.partition(MARK)[2]
+
+
 def other_version(label: str, version: str) -> str | None:
     """Why an engine of ``version`` is not what its label says; None when it is."""
-    wanted = label.partition(MARK)[2]
+    wanted = engine_version(label)
     if not wanted or re.match(re.escape(wanted) + r"(?![0-9A-Za-z])", version):
         return None
     return f"is version {version}, not {wanted}; --engine {label}=/path/to/python names an interpreter that has it"

@@ -11,6 +11,7 @@ from simspec.dialects.mujoco.dialect import MODEL
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.errors import EngineError
+from simspec.support.declarations import Refinement, not_here
 from simspec.world.types import World
 
 NATIVE = (
@@ -19,19 +20,21 @@ NATIVE = (
 )
 
 
-def explicit_servos_hold(world: World) -> str | None:
-    """None when MuJoCo's explicit actuators are stable in this world, else the reason why not."""
+def explicit_servos_hold(world: World) -> Refinement | None:
+    """Not supported where MuJoCo's explicit actuators are unstable."""
     from simspec.control.stability import unstable
 
     given = tuple(dataclasses.replace(one, law="pd") if one.law == "native" else one for one in world.controllers)
     try:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:
-        return f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec[pin]'"
+        return not_here(
+            f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec[pin]'"
+        )
     if not found:
         return None
     one = found[0]
-    return (
+    return not_here(
         f"its actuators are explicit in time, and the gains of {one.controller!r} diverge at {one.timestep:.6g} s; the largest "
         f"stable step is {one.largest_stable_step:.3g} s"
     )

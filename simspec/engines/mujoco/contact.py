@@ -13,7 +13,7 @@ from typing import Any
 
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
 from simspec.engines.kit.deviations import Deviation
-from simspec.support.declarations import Level, Support, approximate, unsupported
+from simspec.support.declarations import Level, Refinement, Support, approximate, never
 from simspec.support.features import Feature
 from simspec.world.types import World
 
@@ -25,9 +25,17 @@ COULOMB_COSTS = (
 )
 
 
-def coulomb_asked(world: World) -> str | None:
-    """How friction is had outside MuJoCo, where the spec sets that; else None."""
-    return COULOMB_COSTS if dict(world.options("mujoco").settings).get("friction") == COULOMB else None
+BY_COULOMB = Refinement(
+    Level.OUTSIDE,
+    COULOMB_COSTS,
+    "friction in impacts by a loop around MuJoCo's solver at every step (friction: coulomb)",
+    asked=True,
+)
+
+
+def coulomb_asked(world: World) -> Refinement | None:
+    """Friction is computed outside MuJoCo where the spec sets that."""
+    return BY_COULOMB if dict(world.options("mujoco").settings).get("friction") == COULOMB else None
 
 
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
@@ -78,13 +86,12 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         short="MuJoCo's own soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
     ),
     Feature.PASSING_PAIRS: Support(Level.EXACT, "by masks of shapes, or excluded pairs of bodies"),
-    Feature.IMPACT_FRICTION: Support(
-        Level.APPROXIMATE,
+    Feature.IMPACT_FRICTION: approximate(
         "most of it is missing: of the speed along the surface that an impact should take away 80 to 90 % stays at 1 ms "
         "(measured); engines.mujoco.settings: {friction: coulomb} has it right, at a price",
         short="80 to 90 % of the friction in an impact is missing, at 1 ms",
-        outside_if=coulomb_asked,
-        outside_short="friction in impacts by a loop around MuJoCo's solver at every step (friction: coulomb)",
+        refine=coulomb_asked,
+        cases=(BY_COULOMB,),
     ),
     Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
@@ -92,7 +99,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         "320 mm at 5 m/s (μ 0.3 to 1), and with restitution slip bounces back too",
         short="what slides is thrown up: by 4 to 13 mm at 1 m/s, 100 to 320 mm at 5 m/s",
     ),
-    Feature.CONE_PYRAMID_CIRCUMSCRIBED: unsupported("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+    Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
 }
 
 _HOP = (

@@ -31,7 +31,7 @@ from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, unsupported, via_api
+from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never, via_api
 from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
@@ -54,6 +54,7 @@ class MuJoCo(Engine):
     """
 
     NAME: ClassVar[str] = "mujoco"
+    TITLE: ClassVar[str] = "MuJoCo"
     DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     EXTRA: ClassVar[str] = "mujoco"
@@ -70,11 +71,11 @@ class MuJoCo(Engine):
             "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",
             short="a joint held by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",
         ),
-        Feature.TREE_DEPTH: unsupported(
+        Feature.TREE_DEPTH: never(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, explicit_servos_hold),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

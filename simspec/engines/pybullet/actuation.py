@@ -7,6 +7,7 @@ import numpy as np
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.engines.pybullet.simulation import UNCLAMPED, Simulation
+from simspec.support.declarations import Refinement, not_here
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World
 
@@ -17,11 +18,13 @@ NATIVE = (
 )
 
 
-def no_dry_friction(world: World) -> str | None:
-    """None unless a natively driven joint has dry friction."""
+def no_dry_friction(world: World) -> Refinement | None:
+    """Not supported where a natively driven joint has dry friction."""
     rough = [body.name for body in world.bodies if body.joint.dry_friction]
     served = [name for name in natively_driven(world.bodies, world) if name in rough]
-    return f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction" if served else None
+    return (
+        not_here(f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction") if served else None
+    )
 
 
 class JointArrays(Actuation):

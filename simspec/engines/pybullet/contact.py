@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 
 from simspec.contact.meeting import meeting_laws
 from simspec.engines.kit.deviations import Deviation
+from simspec.support.declarations import Level, Refinement
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Shape, World
 
@@ -30,8 +31,8 @@ ROUND_OFF = 1e-9
 """Relative: what calculating an inertia or a centre of mass may cost."""
 
 
-def only_balls_slide(world: World) -> str | None:
-    """Why the elliptic cone is exact in this world: all that has friction and moves is a free ball; None where it is not."""
+def only_balls_slide(world: World) -> Refinement | None:
+    """The elliptic cone is exact where all that has friction and moves is a free ball."""
     rough = {name for pair in meeting_laws(world).values() if pair.friction for name in (pair.first, pair.second)}
     groups = rigid_groups(world)
     alone = {root for root, bodies in trees(world).items() if len(bodies) == 1 and bodies[0].joint.kind == "free"}
@@ -39,7 +40,9 @@ def only_balls_slide(world: World) -> str | None:
         sliding = [shape for shape in body.shapes if shape.collision and shape.material in rough]
         if sliding and groups[body.name] != "world" and not (body.name in alone and _is_ball(body, sliding)):
             return None
-    return "enableConeFriction=1; nothing in this world but free balls has friction and moves"
+    return Refinement(
+        Level.VIA_API, "enableConeFriction=1; nothing in this world but free balls has friction and moves"
+    )
 
 
 def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:

@@ -35,7 +35,18 @@ from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, outside, unsupported, via_api
+from simspec.support.declarations import (
+    EXACT,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    approximate,
+    never,
+    not_here,
+    outside,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import HeldValue, ReadBack, World
@@ -45,8 +56,13 @@ _COPIES = "further materials, and copies of shapes, on massless links of their o
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 
-def _armature_covered(world: World) -> str | None:
-    """None when every armature sits in a tree where a computed torque is exact, else the reason why not."""
+def _armature_covered(world: World) -> Refinement | None:
+    """Not supported where some armature sits in a tree where a computed torque is not exact."""
+    return not_here(_armature_not_felt(world))
+
+
+def _armature_not_felt(world: World) -> str | None:
+    """Why something would not feel an armature; None where every one sits in a tree where the torque is exact."""
     allowed = CollisionFilter(world)
     groups = rigid_groups(world)
     for bodies in trees(world).values():
@@ -72,6 +88,7 @@ class PyBullet(Engine):
     """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
 
     NAME: ClassVar[str] = "pybullet"
+    TITLE: ClassVar[str] = "PyBullet"
     DIALECT: ClassVar[str] = "pybullet"
     DISTRIBUTION: ClassVar[str] = "pybullet"
     EXTRA: ClassVar[str] = "pybullet"
@@ -105,8 +122,8 @@ class PyBullet(Engine):
         Feature.INITIAL_VELOCITY: via_api("reset of base and joint states"),
         Feature.INERTIA: EXACT,
         Feature.INERTIA_FULL: EXACT,
-        Feature.TREE_SIZE: unsupported(_NO_LINKS),
-        Feature.TREE_DEPTH: unsupported(_NO_LINKS),
+        Feature.TREE_SIZE: never(_NO_LINKS),
+        Feature.TREE_DEPTH: never(_NO_LINKS),
         Feature.SHAPE_SPHERE: EXACT,
         Feature.SHAPE_BOX: EXACT,
         Feature.SHAPE_CYLINDER: Support(
@@ -115,7 +132,7 @@ class PyBullet(Engine):
             "should",
         ),
         Feature.SHAPE_CAPSULE: EXACT,
-        Feature.SHAPE_ELLIPSOID: unsupported("PyBullet has no ellipsoid"),
+        Feature.SHAPE_ELLIPSOID: never("PyBullet has no ellipsoid"),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
         ),
@@ -132,7 +149,7 @@ class PyBullet(Engine):
         Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
         Feature.ROLLING_FRICTION: Support(Level.EXACT, "rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
         Feature.HARDNESS_COMMON: via_api("contactERP, contactSlop, no speculative contact"),
-        Feature.HARDNESS_TIME_CONSTANT: unsupported(
+        Feature.HARDNESS_TIME_CONSTANT: never(
             "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
         ),
         Feature.HARDNESS_STIFFNESS: Support(
@@ -143,12 +160,10 @@ class PyBullet(Engine):
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
         Feature.IMPACT_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
-        Feature.CONE_PYRAMID_INSCRIBED: unsupported(
-            "PyBullet has the elliptic cone and the circumscribed pyramid only"
-        ),
+        Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: Support(Level.VIA_API, NATIVE, no_dry_friction),
+        Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
         Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
         Feature.GRAVITY: via_api("setGravity"),

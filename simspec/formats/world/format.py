@@ -12,7 +12,7 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, FreeJoint, Joint, Shape, parent_of
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import EXACT, Table, unsupported
+from simspec.support.declarations import EXACT, Attempt, Table, not_yet
 from simspec.support.features import Feature
 from simspec.world.types import FRICTION_CONES, SHAPE_SIZE_NAMES
 
@@ -26,7 +26,7 @@ class WorldJson(Format):
 
     NAME: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
-        Feature.CONTROL_NATIVE: unsupported("world.json has no gains of controllers"),
+        Feature.CONTROL_NATIVE: not_yet("world.json has no gains of controllers", Attempt.OWN_CONTROLLER),
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
 

@@ -55,7 +55,7 @@ NOT = {
 @pytest.mark.parametrize("case", EXACT)
 def test_it_is_exact_for(case):
     world = balls(**EXACT[case])
-    assert "nothing in this world but free balls" in only_balls_slide(world)
+    assert "nothing in this world but free balls" in only_balls_slide(world).how
     compile_world(world, ["pybullet"])
 
 
@@ -63,7 +63,9 @@ def test_it_is_exact_for(case):
 def test_it_must_be_accepted_for(case):
     world = balls(**NOT[case])
     assert only_balls_slide(world) is None
-    with pytest.raises(UnsupportedError, match=r"pybullet has contact\.cone\.elliptic only approximately.*22 % of μ N"):
+    with pytest.raises(
+        UnsupportedError, match=r"PyBullet supports contact\.cone\.elliptic only approximately.*22 % of μ N"
+    ):
         compile_world(world, ["pybullet"])
     compile_world(worlds.with_options(world, "pybullet", accept=("contact.cone.elliptic",)), ["pybullet"])
 

@@ -1,0 +1,137 @@
+"""What is declared as not built yet fails today: each is tried as if it were declared exact. A test that fails here says that
+something has started to work; it is then declared as what it is."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.contact.meeting import meeting_laws
+from simspec.control.law import Control
+from simspec.control.reference import reference
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.contact.run import measure
+from simspec.support.declarations import EXACT, Attempt, combine
+from simspec.support.features import Feature
+from simspec.world.control import Controller
+from simspec.world.types import Hardness, World
+from tests import worlds
+from tests.control.driving import wheel
+
+NOT_YET = [
+    (name, feature, support.attempt)
+    for name, engine in engines().items()
+    for feature, support in combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT).items()
+    if support.attempt is not None
+]
+
+
+def world_of(feature: Feature) -> World:
+    """A world that needs a feature."""
+    if feature is Feature.CONTROL_NATIVE:
+        return dataclasses.replace(
+            wheel(),
+            controllers=(Controller("own", ("wheel_joint",), "native", kp=(40.0,), kd=(3.0,), effort_limits=(None,)),),
+        )
+    if feature is Feature.HARDNESS_PAIRS:
+        world = worlds.table({("a", "a"): 0.0, ("a", "b"): 0.0, ("b", "b"): 0.0})
+        soft = Hardness("stiffness", stiffness=1e5, damping=100.0)
+        first, *others = world.contact.pairs
+        pairs = (dataclasses.replace(first, hardness=soft), *others)
+        return dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+    return worlds.one_law(**worlds.CONTACT_GAPS[feature])
+
+
+def lifted(name: str, feature: Feature, monkeypatch: pytest.MonkeyPatch) -> World:
+    """The world, with the feature declared exact by dialect and engine, and all else that it needs accepted."""
+    engine = find_engine(name)
+    for owner in (engine, type(dialects()[engine.DIALECT])):
+        monkeypatch.setattr(owner, "SUPPORT", {**owner.SUPPORT, feature: EXACT})
+    every = tuple(one.value for one in Feature)
+    return worlds.with_options(world_of(feature), name, accept=every, outside=every)
+
+
+def load(name: str, world: World, folder: Path) -> Engine:
+    write_folder(compile_world(world, [name])[name].files, folder)
+    engine = find_engine(name)()
+    engine.load(folder, read_sidecar(folder))
+    return engine
+
+
+def probes_agree(name: str, world: World, folder: Path) -> bool:
+    write_folder(compile_world(world, [name])[name].files, folder)
+    with measure(world, name, folder, None, 60.0, False) as measuring:
+        figures, _ = measuring.wait()
+    return bool(figures) and all(figure.passed and not figure.deviation for figure in figures)
+
+
+def laws_are_held(name: str, world: World, folder: Path) -> bool:
+    engine = load(name, world, folder)
+    try:
+        held = engine.read_back()
+    finally:
+        engine.close()
+    shapes = [surface.hardness for body in held.bodies for shape in body.shapes for surface in shape.surfaces]
+    there = {
+        hardness.kind for hardness in (*shapes, *(pair.surface.hardness for pair in held.pairs)) if hardness is not None
+    }
+    return {law.hardness.kind for law in meeting_laws(world).values()} <= there
+
+
+def own_controller_drives(name: str, world: World, folder: Path) -> bool:
+    control = Control(world, reference(world))
+    engine = load(name, world, folder)
+    own, at = control.native, control.native_places
+    try:
+        engine.track(control.q_places[at], control.v_places[at], own.stiffness, own.damping, own.limit)
+    finally:
+        engine.close()
+    return True
+
+
+ATTEMPTS: Mapping[Attempt, Callable[[str, World, Path], bool]] = {
+    Attempt.CONTACT_PROBES: probes_agree,
+    Attempt.READ_BACK: laws_are_held,
+    Attempt.OWN_CONTROLLER: own_controller_drives,
+}
+"""Whether a feature works, in a world that needs it, compiled as if it were declared exact."""
+
+
+def works(name: str, feature: Feature, attempt: Attempt, folder: Path, monkeypatch: pytest.MonkeyPatch) -> bool:
+    world = lifted(name, feature, monkeypatch)
+    try:
+        return ATTEMPTS[attempt](name, world, folder / "artifacts")
+    except (EngineError, UnsupportedError):
+        return False
+
+
+@pytest.mark.parametrize(("name", "feature", "attempt"), NOT_YET, ids=str)
+def test_what_is_not_built_yet_does_not_work(name, feature, attempt, tmp_path, monkeypatch):
+    assert not works(name, feature, attempt, tmp_path, monkeypatch), f"{feature} works: declare it"
+
+
+@pytest.mark.parametrize(
+    ("name", "feature", "attempt"),
+    [
+        ("mujoco", Feature.HARDNESS_STIFFNESS, Attempt.CONTACT_PROBES),
+        ("mujoco", Feature.HARDNESS_PAIRS, Attempt.READ_BACK),
+        ("pybullet", Feature.HARDNESS_STIFFNESS, Attempt.READ_BACK),
+        ("dart", Feature.CONTROL_NATIVE, Attempt.OWN_CONTROLLER),
+    ],
+    ids=str,
+)
+def test_an_attempt_sees_what_works(name, feature, attempt, tmp_path, monkeypatch):
+    assert works(name, feature, attempt, tmp_path, monkeypatch)
+
+
+def test_every_attempt_is_known_here_and_something_is_tried():
+    assert set(ATTEMPTS) == set(Attempt)
+    assert NOT_YET

@@ -1,0 +1,121 @@
+"""Negotiation finds everything, and approximates only what was accepted by name."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from simspec.errors import Location, UnsupportedError
+from simspec.support.declarations import (
+    EXACT,
+    Attempt,
+    Level,
+    Refinement,
+    Support,
+    approximate,
+    never,
+    not_here,
+    not_yet,
+    outside,
+)
+from simspec.support.features import Feature
+from simspec.support.negotiation import negotiate
+from tests import worlds
+
+TABLE = dict.fromkeys(Feature, EXACT)
+
+
+def test_what_is_approximate_elsewhere_needs_no_acceptance_where_it_is_exact():
+    world = worlds.damped_springs()
+    asked = []
+
+    def reason(given):
+        asked.append(given)
+        return Refinement(Level.VIA_API, "nothing here shows it") if len(asked) == 1 else None
+
+    table = TABLE | {Feature.DAMPING: approximate("soft", reason)}
+    found = {one.feature: one for one in negotiate(world, "engine", table)}
+    assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.VIA_API, "nothing here shows it")
+    with pytest.raises(UnsupportedError, match="only approximately: soft"):
+        negotiate(world, "engine", table)
+    accepting = worlds.with_options(world, "engine", accept=(Feature.DAMPING.value,))
+    found = {one.feature: one for one in negotiate(accepting, "engine", table)}
+    assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.APPROXIMATE, "soft")
+    assert asked == [world, world, accepting]
+
+
+def test_all_problems_come_at_once_with_their_places():
+    world = worlds.damped_springs()
+    table = TABLE | {
+        Feature.DAMPING: never("no damper"),
+        Feature.SPRING: approximate("a soft one"),
+        Feature.BALL_SPRING: outside("at each step"),
+    }
+    with pytest.raises(UnsupportedError) as caught:
+        negotiate(world, "engine", table, lambda path: Location("robot.yaml", 3, 5))
+    text = str(caught.value)
+    assert len(caught.value.problems) == 3
+    assert caught.value.exit_code == 2
+    for part in (
+        "no damper",
+        "accept: [joint.spring]",
+        "outside: [joint.ball.spring]",
+        "robot.yaml:3:5",
+        "bodies.link1",
+    ):
+        assert part in text
+
+
+def test_what_was_accepted_or_asked_for_by_name_is_decided():
+    table = TABLE | {Feature.SPRING: approximate("soft"), Feature.BALL_SPRING: outside("at each step")}
+    world = worlds.with_options(
+        worlds.damped_springs(), "engine", accept=("joint.spring",), outside=("joint.ball.spring",)
+    )
+    levels = {decision.feature: decision.level for decision in negotiate(world, "engine", table)}
+    assert levels[Feature.SPRING] is Level.APPROXIMATE
+    assert levels[Feature.BALL_SPRING] is Level.OUTSIDE
+
+
+def test_outside_is_refused_where_it_would_not_be_exact():
+    table = TABLE | {
+        Feature.SPRING: outside("at each step", lambda world: not_here(f"{world.name} may touch something"))
+    }
+    world = worlds.with_options(worlds.damped_springs(), "engine", outside=("joint.spring",))
+    with pytest.raises(UnsupportedError, match="damped-springs may touch something"):
+        negotiate(world, "engine", table)
+
+
+def test_what_a_setting_asks_for_needs_no_name_and_what_none_does_needs_one():
+    world = worlds.damped_springs()
+    asked = Refinement(Level.OUTSIDE, "a loop", asked=True)
+    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: asked)}
+    levels = {decision.feature: decision.level for decision in negotiate(world, "engine", table)}
+    assert levels[Feature.SPRING] is Level.OUTSIDE
+    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: dataclasses.replace(asked, asked=False))}
+    with pytest.raises(UnsupportedError, match=r"outside the engine: a loop"):
+        negotiate(world, "engine", table)
+
+
+def test_messages_name_the_engine_as_its_makers_write_it_and_the_key_by_its_name():
+    table = TABLE | {
+        Feature.SPRING: never("no springs"),
+        Feature.BALL_SPRING: not_yet("nobody wrote it", Attempt.CONTACT_PROBES),
+    }
+    with pytest.raises(UnsupportedError) as caught:
+        negotiate(worlds.damped_springs(), "engine", table, title="Engine")
+    messages = [problem.message for problem in caught.value.problems]
+    assert any(message.startswith("Engine does not support joint.spring: no springs") for message in messages)
+    assert any(message.startswith("Engine does not support joint.ball.spring yet: nobody") for message in messages)
+    assert all(problem.hint.endswith("--engine engine") for problem in caught.value.problems)
+
+
+def test_a_release_that_has_it_not_yet_is_refused_with_both_versions():
+    world = worlds.damped_springs()
+    table = TABLE | {Feature.SPRING: Support(Level.EXACT, since="3.8")}
+    for version in (None, "3.8", "3.8.1", "4"):
+        negotiate(world, "engine", table, version=version)
+    with pytest.raises(
+        UnsupportedError, match=r"joint\.spring: engine has it from version 3\.8 on, and 3\.7\.9 is at work"
+    ):
+        negotiate(world, "engine", table, version="3.7.9")
