@@ -13,7 +13,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.report import matrix
-from simspec.support.declarations import EXACT, unsupported
+from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 
 ALL = dict.fromkeys(Capability, "only falls")
@@ -25,7 +25,7 @@ DECLARED: dict[str, Any] = {
     "RULES": Rules("max", "max"),
     "LAYERS": False,
     "SETTINGS": {},
-    "SUPPORT": dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("only falls")},
+    "SUPPORT": dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("only falls")},
 }
 
 

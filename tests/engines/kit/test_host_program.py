@@ -19,7 +19,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.request import request_schema, write_request
 from simspec.errors import EngineError
-from simspec.support.declarations import EXACT, unsupported
+from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint
@@ -47,7 +47,7 @@ def point_mass(program, monkeypatch, tmp_path):
     class PointMass(Engine):
         NAME, FORMAT, DISTRIBUTION, EXTRA = "point-mass", "none", "numpy", "none"
         RULES, LAYERS = Rules("max", "max"), False
-        SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("a toy")}, {}
+        SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("a toy")}, {}
         LACKS = dict.fromkeys(Capability, "a toy")
 
         @classmethod

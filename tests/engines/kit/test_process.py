@@ -22,7 +22,7 @@ from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.recorder import record
 from simspec.errors import EngineError
 from simspec.runner.run import run
-from simspec.support.declarations import EXACT, unsupported
+from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 from tests import worlds
 
@@ -31,14 +31,14 @@ import os, time
 import numpy as np
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.support.declarations import EXACT, unsupported
+from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 from simspec.contact.rules import Rules
 
 class Stub(Engine):
     NAME, FORMAT, DISTRIBUTION, EXTRA = "stub", "none", "numpy", "stub"
     RULES, LAYERS = Rules("max", "max"), False
-    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("a stub")}, {}
+    SUPPORT, SETTINGS = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("a stub")}, {}
     LACKS = dict.fromkeys(Capability, "a stub")
     def load(self, folder, sidecar):
         self.what = sidecar["what"]
@@ -148,7 +148,7 @@ class Growing(Engine):
 
     NAME, FORMAT, DISTRIBUTION, EXTRA = "growing", "none", "numpy", "none"
     RULES, LAYERS = Rules("max", "max"), False
-    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: unsupported("a stub")}
+    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("a stub")}
     SETTINGS: ClassVar = {}
     LACKS: ClassVar = dict.fromkeys(Capability, "a stub")
 
