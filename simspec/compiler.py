@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from simspec.artifacts import Artifacts
 from simspec.contact.meeting import meeting_laws
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
 from simspec.contact.reachability import impact_needs, pair_needs, unreachable
@@ -20,7 +20,6 @@ from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.formats.kit.contract import formats
-from simspec.outputs.writing import write_private
 from simspec.support.declarations import combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate
@@ -30,26 +29,28 @@ from simspec.world.types import World
 WORLD_FILE = "world.json"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Compiled:
-    """The artifacts of one world for one engine: {relative path: text}, and how each needed feature is realised."""
+    """The artifacts of one world for one engine, and how each needed feature is realised."""
 
     engine: str
     dialect: str
     format: str
-    files: Mapping[str, str]
+    artifacts: Artifacts
     decisions: tuple[Decision, ...]
 
     def __repr__(self) -> str:
-        return f"<Compiled for {self.engine}: {len(self.files)} files, {self.format}>"
+        return f"<Compiled for {self.engine}: {len(self.artifacts)} files, {self.format}>"
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """The artifacts as {relative path: text}."""
+        return self.artifacts.texts
 
     @property
     def sha256(self) -> str:
         """One hash over all files, their names included."""
-        digest = hashlib.sha256()
-        for path in sorted(self.files):
-            digest.update(f"{path}\0{len(self.files[path])}\0{self.files[path]}".encode())
-        return digest.hexdigest()
+        return self.artifacts.sha256
 
 
 def _nowhere(path: str) -> Location | None:
@@ -126,7 +127,7 @@ def _negotiate(
 def _emit(world: World, label: str, plan: ContactPlan | None, decisions: tuple[Decision, ...]) -> Compiled:
     engine = find_engine(label)
     files = dialects()[engine.DIALECT].emit(world, target_of(world, engine, plan))
-    return Compiled(label, engine.DIALECT, format_of(engine), files, decisions)
+    return Compiled(label, engine.DIALECT, format_of(engine), Artifacts(files), decisions)
 
 
 def needed_decisions(
@@ -231,17 +232,17 @@ def check_control(world: World, locate: Callable[[str], Location | None] = _nowh
     ]
 
 
-def write_folder(files: Mapping[str, str], folder: Path) -> None:
+def write_folder(files: Mapping[str, str | bytes], folder: Path) -> None:
     """Write ``files`` into a folder of the caller's own, in a temporary place: it must not exist yet, or be empty.
 
     What a user named is written by :mod:`simspec.outputs`. Raises SpecError when a path would leave the folder.
     """
-    write_private(files, folder)
+    Artifacts(files).write(folder)
 
 
-def output_files(world: World, compiled: Mapping[str, Compiled]) -> dict[str, str]:
+def output_files(world: World, compiled: Mapping[str, Compiled]) -> Artifacts:
     """All files of ``generated/<name>/``: world.json, and one folder for each engine."""
-    found = {WORLD_FILE: canonical_json(world) + "\n"}
+    files: dict[str, str | bytes] = {WORLD_FILE: canonical_json(world) + "\n"}
     for name, one in compiled.items():
-        found.update({f"{name}/{path}": text for path, text in one.files.items()})
-    return found
+        files.update({f"{name}/{path}": content for path, content in one.artifacts.items()})
+    return Artifacts(files)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, output_files
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.errors import Location, Problem, SpecError
@@ -34,7 +35,7 @@ class Built:
 
     world: World
     compiled: Mapping[str, Compiled]
-    files: Mapping[str, str]
+    files: Artifacts
 
 
 def build(world: World, engines: list[str], locate: Callable[[str], Location | None]) -> Built:
@@ -61,7 +62,7 @@ def write(built: Built, folder: Path) -> Written:
     dropped: list[str] = []
 
     def change(real: Path | None) -> dict[str, bytes] | None:
-        files = {name: text.encode() for name, text in built.files.items()}
+        files = dict(built.files)
         now = {} if real is None else owned_files(real)
         if real is not None:
             kept = other_engines(built, real, now)
@@ -112,13 +113,13 @@ def _names(folder: Path) -> list[str]:
     return files_below(folder) if folder.is_dir() else []
 
 
-def compare(files: Mapping[str, str], folder: Path) -> list[str]:
+def compare(files: Mapping[str, bytes], folder: Path) -> list[str]:
     """How ``folder`` differs from ``files``: "missing: PATH" and "stale: PATH", sorted."""
     found = []
-    for name, text in sorted(files.items()):
+    for name, content in sorted(files.items()):
         path = folder / name
         try:
-            if read_bytes(path, root=folder) != text.encode():
+            if read_bytes(path, root=folder) != content:
                 found.append(f"stale: {path.as_posix()}")
         except (FileNotFoundError, NotADirectoryError):
             found.append(f"missing: {path.as_posix()}")
@@ -201,9 +202,8 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
             raise SpecError([Problem(f"{folder}: removed while its content was being proven", hint="verify again")])
         now = owned_files(real)
         for engine, wanted in certificate.artifacts_sha256.items():
-            files = {name: content.decode() for name, content in now.items() if name.startswith(f"{engine}/")}
-            texts = {name.removeprefix(f"{engine}/"): text for name, text in files.items()}
-            if Compiled(engine, "", "", texts, ()).sha256 != wanted:
+            own = {name: content for name, content in now.items() if name.startswith(f"{engine}/")}
+            if Artifacts({name.removeprefix(f"{engine}/"): content for name, content in own.items()}).sha256 != wanted:
                 message = f"{folder / engine}: other files than those that were proven; the certificate is not written"
                 raise SpecError([Problem(message, hint="verify again")])
         try:

@@ -10,13 +10,14 @@ import os
 import pytest
 
 from simspec import generated
-from simspec.compiler import Compiled
+from simspec.artifacts import Artifacts
+from simspec.compiler import Compiled, output_files
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate, write_certificate
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.expected import expected, left_out
-from simspec.world.canonical import canonical_json, sha256
+from simspec.world.canonical import sha256
 from tests import worlds
 
 
@@ -36,10 +37,9 @@ WORLD = spheres(2)
 def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> Built:
     """A compiled world of made-up engines, whose files are what the real ones' are: a model and a sidecar."""
     sidecar = json.dumps({"schema": 1, "world": sha256(world)})
-    compiled = {name: Compiled(name, "x", "xml", {"model.xml": text, "sidecar.json": sidecar}, ()) for name in engines}
-    files = {"world.json": canonical_json(world) + "\n"}
-    files |= {f"{name}/{path}": content for name, one in compiled.items() for path, content in one.files.items()}
-    return Built(world, compiled, files)
+    artifacts = Artifacts({"model.xml": text, "sidecar.json": sidecar})
+    compiled = {name: Compiled(name, "x", "xml", artifacts, ()) for name in engines}
+    return Built(world, compiled, output_files(world, compiled))
 
 
 def whole(world) -> tuple[Check, ...]:

@@ -17,6 +17,7 @@ ORDER = (
     "mapped",
     "stored",
     "outputs",
+    "artifacts",
     "resources",
     "language",
     "world",

@@ -102,6 +102,7 @@ def verify_world(
         certificate = prove(
             world,
             engines,
+            compiled=built.compiled,
             pythons=pythons,
             locate=locate,
             deadline=deadline,

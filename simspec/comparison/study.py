@@ -135,7 +135,7 @@ def study(
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:
-            certificate = _prove(world, there, artifacts, pythons, locate, deadline, progress)
+            certificate = _prove(world, compiled, artifacts, pythons, deadline, progress)
             arrivals.certificate(certificate)
         runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress, arrivals)
         again = _repeat(runs, artifacts, pythons, deadline, progress) if repeats else {}
@@ -154,10 +154,9 @@ def study(
 
 def _prove(
     world: World,
-    engines: list[str],
+    compiled: Mapping[str, Compiled],
     artifacts: Mapping[str, Path],
     pythons: Mapping[str, str] | None,
-    locate: Callable[[str], Location | None],
     deadline: float,
     progress: Callable[..., None],
 ) -> Certificate:
@@ -165,7 +164,13 @@ def _prove(
 
     progress("verifying")
     return verify(
-        world, engines, artifacts=artifacts, pythons=pythons or {}, locate=locate, deadline=deadline, progress=progress
+        world,
+        list(compiled),
+        compiled=compiled,
+        artifacts=artifacts,
+        pythons=pythons or {},
+        deadline=deadline,
+        progress=progress,
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import dialects
@@ -20,7 +21,6 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Location, UnsupportedError
-from simspec.outputs.reading import files_below, read_text
 from simspec.proof import control, dry_friction, motion
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
@@ -96,6 +96,7 @@ def verify(
     world: World,
     engines: Sequence[str],
     *,
+    compiled: Mapping[str, Compiled] | None = None,
     artifacts: Mapping[str, Path] | None = None,
     levels: Iterable[str] = LEVELS,
     pythons: Mapping[str, str] | None = None,
@@ -107,7 +108,8 @@ def verify(
 ) -> Certificate:
     """Hold what every engine of ``engines`` makes of ``world`` against the world and the oracle.
 
-    ``artifacts``: folders of compiled files by engine (default: compiled afresh); ``pythons``: interpreters by engine;
+    ``compiled``: what compiling the world for these engines gave (default: compiled here); ``artifacts``: folders of its files
+    by engine (default: written to a temporary one); ``pythons``: interpreters by engine;
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before.
     An engine that fails is a failed check with its message, the others go on.
@@ -115,7 +117,8 @@ def verify(
     """
     say = progress or (lambda text: None)
     levels = set(levels)
-    compiled = compile_world(world, engines, locate)
+    if compiled is None:
+        compiled = compile_world(world, engines, locate)
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})
@@ -259,11 +262,9 @@ def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: di
         if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
     }
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
-    texts = {name: read_text(folder / name, root=folder) for name in files_below(folder)}
-    on_disk = Compiled(compiled.engine, compiled.dialect, compiled.format, texts, ())
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     checks = sorted(checks, key=lambda check: check.level)
-    return EngineProof(version, on_disk.sha256, tuple(checks), approximations, unreadable, seconds)
+    return EngineProof(version, Artifacts.read(folder).sha256, tuple(checks), approximations, unreadable, seconds)
 
 
 def _oracle_version() -> str:

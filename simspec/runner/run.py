@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.artifacts import Artifacts
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
@@ -26,7 +26,6 @@ from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.language.strict import near
 from simspec.mapped import parts, zeros
-from simspec.outputs.reading import files_below, read_text
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.coordinates import Coordinates, coordinates
@@ -143,15 +142,6 @@ class Run:
         return steps * self.world.physics.timestep / seconds if seconds and steps else None
 
 
-def artifacts_sha256(folder: Path) -> str:
-    """The hash of a folder of artifacts; equal to ``Compiled.sha256`` of the files it was written from."""
-    digest = hashlib.sha256()
-    for name in files_below(folder):
-        text = read_text(folder / name, root=folder)
-        digest.update(f"{name}\0{len(text)}\0{text}".encode())
-    return digest.hexdigest()
-
-
 def perturbed_state(world: World, amount: float) -> tuple[np.ndarray, np.ndarray]:
     """The world's initial (q, v), moved by ``amount``, a relative change: for the noise floor, 1e-15.
 
@@ -224,7 +214,7 @@ def start_run(
             "simspec": version("simspec"),
             "started": started.isoformat(timespec="seconds"),
             "world_sha256": sha256(world),
-            "artifacts_sha256": artifacts_sha256(artifacts),
+            "artifacts_sha256": Artifacts.read(artifacts).sha256,
             "engine": engine,
             "settings": resolve_settings(find_engine(engine), world),
             "accepted": list(world.options(engine_name(engine)).accept),

@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from simspec.artifacts import Artifacts
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError
 from simspec.runner import metrics
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import (
-    artifacts_sha256,
     perturbed_state,
     run,
     run_all,
@@ -102,7 +102,7 @@ def test_given_artifacts_are_used_and_checked(tmp_path):
     world = short(worlds.spheres(2))
     compiled = compile_world(world, ["mujoco"])["mujoco"]
     write_folder(compiled.files, tmp_path / "mujoco")
-    assert artifacts_sha256(tmp_path / "mujoco") == compiled.sha256
+    assert Artifacts.read(tmp_path / "mujoco").sha256 == compiled.sha256
     assert run(world, "mujoco", artifacts=tmp_path / "mujoco").provenance["artifacts_sha256"] == compiled.sha256
     with pytest.raises(SpecError, match="compiled from another world"):
         run(short(worlds.spheres(3)), "mujoco", artifacts=tmp_path / "mujoco")
