@@ -25,8 +25,8 @@ _HOME = {
     "Compiled": "simspec.compiler:Compiled",
     "verify": "simspec.proof.verify:verify",
     "Certificate": "simspec.proof.certificate:Certificate",
-    "run": "simspec.runner.run:run",
-    "run_all": "simspec.runner.run:run_all",
+    "run": "simspec.runner.execution:run",
+    "run_all": "simspec.runner.execution:run_all",
     "Run": "simspec.runner.run:Run",
     "load_run": "simspec.runner.store:load_run",
     "evaluate": "simspec.runner.expectations:evaluate",
@@ -85,7 +85,8 @@ if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
     from simspec.proof.verify import verify
     from simspec.resources import find_spec
+    from simspec.runner.execution import run, run_all
     from simspec.runner.expectations import Outcome, evaluate
-    from simspec.runner.run import Run, run, run_all
+    from simspec.runner.run import Run
     from simspec.runner.store import load_run
     from simspec.world.types import World

@@ -13,8 +13,8 @@ import pytest
 
 import simspec
 from simspec.engines.kit.registry import engines
+from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
-from simspec.runner.run import run
 from simspec.world.kinematics import poses
 from simspec.world.types import Inertial
 

@@ -28,8 +28,9 @@ from stacking_page import ASLEEP, PAGE, ROOT, SEEDS, TIMESTEPS, keep, key, load,
 import simspec
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
+from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
-from simspec.runner.run import Run, run
+from simspec.runner.run import Run
 from simspec.world.types import Expectation, World
 
 SPEC = ROOT / "specs" / "stack-cylinders.yaml"

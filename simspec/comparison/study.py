@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
-from simspec.compiler import Compiled, compile_world, output_files, write_folder
+from simspec.compiler import Compiled, compile_world, output_files
 from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
+from simspec.runner.case import Case
+from simspec.runner.execution import failed_run, run_case, run_jobs
 from simspec.runner.expectations import Outcome, evaluate
-from simspec.runner.run import Run, failed_run, run, run_jobs
+from simspec.runner.run import Run
 from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
@@ -130,7 +132,7 @@ def study(
         root = place / "compiled"
         progress("compiling")
         compiled = compile_world(world, there, locate)
-        write_folder(output_files(world, compiled), root)
+        output_files(world, compiled).write(root)
         arrivals.compiled(compiled)
         artifacts = {name: root / name for name in there}
         certificate = None
@@ -194,9 +196,8 @@ def _run_each(
             continue
         progress(f"running {name}")
         try:
-            runs[name] = run(
-                world,
-                name,
+            runs[name] = run_case(
+                Case(world, name),
                 artifacts=artifacts[name],
                 python=(pythons or {}).get(name),
                 deadline=deadline,
@@ -222,7 +223,11 @@ def _repeat(
     names = [name for name, one in runs.items() if one.recorded and one.failed is None]
     if not names:
         return {}
-    jobs = [(name, artifacts[name], perturb) for name in names for perturb in (0.0, PERTURBATION)]
+    jobs = [
+        (Case(runs[name].world, name, perturb=perturb), artifacts[name])
+        for name in names
+        for perturb in (0.0, PERTURBATION)
+    ]
     progress(f"repeating {', '.join(names)} for the noise floor")
-    found = run_jobs(jobs, runs[names[0]].world, pythons=pythons, deadline=deadline)
-    return {name: tuple(found[2 * index : 2 * index + 2]) for index, name in enumerate(names)}
+    repeated = run_jobs(jobs, pythons=pythons, deadline=deadline)
+    return {name: tuple(repeated[2 * index : 2 * index + 2]) for index, name in enumerate(names)}

@@ -117,8 +117,7 @@ def verify(
     """
     say = progress or (lambda text: None)
     levels = set(levels)
-    if compiled is None:
-        compiled = compile_world(world, engines, locate)
+    compiled = compile_world(world, engines, locate) if compiled is None else compiled
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})

@@ -10,7 +10,7 @@ from simspec import cli
 from simspec.comparison.floor import PERTURBATION, measure_floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff
 from simspec.language.load import Spec
-from simspec.runner.run import run
+from simspec.runner.execution import run
 
 ENGINE = "mujoco"
 

@@ -11,7 +11,7 @@ from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.engines.kit.contract import Actuation
 from simspec.proof.verify import verify
-from simspec.runner.run import run
+from simspec.runner.execution import run
 from simspec.world.control import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Record

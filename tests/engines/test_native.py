@@ -24,7 +24,7 @@ from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.verify import verify
-from simspec.runner.run import run
+from simspec.runner.execution import run
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import Inertial, Record, World
 from tests import worlds

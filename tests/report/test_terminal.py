@@ -24,8 +24,8 @@ from simspec.report.kit import length
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
 from simspec.report.progress import progress
+from simspec.runner.execution import failed_run
 from simspec.runner.expectations import evaluate
-from simspec.runner.run import failed_run
 from simspec.world.types import Expectation
 from tests import worlds
 from tests.runner.synthetic import column, free_body, run, world

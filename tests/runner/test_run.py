@@ -12,13 +12,9 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError
 from simspec.runner import metrics
+from simspec.runner.case import Case, perturbed_state
+from simspec.runner.execution import run, run_all, run_jobs
 from simspec.runner.expectations import evaluate
-from simspec.runner.run import (
-    perturbed_state,
-    run,
-    run_all,
-    run_jobs,
-)
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Expectation, Physics, Record
@@ -177,7 +173,7 @@ def test_jobs_side_by_side_come_in_order(tmp_path):
     world = short(worlds.spheres(2))
     for name, compiled in compile_world(world, ["mujoco", "pybullet"]).items():
         write_folder(compiled.files, tmp_path / name)
-    jobs = [(name, tmp_path / name, perturb) for name in ("mujoco", "pybullet") for perturb in (0.0, 1e-15)]
-    found = run_jobs(jobs, world)
-    assert [(one.engine, one.provenance["perturb"]) for one in found] == [(name, perturb) for name, _, perturb in jobs]
+    cases = [Case(world, name, perturb=perturb) for name in ("mujoco", "pybullet") for perturb in (0.0, 1e-15)]
+    found = run_jobs([(case, tmp_path / case.engine) for case in cases])
+    assert [(one.engine, one.provenance["perturb"]) for one in found] == [(one.engine, one.perturb) for one in cases]
     assert all(one.failed is None for one in found)

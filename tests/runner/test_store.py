@@ -15,7 +15,7 @@ import pytest
 
 from simspec.errors import EngineError, SpecError
 from simspec.runner import store, tables
-from simspec.runner.run import failed_run
+from simspec.runner.execution import failed_run
 from simspec.runner.store import is_run, load_run
 from simspec.world.coordinates import coordinates
 from simspec.world.types import Joint

@@ -28,8 +28,9 @@ from simspec.engines.kit.process import start
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.proof.verify import engine_checks, prepare
-from simspec.runner import run as runner
-from simspec.runner.run import run_all
+from simspec.runner import execution as runner
+from simspec.runner.case import Case
+from simspec.runner.execution import run_all
 from tests import worlds
 
 ENGINES = ("dart", "mujoco", "pybullet")
@@ -70,7 +71,7 @@ def good(tmp_path_factory):
 
             patch.setattr(process.Running, "wait", wait)
             artifacts = place / f"{engine}-artifacts"
-            runner.write_folder(runner.compile_world(scene(), [engine])[engine].files, artifacts)
+            runner.compile_world(scene(), [engine])[engine].artifacts.write(artifacts)
             run = runner.run(scene(), engine, artifacts=artifacts)
             assert run.failed is None
             assert len(run.arrays["contact.row"])
@@ -291,7 +292,7 @@ def test_a_process_that_misbehaves_is_that_engine_s_failure(kind, good, tmp_path
     progress = [] if "progress" in kind else None
     with (
         pytest.raises(EngineError) as caught,
-        runner.start_run(scene(), "dart", good["dart"].artifacts, python=bad, deadline=QUICK) as pending,
+        runner.start_case(Case(scene(), "dart"), good["dart"].artifacts, python=bad, deadline=QUICK) as pending,
     ):
         pending.wait(None if progress is None else progress.append)
     assert caught.value.exit_code == 3
@@ -383,7 +384,7 @@ def test_the_proof_stands_whatever_an_engine_says_it_holds(engine, tmp_path):
     """One place of the answer at a time is changed, removed or doubled: it is refused, or it is judged."""
     world = worlds.shapes_world()
     artifacts, folder = tmp_path / "artifacts", tmp_path / "answer"
-    runner.write_folder(runner.compile_world(world, [engine])[engine].files, artifacts)
+    runner.compile_world(world, [engine])[engine].artifacts.write(artifacts)
     probes = prepare(world, ["L1", "L2", "L3", "L4", "L6"])
     operations = probes.operations()
     with start(engine, artifacts, operations) as running:

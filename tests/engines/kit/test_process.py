@@ -21,7 +21,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.recorder import record
 from simspec.errors import EngineError
-from simspec.runner.run import run
+from simspec.runner.execution import run
 from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 from tests import worlds
