@@ -111,7 +111,7 @@ def test_a_case_is_run_as_it_says():
     assert run.provenance["settings"]["iterations"] == 7
     assert run.provenance["seed"] == 5
     assert len(run.time) == 3
-    assert "velocity" not in run.arrays
+    assert "energy" not in run.arrays
     np.testing.assert_array_equal(run.arrays["q"][0], perturbed_state(world, 1e-3, 5)[0])
     unchanged = run_case(Case(world, ENGINE))
     assert unchanged.provenance["case"] != run.provenance["case"]
