@@ -20,8 +20,8 @@ from pathlib import Path
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import engines
+from simspec.engines.kit.session import Session
 
 SCENARIOS = ("spheres-216", "ur10e")
 ROOT = Path(__file__).resolve().parent.parent
@@ -71,8 +71,8 @@ def measure(name: str, folder: Path, steps: int, every: int, rounds: int) -> tup
     chunks = steps // every
     fastest = [[math.inf] * chunks, [math.inf] * chunks]
     for turn in range(2 * rounds):
-        engine = find_engine(name)()
-        engine.load(folder, read_sidecar(folder))
+        session = Session(name, folder)
+        engine = session.lend()
         for chunk in range(chunks):
             bare = (chunk + turn) % 2
             if bare:
@@ -83,7 +83,7 @@ def measure(name: str, folder: Path, steps: int, every: int, rounds: int) -> tup
                 seconds = time.perf_counter() - started
             fastest[bare][chunk] = min(fastest[bare][chunk], seconds)
             observe(engine)
-        engine.close()
+        session.close()
     return sum(fastest[0]), sum(fastest[1])
 
 

@@ -27,6 +27,7 @@ _HOME = {
     "Certificate": "simspec.proof.certificate:Certificate",
     "run": "simspec.runner.execution:run",
     "run_all": "simspec.runner.execution:run_all",
+    "Session": "simspec.engines.kit.session:Session",
     "Run": "simspec.runner.run:Run",
     "load_run": "simspec.runner.store:load_run",
     "evaluate": "simspec.runner.expectations:evaluate",
@@ -80,6 +81,7 @@ if TYPE_CHECKING:
     from simspec.compiler import Compiled
     from simspec.compiler import compile_world as compile
     from simspec.engines.kit.registry import engines as known_engines
+    from simspec.engines.kit.session import Session
     from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
     from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate

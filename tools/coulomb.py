@@ -22,8 +22,8 @@ from contact_runs import RUNS, probe_world, tower
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.mujoco.contact import COULOMB, NATIVE
+from simspec.engines.kit.session import Session
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.contact.probe import Law
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
@@ -101,21 +101,21 @@ def price(scene: str, rounds: int) -> Price:
             places[mode] = Path(folder) / mode
             write_folder(compile_world(make(run), ["mujoco"])["mujoco"].files, places[mode])
         for _ in range(rounds):
-            live = {mode: MuJoCo() for mode in MODES}
-            for mode, engine in live.items():
-                engine.load(places[mode], read_sidecar(places[mode]))
+            sessions = {mode: Session(MuJoCo, places[mode]) for mode in MODES}
+            live = {mode: session.lend() for mode, session in sessions.items()}
+            for mode in live:
                 spent[mode].append(np.zeros(steps // STRETCH))
             for stretch in range(steps // STRETCH):
                 for mode, engine in live.items():
                     started = time.process_time()
                     engine.step(STRETCH)
                     spent[mode][-1][stretch] = time.process_time() - started
-            law = live[COULOMB]._coulomb
+            law, none = (live[mode]._coulomb for mode in (COULOMB, NATIVE))
             assert law is not None
-            assert live[NATIVE]._coulomb is None
+            assert none is None
             counts = (law.stepped, law.unsettled, law.worst)
-            for engine in live.values():
-                engine.close()
+            for session in sessions.values():
+                session.close()
     quickest = {mode: 1e6 * float(np.min(found, axis=0).sum()) / steps for mode, found in spent.items()}
     return Price(scene, quickest[NATIVE], quickest[COULOMB], *counts)
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.dart.detectors import UNSOUND
-from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.dart.engine import Dart
+from simspec.engines.kit.session import Session
 from simspec.proof.touch.geometry import Solid, gap, solids, transform
 from simspec.support.features import Feature
 from simspec.world import frames
@@ -147,18 +147,17 @@ def measure(
             with tempfile.TemporaryDirectory(prefix="simspec-detectors-") as name:
                 place = Path(name) / "dart"
                 write_folder(compile_world(world, ["dart"])["dart"].files, place)
-                engine = Dart()
-                engine.load(place, read_sidecar(place))
-                q, v = engine.get_state()
+                session = Session(Dart, place)
+                q, v = session.get_state()
                 for distance, both in placed:
                     moving = [pose for pose, kind in zip(both, kinds, strict=True) if kind != "plane"]
                     state = [value for pose in moving for value in (*pose.position, *pose.quaternion)]
-                    engine.set_state(np.array(state).reshape(q.shape), v)
-                    touching = len(engine.detect_units()) > 0
+                    session.set_state(np.array(state).reshape(q.shape), v)
+                    touching = len(session.detect_units()) > 0
                     counts = found[detector].setdefault(distance, [0, 0])
                     counts[0] += 1
                     counts[1] += touching != (distance < 0.0)
-                engine.close()
+                session.close()
     return found
 
 

@@ -29,10 +29,10 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
-from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.process import ONE_THREAD
 from simspec.engines.kit.recorder import MOST_BYTES, Recording, Stepper
 from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.session import Session
 from simspec.world.types import EngineOptions, World
 
 PARTS = ("step", "control", "record")
@@ -57,10 +57,9 @@ def once(world: World, engine: str) -> np.ndarray:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / engine
         write_folder(compile_world(world, [engine])[engine].files, place)
-        live = find_engine(engine)()
-        live.load(place, read_sidecar(place))
-        stepper = Stepper(live, from_request(*to_request(world)))
-        recording = Recording(live, world.record.channels, stepper.control, f"{folder}/recorded-", MOST_BYTES)
+        session = Session(engine, place)
+        stepper = Stepper(session, from_request(*to_request(world)))
+        recording = Recording(session, world.record.channels, stepper.control, f"{folder}/recorded-", MOST_BYTES)
         recording.take(0)
         rows, done = [], 0
         while done < world.physics.steps:
@@ -73,7 +72,7 @@ def once(world: World, engine: str) -> np.ndarray:
                     recording.take(done)
             after = (stepper.seconds["step"], stepper.seconds["control"], recording.seconds)
             rows.append(np.subtract(after, before))
-        live.close()
+        session.close()
     return np.array(rows)
 
 

@@ -20,9 +20,8 @@ import numpy as np
 import simspec
 from simspec.compiler import compile_world, write_folder
 from simspec.control.request import from_request, to_request
-from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.recorder import Stepper
-from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.session import Session
 from simspec.world.types import World
 
 ENGINE = "pybullet"
@@ -40,9 +39,8 @@ def pictures(world: World, times: Sequence[float], eye: Sequence[float], target:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / ENGINE
         write_folder(compile_world(world, [ENGINE])[ENGINE].files, place)
-        live = find_engine(ENGINE)()
-        live.load(place, read_sidecar(place))
-        stepper, done = Stepper(live, from_request(*to_request(world))), 0
+        session = Session(ENGINE, place)
+        stepper, done = Stepper(session, from_request(*to_request(world))), 0
         view = pybullet.computeViewMatrix(eye, target, (0.0, 0.0, 1.0))
         lens = pybullet.computeProjectionMatrixFOV(FIELD_OF_VIEW, WIDTH / HEIGHT, 0.05, 10.0)
         for time in times:
@@ -53,7 +51,7 @@ def pictures(world: World, times: Sequence[float], eye: Sequence[float], target:
                 WIDTH, HEIGHT, view, lens, renderer=pybullet.ER_TINY_RENDERER, lightDirection=LIGHT, shadow=1
             )
             found.append(np.reshape(seen[2], (HEIGHT, WIDTH, 4))[:, :, :3].astype(np.uint8))
-        live.close()
+        session.close()
     return found
 
 

@@ -65,7 +65,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "contact.normal_force": Form(("contacts",), when="contacts"),
     },
 }
-"""The arrays of each operation of ``worker.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""
+"""The arrays of each operation of ``operations.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""
 
 
 @dataclass(frozen=True)

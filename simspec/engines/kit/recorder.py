@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,28 +13,29 @@ from simspec.control.law import Control
 from simspec.control.native import Servos
 from simspec.control.request import from_request
 from simspec.engines.kit.arrays import CONTACT_FIELDS
-from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.contract import Actuation
+from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
 
 
 class Stepper:
-    """Steps an engine, with the controllers at work between the steps.
+    """Steps a session's engine, with the controllers at work between the steps.
 
     ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and wall time of the
     laws and of passing states and efforts (``control``).
     """
 
-    def __init__(self, engine: Engine, control: Control | None):
-        self._engine, self.control = engine, control
+    def __init__(self, session: Session, control: Control | None):
+        self._session, self.control = session, control
         self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0} if control is None else control.seconds
         self._joints: Actuation | None = None
         self._servos: Servos | None = None
         if control is not None:
-            self._joints = engine.actuate(control.q_places, control.v_places)
+            self._joints = session.actuate(control.q_places, control.v_places)
             own, at = control.native, control.native_places
             if own is not None:
                 places = control.q_places[at], control.v_places[at]
-                self._servos = engine.track(*places, own.stiffness, own.damping, own.limit)
+                self._servos = session.track(*places, own.stiffness, own.damping, own.limit)
 
     def advance(self, done: int, count: int) -> None:
         """Do steps ``done`` … ``done + count − 1`` of the run."""
@@ -43,7 +44,7 @@ class Stepper:
             return
         cpu = time.process_time()
         wall = time.perf_counter()
-        self._engine.step(count)
+        self._session.step(count)
         self.seconds["step"] += time.perf_counter() - wall
         self.seconds["cpu"] += time.process_time() - cpu
 
@@ -158,8 +159,10 @@ class Recording:
     """What a run leaves behind: rows of the named channels, taken one by one into files ``<place><channel>.bin``; see
     :func:`record` for their meaning. Raises EngineError when that becomes more than ``most`` bytes."""
 
-    def __init__(self, engine: Engine, channels: Iterable[str], control: Control | None, place: Path | str, most: int):
-        self._engine, self._control, self._place = engine, control, Path(place)
+    def __init__(
+        self, session: Session, channels: Iterable[str], control: Control | None, place: Path | str, most: int
+    ):
+        self._session, self._control, self._place = session, control, Path(place)
         channels = frozenset(channels)
         self._energy = "energy" in channels
         self._contacts = _Contacts(self._place) if "contacts" in channels else None
@@ -176,12 +179,12 @@ class Recording:
     def take(self, done: int) -> bool:
         """Add a row, after ``done`` steps. Returns whether all of it is finite."""
         started = time.perf_counter()
-        engine, control = self._engine, self._control
-        pose, velocity = engine.body_states()
-        q, v = engine.get_state()
+        session, control = self._session, self._control
+        pose, velocity = session.body_states()
+        q, v = session.get_state()
         row: dict[str, Any] = {"step": done, "q": q, "v": v, "pose": pose, "velocity": velocity}
         if self._energy:
-            row["energy"] = engine.energy()
+            row["energy"] = session.energy()
         if control is not None:
             row["control.target"] = control.target if done else q[control.q_places]
             row["control.effort"] = control.applied
@@ -195,12 +198,12 @@ class Recording:
             self.failed = self._which(row, done)
         self._bytes += columns.done()
         if self._contacts is not None and done:
-            found = engine.contacts()
+            found = session.contacts()
             if len(found["distance"]) and self.failed is None:
                 self.failed = _which_contact(found, done)
             self._bytes += self._contacts.add(self._row, found)
         if self._bytes > self._most:
-            raise EngineError(engine.NAME, f"more than {self._most:,} bytes are recorded; record less often, or less")
+            raise EngineError(session.name, f"more than {self._most:,} bytes are recorded; record less often, or less")
         self._row += 1
         self.seconds += time.perf_counter() - started
         return self.failed is None
@@ -246,7 +249,7 @@ def _tell(place: Path, share: float) -> None:
 
 
 def record(
-    engine: Engine, arrays: dict[str, np.ndarray], operation: dict[str, Any], place: Path | str
+    session: Session, arrays: Mapping[str, np.ndarray], operation: Mapping[str, Any], place: Path | str
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Run ``operation["steps"]`` steps, recording every ``operation["every"]`` into the named ``channels``, of at most
     ``operation["most"]`` bytes, in files ``<place><channel>.bin``: little-endian numbers, row after row.
@@ -266,10 +269,10 @@ def record(
     which ``place`` of the channel's row; there the run ended. And kind and shape of the arrays.
     """
     if "q" in arrays:
-        engine.set_state(arrays["q"], arrays["v"])
-    stepper = Stepper(engine, from_request(operation, arrays))
+        session.set_state(arrays["q"], arrays["v"])
+    stepper = Stepper(session, from_request(operation, arrays))
     control = stepper.control
-    recording = Recording(engine, operation["channels"], control, place, operation.get("most", MOST_BYTES))
+    recording = Recording(session, operation["channels"], control, place, operation.get("most", MOST_BYTES))
     steps, every = operation["steps"], operation["every"]
     done = 0
     begun = time.perf_counter()

@@ -3,7 +3,7 @@
 It works in any environment that has numpy and the engine: this file makes its own ``simspec`` package importable without
 putting the rest of simspec's environment on the path, so the engine may live in another interpreter.
 
-FOLDER/request.json   schema; engine (its name); program ("module:Class"); operations (a list, see OPERATIONS; each with its
+FOLDER/request.json   schema; engine (its name); program ("module:Class"); operations (a list, see operations.py; each with its
                       folder of artifacts, relative to FOLDER, and the kind and shape of each of its arrays; it may be an
                       ``attempt``, see ``attempts.py``)
 FOLDER/at_work.txt    the number of the operation that is at work
@@ -21,6 +21,7 @@ The result is written to a temporary name and renamed: a result that exists is w
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import importlib.util
 import json
@@ -32,7 +33,11 @@ import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from simspec.engines.kit.contract import Engine
+    from simspec.engines.kit.session import Session
 
 SCHEMA = 3
 REQUEST, REQUEST_ARRAYS = "request.json", "request.bin"
@@ -57,170 +62,6 @@ def _make_simspec_importable() -> None:
     spec.loader.exec_module(module)
 
 
-def _read_back(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    from simspec.world.canonical import to_plain
-
-    return to_plain(engine.read_back()), {}
-
-
-def _kinematics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), and the state as read again."""
-    import numpy as np
-
-    found: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
-    for q, v in zip(arrays["q"], arrays["v"], strict=True):
-        engine.set_state(q, v)
-        pose, velocity = engine.body_states()
-        again_q, again_v = engine.get_state()
-        for name, value in (("pose", pose), ("velocity", velocity), ("q", again_q), ("v", again_v)):
-            found[name].append(value)
-    return {}, {name: np.array(values) for name, values in found.items()}
-
-
-def _dynamics(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """q (k, nq), v (k, nv) -> mass (k, numbers), the blocks of M one after the other, each by rows; bias_force (k, nv); and
-    gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has."""
-    import numpy as np
-
-    ends = np.cumsum(operation["sizes"])
-    blocks = np.split(arrays["places"], ends[:-1]) if len(ends) else []
-    found: dict[str, list[Any]] = {"mass": [], "bias_force": [], "gravity_force": []}
-    for q, v in zip(arrays["q"], arrays["v"], strict=True):
-        engine.set_state(q, v)
-        found["mass"].append(np.concatenate([np.zeros(0), *(part.ravel() for part in engine.mass_blocks(blocks))]))
-        found["bias_force"].append(engine.bias_force())
-        engine.set_state(q, np.zeros_like(v))
-        found["gravity_force"].append(engine.bias_force())
-    return {}, {name: np.array(values) for name, values in found.items()}
-
-
-def _without_dry_friction(engine: Any, places: Any) -> None:
-    """Where nothing has dry friction, an engine that cannot switch it off is not asked to."""
-    if len(places):
-        engine.disable_dry_friction(places)
-
-
-def _motion(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``. The dry
-    friction at the places ``rubbing`` (n,) of v is taken away before.
-
-    -> q (n, nq), v (n, nv), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
-    """
-    import numpy as np
-
-    engine.disable_contact()
-    _without_dry_friction(engine, arrays["rubbing"])
-    engine.set_state(arrays["q"], arrays["v"])
-    found: dict[str, list[Any]] = {"q": [], "v": [], "pose": [], "velocity": []}
-    done = 0
-    while True:
-        q, v = engine.get_state()
-        pose, velocity = engine.body_states()
-        for name, value in (("q", q), ("v", v), ("pose", pose), ("velocity", velocity)):
-            found[name].append(value)
-        if done >= operation["steps"] or not np.isfinite(pose).all():
-            break
-        count = min(operation["every"], operation["steps"] - done)
-        engine.step(count, arrays["effort"])
-        done += count
-    return {"steps": done}, {name: np.array(values) for name, values in found.items()}
-
-
-def _trials(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Short contact-free motions, each from q (k, nq), v (k, nv) under a constant effort (k, nv), for ``steps``
-    (k) -> v (k, nv)."""
-    import numpy as np
-
-    engine.disable_contact()
-    found = []
-    for q, v, effort, steps in zip(arrays["q"], arrays["v"], arrays["effort"], operation["steps"], strict=True):
-        engine.set_state(q, v)
-        engine.step(steps, effort)
-        found.append(engine.get_state()[1])
-    return {}, {"v": np.array(found)}
-
-
-def _drive(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Motion with contact from the files' initial state: phases of (steps, every), effort (phases, nv).
-
-    -> time (n,), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
-    """
-    import numpy as np
-
-    time, poses, velocities = [], [], []
-    done = 0
-
-    def look() -> None:
-        pose, velocity = engine.body_states()
-        time.append(done * operation["timestep"])
-        poses.append(pose)
-        velocities.append(velocity)
-
-    look()
-    for (steps, every), effort in zip(operation["phases"], arrays["effort"], strict=True):
-        given = effort if effort.any() else None
-        left = steps
-        while left:
-            count = min(every, left)
-            engine.step(count, given)
-            done, left = done + count, left - count
-            look()
-    return {}, {"time": np.array(time), "pose": np.array(poses), "velocity": np.array(velocities)}
-
-
-def _respond(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Contact-free motion under the controllers from q (nq,), v (nv,), without dry friction at the places ``rubbing`` (n,) of v
-    -> positions (n, driven joints)."""
-    from simspec.control.request import from_request
-
-    engine.disable_contact()
-    _without_dry_friction(engine, arrays["rubbing"])
-    engine.set_state(arrays["q"], arrays["v"])
-    control = from_request(operation, arrays)
-    joints = engine.actuate(control.q_places, control.v_places)
-    return {}, {"positions": control.follow(joints, operation["steps"], operation["every"])}
-
-
-def _touching(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """q (k, nq) -> units (n, 3): index of the state, then the indices of two collision units that touch in it; touching: the
-    same for bodies. The result names the units: index of the body, names of shapes."""
-    import numpy as np
-
-    from simspec.engines.kit.arrays import bodies_of
-
-    units = engine.collision_units()
-    found: dict[str, list[Any]] = {"units": [np.zeros((0, 3), np.int64)], "touching": [np.zeros((0, 3), np.int64)]}
-    velocity = np.zeros(arrays["v"].shape[-1])
-    for index, q in enumerate(arrays["q"]):
-        engine.set_state(q, velocity)
-        pairs = engine.detect_units()
-        bodies = bodies_of(units, pairs)
-        known = bodies[(bodies >= 0).all(axis=1)]  # a unit of no body of the world stands in ``units``
-        for name, rows in (("units", pairs), ("touching", known)):
-            found[name].append(np.column_stack([np.full(len(rows), index, np.int64), rows.reshape(-1, 2)]))
-    named = [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
-    return {"units": named}, {name: np.concatenate(rows) for name, rows in found.items()}
-
-
-def _run(engine: Any, arrays: dict[str, Any], operation: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    from simspec.engines.kit.recorder import record
-
-    return record(engine, arrays, operation, operation["place"])
-
-
-OPERATIONS = {
-    "read_back": _read_back,
-    "kinematics": _kinematics,
-    "dynamics": _dynamics,
-    "motion": _motion,
-    "trials": _trials,
-    "drive": _drive,
-    "respond": _respond,
-    "touching": _touching,
-    "run": _run,
-}
-
-
 def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
     import numpy as np
 
@@ -232,16 +73,21 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     engine_class = getattr(importlib.import_module(module), name)
     entries: list[dict[str, Any]] = []
     stored: list[Any] = []
-    for index, (asked, arrays) in enumerate(_requested(folder, request)):
+    sessions = _Sessions(engine_class)
+    placed = [
+        {**asked, "artifacts": folder / asked["artifacts"], "place": folder / f"{index}."}
+        for index, asked in enumerate(request["operations"])
+    ]
+    for index, (operation, arrays) in enumerate(zip(placed, _requested(folder, request), strict=True)):
         (folder / AT_WORK).write_text(str(index), encoding="ascii")
-        operation = {**asked, "artifacts": folder / asked["artifacts"], "place": folder / f"{index}."}
         if operation.get("attempt", False):
             engine_class.prepare()
-            entry, own = attempt(
-                lambda given=(operation, arrays): _entry(engine_class, *given), operation, folder, MESSAGE
-            )
+            work = functools.partial(_alone, engine_class, operation, arrays)
+            entry, own = attempt(work, operation, folder, MESSAGE)
         else:
-            entry, own = _entry(engine_class, operation, arrays)
+            entry, own = sessions.entry(operation, arrays)
+        if index + 1 == len(placed) or not sessions.shares(placed[index + 1]):
+            sessions.close()  # while this operation is said to be at work: a crash in closing is its own
         entries.append(entry)
         stored += own
     return (
@@ -259,8 +105,8 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     )
 
 
-def _requested(folder: Path, request: dict[str, Any]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Each operation of a request, with its arrays."""
+def _requested(folder: Path, request: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The arrays of each operation of a request."""
     import numpy as np
 
     with open(folder / REQUEST_ARRAYS, "rb") as file:
@@ -269,36 +115,75 @@ def _requested(folder: Path, request: dict[str, Any]) -> Iterator[tuple[dict[str
             for name, form in operation["arrays"].items():
                 count = math.prod(form["shape"])
                 arrays[name] = np.fromfile(file, dtype=f"<{form['kind']}", count=count).reshape(form["shape"])
-            yield operation, arrays
+            yield arrays
 
 
-def _entry(engine_class: Any, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
-    """What result.json says of one operation, done with an engine loaded anew; and the arrays to be stored."""
-    from simspec.dialects.kit.sidecar import read_sidecar
+def _alone(
+    engine_class: type[Engine], operation: dict[str, Any], arrays: dict[str, Any]
+) -> tuple[dict[str, Any], list[Any]]:
+    """An operation with a session of its own."""
+    sessions = _Sessions(engine_class)
+    entry = sessions.entry({**operation, "attempt": False}, arrays)
+    sessions.close()
+    return entry
 
-    engine = engine_class()
-    failing = True
-    started = time.perf_counter()
-    try:
-        place = operation["artifacts"]
-        engine.load(place, read_sidecar(place))
-        loaded = time.perf_counter()
-        result, found = OPERATIONS[operation["op"]](engine, arrays, operation)
-        own: list[Any] = []
-        entry = {
-            "op": operation["op"],
-            "load_seconds": loaded - started,
-            "seconds": time.perf_counter() - loaded,
-            "log": [line[:LINE] for line in engine.log()[:LINES]],
-            "result": result,
-            "arrays": {key: _described(value, own) for key, value in found.items()},
-        }
-        failing = False
-    finally:
-        # what closing a half-loaded engine complains of must not hide why it could not be loaded
-        with contextlib.suppress(*((Exception,) if failing else ())):
-            engine.close()
-    return entry, own
+
+class _Sessions:
+    """The session that operations share where they may (see ``operations.Named``); else each loads anew."""
+
+    def __init__(self, engine_class: type[Engine]):
+        self._engine_class = engine_class
+        self._session: Session | None = None
+
+    def entry(self, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+        """What result.json says of one operation, and the arrays to be stored."""
+        from simspec.engines.kit.operations import OPERATIONS
+        from simspec.engines.kit.session import Session
+
+        loading = 0.0
+        if not self.shares(operation):
+            self.close()
+            self._session = Session(self._engine_class, operation["artifacts"])
+            loading = self._session.load_seconds
+        session = self._session
+        if session is None:
+            raise RuntimeError("no session")
+        started = time.perf_counter()
+        try:
+            result, answer = OPERATIONS[operation["op"]].do(session, arrays, operation)
+            stored: list[Any] = []
+            entry = {
+                "op": operation["op"],
+                "load_seconds": loading,
+                "seconds": time.perf_counter() - started,
+                "log": [line[:LINE] for line in session.log()[:LINES]],
+                "result": result,
+                "arrays": {key: _described(value, stored) for key, value in answer.items()},
+            }
+        except BaseException:
+            # what closing complains of must not hide what went wrong
+            with contextlib.suppress(Exception):
+                self.close()
+            raise
+        return entry, stored
+
+    def shares(self, operation: dict[str, Any]) -> bool:
+        """Whether an operation may go on with what is loaded."""
+        from simspec.engines.kit.operations import OPERATIONS
+
+        session = self._session
+        return (
+            session is not None
+            and not operation.get("attempt", False)
+            and session.artifacts == operation["artifacts"]
+            and session.condition <= OPERATIONS[operation["op"]].needs
+        )
+
+    def close(self) -> None:
+        """Close what is loaded."""
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()
 
 
 def _described(value: Any, stored: list[Any]) -> dict[str, Any]:

@@ -433,8 +433,9 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
 
 def test_every_operation_declares_its_answer():
     from simspec.engines.kit import answers
+    from simspec.engines.kit.operations import OPERATIONS
 
-    assert set(answers.FORMS) == set(worker.OPERATIONS)
+    assert set(answers.FORMS) == set(OPERATIONS)
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="counts open files in /proc")

@@ -20,6 +20,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.recorder import record
+from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
 from simspec.runner.execution import run
 from simspec.support.declarations import EXACT, never
@@ -155,6 +156,9 @@ class Growing(Engine):
     def __init__(self):
         self.height = 1e300
 
+    def load(self, folder, sidecar):
+        pass
+
     def body_states(self):
         return np.array([[0.0, 0.0, self.height, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
 
@@ -165,9 +169,14 @@ class Growing(Engine):
         self.height *= 1e3**count
 
 
+def session_of(engine, folder) -> Session:
+    (folder / SIDECAR).write_text('{"schema": 1}')
+    return Session(lambda: engine, folder)
+
+
 def test_a_state_that_is_not_finite_ends_the_run_and_is_recorded(tmp_path):
     operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose"]}
-    result, arrays = record(Growing(), {}, operation, tmp_path / "0.")
+    result, arrays = record(session_of(Growing(), tmp_path), {}, operation, tmp_path / "0.")
     assert result["failed"] == {"step": 3, "channel": "q", "place": [0]}
     assert result["steps"] == 3
     assert arrays["step"] == {"kind": "f8", "shape": [4]}
@@ -207,7 +216,7 @@ def test_every_channel_is_looked_at(what, value, tmp_path):
     odd = Odd()
     odd.height = -1.0
     operation = {"op": "run", "steps": 100, "every": 1, "channels": ["pose", "energy"]}
-    result, arrays = record(odd, {}, operation, tmp_path / "0.")
+    result, arrays = record(session_of(odd, tmp_path), {}, operation, tmp_path / "0.")
     place = [k - 1 for k in CHANNELS[what]]
     assert result["failed"] == {"step": 3, "channel": what, "place": place}
     assert arrays["step"]["shape"] == [4]

@@ -1,0 +1,179 @@
+"""The named operations that an engine's process does (``docs/engine-process.md``), each with a session of the engine.
+
+An operation is given its arrays and its parameters, and answers a plain result and arrays. What those are is said in
+``answer_forms.py``; the other side checks all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simspec.control.request import from_request
+from simspec.engines.kit.arrays import bodies_of
+from simspec.engines.kit.recorder import record
+from simspec.engines.kit.session import Condition, Session
+from simspec.world.canonical import to_plain
+
+Arrays = Mapping[str, np.ndarray]
+Parameters = Mapping[str, Any]
+Result = tuple[Any, dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """What an operation does, and what may have been done with the session before it at most."""
+
+    do: Callable[[Session, Arrays, Parameters], Result]
+    needs: Condition = Condition.FRESH
+
+
+def _read_back(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    return to_plain(session.read_back()), {}
+
+
+def _kinematics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), and the state as read again."""
+    rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
+    for q, v in zip(arrays["q"], arrays["v"], strict=True):
+        session.set_state(q, v)
+        _add_state(rows, session)
+    return {}, {name: np.array(values) for name, values in rows.items()}
+
+
+def _add_state(rows: dict[str, list[Any]], session: Session) -> np.ndarray:
+    """Add the present state, coordinates and bodies, to rows; returns the poses."""
+    pose, velocity = session.body_states()
+    q, v = session.get_state()
+    for name, value in (("pose", pose), ("velocity", velocity), ("q", q), ("v", v)):
+        rows[name].append(value)
+    return pose
+
+
+def _dynamics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """q (k, nq), v (k, nv) -> mass (k, numbers), the blocks of M one after the other, each by rows; bias_force (k, nv); and
+    gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has."""
+    ends = np.cumsum(operation["sizes"])
+    blocks = np.split(arrays["places"], ends[:-1]) if len(ends) else []
+    rows: dict[str, list[Any]] = {"mass": [], "bias_force": [], "gravity_force": []}
+    for q, v in zip(arrays["q"], arrays["v"], strict=True):
+        session.set_state(q, v)
+        rows["mass"].append(np.concatenate([np.zeros(0), *(part.ravel() for part in session.mass_blocks(blocks))]))
+        rows["bias_force"].append(session.bias_force())
+        session.set_state(q, np.zeros_like(v))
+        rows["gravity_force"].append(session.bias_force())
+    return {}, {name: np.array(values) for name, values in rows.items()}
+
+
+def _motion(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``. The dry
+    friction at the places ``rubbing`` (n,) of v is taken away before.
+
+    -> q (n, nq), v (n, nv), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
+    """
+    session.disable_contact()
+    session.disable_dry_friction(arrays["rubbing"])
+    session.set_state(arrays["q"], arrays["v"])
+    rows: dict[str, list[Any]] = {"q": [], "v": [], "pose": [], "velocity": []}
+    done = 0
+    while True:
+        pose = _add_state(rows, session)
+        if done >= operation["steps"] or not np.isfinite(pose).all():
+            break
+        count = min(operation["every"], operation["steps"] - done)
+        session.step(count, arrays["effort"])
+        done += count
+    return {"steps": done}, {name: np.array(values) for name, values in rows.items()}
+
+
+def _trials(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """Short contact-free motions, each from q (k, nq), v (k, nv) under a constant effort (k, nv), for ``steps``
+    (k) -> v (k, nv)."""
+    session.disable_contact()
+    velocities = []
+    for q, v, effort, steps in zip(arrays["q"], arrays["v"], arrays["effort"], operation["steps"], strict=True):
+        session.set_state(q, v)
+        session.step(steps, effort)
+        velocities.append(session.get_state()[1])
+    return {}, {"v": np.array(velocities)}
+
+
+def _drive(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """Motion with contact from the files' initial state: phases of (steps, every), effort (phases, nv).
+
+    -> time (n,), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
+    """
+    time, poses, velocities = [], [], []
+    done = 0
+
+    def look() -> None:
+        pose, velocity = session.body_states()
+        time.append(done * operation["timestep"])
+        poses.append(pose)
+        velocities.append(velocity)
+
+    look()
+    for (steps, every), effort in zip(operation["phases"], arrays["effort"], strict=True):
+        acting = effort if effort.any() else None
+        left = steps
+        while left:
+            count = min(every, left)
+            session.step(count, acting)
+            done, left = done + count, left - count
+            look()
+    return {}, {"time": np.array(time), "pose": np.array(poses), "velocity": np.array(velocities)}
+
+
+def _respond(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """Contact-free motion under the controllers from q (nq,), v (nv,), without dry friction at the places ``rubbing`` (n,) of v
+    -> positions (n, driven joints)."""
+    control = from_request(operation, arrays)
+    if control is None:
+        raise ValueError("respond needs controllers")
+    session.disable_contact()
+    session.disable_dry_friction(arrays["rubbing"])
+    session.set_state(arrays["q"], arrays["v"])
+    joints = session.actuate(control.q_places, control.v_places)
+    return {}, {"positions": control.follow(joints, operation["steps"], operation["every"])}
+
+
+def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """q (k, nq) -> units (n, 3): index of the state, then the indices of two collision units that touch in it; touching: the
+    same for bodies. The result names the units: index of the body, names of shapes."""
+    units = session.collision_units()
+    tables: dict[str, list[np.ndarray]] = {
+        "units": [np.zeros((0, 3), np.int64)],
+        "touching": [np.zeros((0, 3), np.int64)],
+    }
+    velocity = np.zeros(arrays["v"].shape[-1])
+    for index, q in enumerate(arrays["q"]):
+        session.set_state(q, velocity)
+        pairs = session.detect_units()
+        bodies = bodies_of(units, pairs)
+        known = bodies[(bodies >= 0).all(axis=1)]  # a unit of no body of the world stands in ``units``
+        for name, rows in (("units", pairs), ("touching", known)):
+            tables[name].append(np.column_stack([np.full(len(rows), index, np.int64), rows.reshape(-1, 2)]))
+    named = [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
+    return {"units": named}, {name: np.concatenate(rows) for name, rows in tables.items()}
+
+
+def _run(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    return record(session, arrays, operation, operation["place"])
+
+
+OPERATIONS: Mapping[str, Named] = {
+    "read_back": Named(_read_back, Condition.ASKED),
+    "kinematics": Named(_kinematics, Condition.PLACED),
+    "dynamics": Named(_dynamics, Condition.PLACED),
+    "touching": Named(_touching, Condition.PLACED),
+    "motion": Named(_motion),
+    "trials": Named(_trials),
+    "drive": Named(_drive),
+    "respond": Named(_respond),
+    "run": Named(_run),
+}
+"""Each motion begins with a load of its own. What sets the states that it asks about may share one with other questions; the
+model, of which the initial state is a part, is read back before any state is set."""

@@ -1,0 +1,214 @@
+"""A session knows what was done since loading, begins anew by loading, and lets questions share a load."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.contact.rules import Rules
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
+from simspec.engines.kit.capabilities import METHODS, Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.operations import OPERATIONS
+from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import engines
+from simspec.engines.kit.session import Condition, Session
+from simspec.errors import EngineError
+from simspec.proof.probes import dynamics_operation
+from simspec.support.declarations import EXACT
+from simspec.support.features import Feature
+from tests import worlds
+
+HAS: dict[str, Any] = {
+    name: lambda self, *arguments, name=name: self.note(name)
+    for methods in METHODS.values()
+    for name in (*methods, "read_back", "set_state", "get_state", "body_states", "contacts", "step", "actuate", "log")
+}
+
+
+class Noting(type("Able", (Engine,), HAS, abstract=True)):
+    """Notes what it is asked."""
+
+    NAME: ClassVar = "noting"
+    DIALECT, DISTRIBUTION, EXTRA = "none", "numpy", "none"
+    RULES, LAYERS = Rules("max", "max"), False
+    SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
+    SETTINGS: ClassVar = {}
+    made: ClassVar[list[Noting]] = []
+
+    def __init__(self):
+        self.asked: list[str] = []
+        self.made.append(self)
+
+    def note(self, name):
+        self.asked.append(name)
+        return name
+
+    def load(self, folder, sidecar):
+        self.note(f"load {sidecar['what']}")
+
+    def close(self):
+        self.note("close")
+
+
+class Refusing(Noting):
+    NAME: ClassVar = "refusing"
+
+    def load(self, folder, sidecar):
+        raise EngineError(self.NAME, "refuses it")
+
+    def close(self):
+        super().close()
+        raise ValueError("half-loaded")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    Noting.made.clear()
+    (tmp_path / SIDECAR).write_text('{"schema": 1, "what": "this"}')
+    return tmp_path
+
+
+ASKING = {
+    "read_back",
+    "get_state",
+    "body_states",
+    "bias_force",
+    "energy",
+    "contacts",
+    "collision_units",
+    "detect_units",
+}
+CHANGING = {
+    "step": (1,),
+    "actuate": (0, 0),
+    "track": (0, 0, 0, 0, 0),
+    "disable_contact": (),
+    "disable_dry_friction": ([1],),
+}
+
+
+@pytest.mark.parametrize("name", sorted(ASKING))
+def test_questions_leave_it_clean(folder, name):
+    session = Session(Noting, folder)
+    assert session.condition is Condition.FRESH
+    getattr(session, name)()
+    assert (session.condition, session.clean) == (Condition.ASKED, True)
+    assert Noting.made[0].asked == ["load this", name]
+
+
+@pytest.mark.parametrize("name", CHANGING)
+def test_changes_are_known(folder, name):
+    session = Session(Noting, folder)
+    getattr(session, name)(*CHANGING[name])
+    assert (session.condition, session.clean) == (Condition.CHANGED, False)
+    session.get_state()
+    session.set_state(np.zeros(1), np.zeros(1))
+    assert session.condition is Condition.CHANGED, "a state does not undo what was changed"
+
+
+def test_a_state_is_a_change_and_what_is_lent_may_be_changed(folder):
+    session = Session(Noting, folder)
+    session.set_state(np.zeros(1), np.zeros(1))
+    assert (session.condition, session.clean) == (Condition.PLACED, False)
+    assert session.lend() is Noting.made[0]
+    assert session.condition is Condition.CHANGED
+
+
+def test_what_has_no_dry_friction_is_not_asked_to_switch_it_off(folder):
+    session = Session(Noting, folder)
+    session.disable_dry_friction(np.zeros(0, np.int64))
+    assert session.condition is Condition.FRESH
+    assert Noting.made[0].asked == ["load this"]
+
+
+def test_reset_loads_another_engine_and_closes_the_first(folder):
+    with Session(Noting, folder) as session:
+        session.step()
+        session.reset()
+        assert session.condition is Condition.FRESH
+        first, second = Noting.made
+        assert first.asked == ["load this", "step", "close"]
+        session.step()
+    assert second.asked == ["load this", "step", "close"]
+    with pytest.raises(RuntimeError, match="the session is closed"):
+        session.step()
+    session.reset()
+    session.step()
+    assert len(Noting.made) == 3
+
+
+def test_what_cannot_be_loaded_is_closed_and_says_why(folder):
+    with pytest.raises(EngineError, match="refusing: refuses it"):
+        Session(Refusing, folder)
+    assert Noting.made[0].asked == ["close"]
+
+
+def test_an_error_in_the_block_is_the_one_that_is_raised(folder):
+    class Complaining(Noting):
+        def close(self):
+            raise ValueError("closing")
+
+    with pytest.raises(KeyError, match="mine"), Session(Complaining, folder):
+        raise KeyError("mine")
+    with pytest.raises(ValueError, match="closing"), Session(Complaining, folder):
+        pass
+
+
+def test_an_unknown_engine_and_missing_artifacts_are_told(folder):
+    with pytest.raises(EngineError, match="no such engine"):
+        Session("bullet9", folder)
+    with pytest.raises(FileNotFoundError):
+        Session(Noting, folder / "nowhere")
+
+
+def test_every_operation_says_what_it_needs():
+    stepping = {"motion", "trials", "drive", "respond", "run"}
+    assert {name for name, one in OPERATIONS.items() if one.needs is Condition.FRESH} == stepping
+    assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
+
+
+@pytest.mark.parametrize("name", engines())
+def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
+    world = worlds.with_options(
+        worlds.gripper(), name, accept=("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")
+    )
+    folder = tmp_path / name
+    write_folder(compile_world(world, [name])[name].files, folder)
+    oracle = Oracle(world)
+    q, v = random_states(world, 3)
+    state = {"q": q, "v": v}
+    still = {"q": q[0], "v": 0.0 * v[0], "effort": 0.0 * v[0], "rubbing": np.zeros(0, np.int64)}
+    operations = [
+        Operation("read_back", world=world),
+        Operation("read_back", world=world),
+        Operation("kinematics", {}, state, world),
+        dynamics_operation(oracle, q, v),
+        Operation("touching", {}, state, world),
+        Operation("read_back", world=world),
+        Operation("motion", {"steps": 5, "every": 5}, still, world),
+        Operation("kinematics", {}, state, world),
+    ]
+    shared = call(name, folder, operations).answers
+    assert [answer.load_seconds > 0.0 for answer in shared] == [True, False, False, False, False, True, True, True]
+    for operation, together in zip(operations, shared, strict=True):
+        (alone,) = call(name, folder, [operation]).answers
+        assert together.held == alone.held
+        assert together.result == alone.result
+        assert together.arrays.keys() == alone.arrays.keys()
+        for key, value in alone.arrays.items():
+            np.testing.assert_array_equal(together.arrays[key], value)
+
+
+def test_capabilities_that_are_lacking_raise_their_reason(folder):
+    class Plain(Noting):
+        LACKS: ClassVar = {Capability.ENERGY: "it has none"}
+
+    with Session(Plain, Path(folder)) as session, pytest.raises(EngineError, match="it has none"):
+        session.energy()
