@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.coordinates import Coordinates
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
 from simspec.dialects.kit.target import Target
@@ -23,7 +24,7 @@ from simspec.dialects.pybullet.contact import (
 )
 from simspec.dialects.pybullet.raising import raised
 from simspec.dialects.pybullet.sidecar import Armature, PybulletSidecar, Spring
-from simspec.dialects.pybullet.trees import Coordinates, instance_of, robot_of
+from simspec.dialects.pybullet.trees import instance_of, robot_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document

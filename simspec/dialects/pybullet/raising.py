@@ -12,10 +12,9 @@ from typing import Final
 
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.passes import restore_frames
-from simspec.formats.urdf.document import Document, Link, Node, Robot, strangers
+from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
-from simspec.formats.urdf.document import Shape as ShapeRead
-from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, named, pose_of, size_of
+from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, pose_of, shapes_of, size_of
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -63,8 +62,8 @@ Layers = list[tuple[int, tuple[Shape, ...]]]
 
 
 def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
-    """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what PyBullet's
-    dialect has not."""
+    """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
+    does not write."""
     files = {name: _File.of(robot) for name, robot in document.robots.items()}
     first: dict[str, Instance] = {}
     bodies: dict[str, Body] = {}
@@ -103,10 +102,12 @@ class _File:
     @staticmethod
     def of(robot: Robot) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
-        for stranger in strangers(robot):
+        for stranger in strangers(robot, WRITTEN):
             if stranger.name is not None or not _is_own(stranger.node, stranger.path):
                 what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
-                raise stranger.node.error(f"{what} {stranger.path} that is not of the dialect, or there once too often")
+                raise stranger.node.error(
+                    f"{what} {stranger.path} that simspec does not write, or there once too often"
+                )
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
         return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface)
 
@@ -152,36 +153,16 @@ def _geometry(geometry: Node) -> tuple[str, tuple[float, ...]]:
     return size_of(geometry)
 
 
-def _colour(visual: ShapeRead) -> tuple[float, float, float, float]:
-    rgba = visual.material.rgba if visual.material is not None else None
-    if rgba is None:
-        raise visual.node.error(f"the visual {visual.name!r} has no colour")
-    return (rgba[0], rgba[1], rgba[2], rgba[3])
-
-
 def _shapes(link: Link, surface: Surface, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
-    """The shapes of a link, in the order of ``names``; those of one name in ``visual`` and ``collision`` are one."""
-    shapes: dict[str, Shape] = {}
-    for visual, elements in ((False, link.collisions), (True, link.visuals)):
-        for element in elements:
-            kind, size = _geometry(element.geometry)
-            if visual and size == NOTHING:
-                continue
-            name = named(element)
-            shape = Shape(name, kind, size, pose_of(element.origin), collision=False, visual=False)
-            known = shapes.get(name)
-            if known is not None and (known.kind, known.size, known.pose) != (kind, size, shape.pose):
-                raise element.node.error(f"link {link.name!r}: visual and collision of shape {name!r} differ")
-            shape = known or shape
-            if (visual and shape.visual) or (not visual and shape.collision):
-                raise element.node.error(f"link {link.name!r} has two shapes {name!r}")
-            if visual:
-                shapes[name] = dataclasses.replace(shape, visual=True, colour=_colour(element))
-            else:
-                shapes[name] = dataclasses.replace(shape, collision=True, surfaces=(surface,))
+    """The shapes of a link, in the order of ``names``."""
+    shapes = shapes_of(link, _geometry, lambda size: size[1] == NOTHING)
     if set(shapes) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
-    return tuple(shapes[name] for name in names if name in shapes)
+    held = {
+        name: dataclasses.replace(shape, surfaces=(surface,)) if shape.collision else shape
+        for name, shape in shapes.items()
+    }
+    return tuple(held[name] for name in names if name in held)
 
 
 def _joint(joint: JointRead) -> Joint:

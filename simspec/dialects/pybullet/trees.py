@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Final
 
 from simspec.contact.parts import Part
+from simspec.dialects.kit.coordinates import Coordinates
 from simspec.dialects.pybullet.contact import contact_values, copy_name
 from simspec.dialects.pybullet.sidecar import FIXED, FREE, WORLD_LINK, Copy, Instance
 from simspec.formats.urdf.from_world import (
@@ -29,8 +30,7 @@ from simspec.formats.urdf.tree import (
     Robot,
     Visual,
 )
-from simspec.world.kinematics import initial_state, layout
-from simspec.world.types import Body, Pose, Shape, Surface, World
+from simspec.world.types import Body, Pose, Shape, Surface
 
 Parts = Mapping[str, tuple[Part, ...]]
 """Of each body its collision shapes, by link: its own, then those of further links."""
@@ -58,25 +58,6 @@ MASSLESS: Final = Inertial(Origin(), 0.0, (0.0,) * 6)
 
 WORLD_SUFFIX: Final = "__world"
 """Added to a root's name for the massless base link that stands for the world."""
-
-
-class Coordinates:
-    """The world's initial state, by body."""
-
-    def __init__(self, world: World):
-        self._q, self._v = initial_state(world)
-        self._places = layout(world.bodies)
-        self._index = {body.name: index for index, body in enumerate(world.bodies)}
-
-    def of(self, bodies: Iterable[Body]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The positions and velocities of these bodies, one after the other."""
-        q: list[float] = []
-        v: list[float] = []
-        for body in bodies:
-            index = self._index[body.name]
-            q.extend(self._q[self._places.position[index]].tolist())
-            v.extend(self._v[self._places.velocity[index]].tolist())
-        return tuple(q), tuple(v)
 
 
 def has_world_link(root: Body) -> bool:

@@ -16,7 +16,8 @@ from simspec.world.types import Vector3
 SINGLE: Final = "single"
 """An element that may stand there once."""
 SEVERAL: Final = "several"
-LANGUAGE: Final[Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]] = {
+Language = Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]
+LANGUAGE: Final[Language] = {
     "robot": (("name", "version"), {"link": SEVERAL, "joint": SEVERAL, "material": SEVERAL}),
     "link": (("name",), {"inertial": SINGLE, "visual": SEVERAL, "collision": SEVERAL}),
     "inertial": ((), {"origin": SINGLE, "mass": SINGLE, "inertia": SINGLE}),
@@ -50,6 +51,12 @@ LANGUAGE: Final[Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]] = {
     "safety_controller": (("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), {}),
 }
 """The language: of each element its attributes, and the elements in it with how many there may be."""
+UNWRITTEN: Final = ("robot/material", "material/texture", "joint/calibration", "joint/mimic", "joint/safety_controller")
+WRITTEN: Final[Language] = {
+    tag: (attributes, {name: how for name, how in elements.items() if f"{tag}/{name}" not in UNWRITTEN})
+    for tag, (attributes, elements) in LANGUAGE.items()
+}
+"""The part of the language that simspec writes; what else stands in a file of simspec's, somebody has added."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,14 +244,14 @@ class Stranger:
     name: str | None = None
 
 
-def strangers(robot: Robot) -> Iterator[Stranger]:
+def strangers(robot: Robot, language: Language = LANGUAGE) -> Iterator[Stranger]:
     """All elements and attributes of a file that the language does not have, and elements that stand there once too often.
     What is inside a strange element is not looked at."""
-    yield from _strangers(robot.node, robot.node.tag)
+    yield from _strangers(robot.node, robot.node.tag, language)
 
 
-def _strangers(node: Node, path: str) -> Iterator[Stranger]:
-    attributes, elements = LANGUAGE[node.tag]
+def _strangers(node: Node, path: str, language: Language) -> Iterator[Stranger]:
+    attributes, elements = language[node.tag]
     yield from (Stranger(node, path, name) for name in node.attributes if name not in attributes)
     seen: set[str] = set()
     for child in node.children:
@@ -253,5 +260,5 @@ def _strangers(node: Node, path: str) -> Iterator[Stranger]:
         if how is None or (how == SINGLE and child.tag in seen):
             yield Stranger(child, below)
         else:
-            yield from _strangers(child, below)
+            yield from _strangers(child, below, language)
         seen.add(child.tag)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import Final
 
 from simspec.formats.kit.passes import principal_axes
@@ -28,6 +28,12 @@ GEOMETRY: Final[Mapping[str, tuple[str, tuple[tuple[str, slice], ...]]]] = {
     "cylinder": ("cylinder", (("radius", slice(0, 1)), ("length", slice(1, 2)))),
 }
 """For each shape kind of the language the element, and which part of ``Shape.size`` goes into which attribute."""
+
+
+UNLIMITED: Final = 1e9
+"""What stands where the language demands a limit, and the world has none."""
+WORLD_LINK: Final = "world"
+"""The link without mass that stands for the world, where a tree is fixed to it."""
 
 
 def origin_of(pose: Pose) -> Origin:
@@ -90,11 +96,11 @@ class Files:
         """``taken``: names of files that are there already, in small letters."""
         self.robots: dict[str, Robot] = {}
         self._taken = taken
-        self._file_of: dict[Robot, str] = {}
+        self._file_of: dict[Hashable, str] = {}
 
-    def add(self, robot: Robot) -> str:
-        """The name of the file that holds ``robot``, or one like it."""
-        key = nameless(robot)
+    def add(self, robot: Robot, apart: Hashable = None) -> str:
+        """The name of the file that holds ``robot``, or one like it with the same ``apart``."""
+        key = (nameless(robot), apart)
         file = self._file_of.get(key)
         if file is None:
             file = self._file_of[key] = self._file_name(robot.name)

@@ -5,10 +5,17 @@ What is absent has the value that the language gives it: no turn, no way, the ax
 
 from __future__ import annotations
 
-from simspec.formats.urdf.document import Inertial, Node, Origin, Shape
+import dataclasses
+from collections.abc import Callable
+
+from simspec.formats.urdf.document import Inertial, Link, Node, Origin, Shape
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose, Vector3
+from simspec.world.types import Shape as WorldShape
+
+Size = tuple[str, tuple[float, ...]]
+"""The kind of a shape, and its size as in :class:`simspec.world.types.Shape`."""
 
 DEFAULT_AXIS: Vector3 = (1.0, 0.0, 0.0)
 
@@ -29,12 +36,7 @@ def inertial_of(inertial: Inertial | None) -> WorldInertial:
     return WorldInertial(inertial.mass, pose.position, frames.turn_inertia(pose.quaternion, tensor))
 
 
-def named(shape: Shape) -> str:
-    """The name of a shape. Raises ValueError where it has none."""
-    return shape.node.word("name")
-
-
-def size_of(geometry: Node) -> tuple[str, tuple[float, ...]]:
+def size_of(geometry: Node) -> Size:
     """The kind and size of a geometry of the language, but a mesh. Raises ValueError for others."""
     if geometry.tag == "box":
         geometry.word("size")
@@ -44,3 +46,38 @@ def size_of(geometry: Node) -> tuple[str, tuple[float, ...]]:
     if geometry.tag == "cylinder":
         return "cylinder", (geometry.need_number("radius"), geometry.need_number("length"))
     raise geometry.error(f"a <{geometry.tag[:60]}> is not read here")
+
+
+def shapes_of(
+    link: Link, size: Callable[[Node], Size] = size_of, unseen: Callable[[Size], bool] | None = None
+) -> dict[str, WorldShape]:
+    """The shapes of a link by name; a ``visual`` and a ``collision`` of one name are one shape.
+
+    ``size`` reads a geometry; visuals of which ``unseen`` is true are left out. Raises ValueError for shapes without a name or
+    colour, and where two of one name are not the same.
+    """
+    shapes: dict[str, WorldShape] = {}
+    for visual, elements in ((False, link.collisions), (True, link.visuals)):
+        for element in elements:
+            kind, numbers = size(element.geometry)
+            if visual and unseen is not None and unseen((kind, numbers)):
+                continue
+            name = element.node.word("name")
+            fresh = WorldShape(name, kind, numbers, pose_of(element.origin), collision=False, visual=False)
+            known = shapes.get(name, fresh)
+            if (known.kind, known.size, known.pose) != (kind, numbers, fresh.pose):
+                raise element.node.error(f"link {link.name!r}: visual and collision of shape {name!r} differ")
+            if known.visual if visual else known.collision:
+                raise element.node.error(f"link {link.name!r} has two shapes {name!r}")
+            if visual:
+                shapes[name] = dataclasses.replace(known, visual=True, colour=_colour(element))
+            else:
+                shapes[name] = dataclasses.replace(known, collision=True)
+    return shapes
+
+
+def _colour(visual: Shape) -> tuple[float, float, float, float]:
+    rgba = visual.material.rgba if visual.material is not None else None
+    if rgba is None:
+        raise visual.node.error(f"the visual {visual.name!r} has no colour")
+    return (rgba[0], rgba[1], rgba[2], rgba[3])

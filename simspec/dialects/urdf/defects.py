@@ -1,0 +1,183 @@
+"""Defects planted into plain URDF files and their sidecar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement
+
+from simspec.dialects.kit.defects import (
+    Plant,
+    floats,
+    nudged,
+    one,
+    scaled,
+    sidecar,
+    text_of,
+    turned_axis,
+    xml,
+)
+from simspec.formats.kit.text import numbers
+
+ARM, BALL, CUBE = "base.urdf", "ball.urdf", "cube.urdf"
+INERTIAL = "link[@name='lower']/inertial"
+HINGE = "joint[@name='upper_joint']"
+NO_BALL = "plain URDF has no ball joint"
+NO_COPIES = "plain URDF has no copies of shapes"
+
+RUBBER_ON_ICE = (("floor_ice", "rubber_cube_0"), ("floor_rubber", "ice_cube_0"), ("ice_cube_0", "rubber_cube_0"))
+"""Shapes of rubber and ice in the world "surfaces"."""
+
+Content = dict[str, Any]
+
+
+def _attribute(path: str, name: str, change: Callable[[str], str], file: str = ARM) -> Plant:
+    def edit(root: Element) -> None:
+        for element in root.findall(path):
+            element.set(name, change(element.attrib[name]))
+
+    return xml(file, edit)
+
+
+def _drop_lower(root: Element) -> None:
+    root.remove(one(root, "link[@name='lower']"))
+    root.remove(one(root, "joint[@name='lower_joint']"))
+
+
+def _sphere_for_box(root: Element) -> None:
+    for kind in ("visual", "collision"):
+        geometry = one(root, f"link/{kind}/geometry")
+        geometry.remove(one(geometry, "box"))
+        SubElement(geometry, "sphere", {"radius": "0.05"})
+
+
+def _not_solid(root: Element) -> None:
+    link = one(root, "link")
+    link.remove(one(link, "collision"))
+
+
+def _number(block: str, key: str, by: float = 1e-3) -> Plant:
+    def edit(content: Content) -> None:
+        content[block][0][key] += by
+
+    return sidecar(edit)
+
+
+def _instance(key: str) -> Plant:
+    def edit(content: Content) -> None:
+        arm = next(instance for instance in content["instances"] if instance["file"] == ARM)
+        arm[key][0] += 1e-3
+
+    return sidecar(edit)
+
+
+def _surface(key: str, factor: float) -> Plant:
+    """A number of every material, of every pair of shapes and of every law."""
+
+    def edit(content: Content) -> None:
+        for entry in (*content["materials"], *content["pairs"], *content["laws"]):
+            entry[key] *= factor
+
+    return sidecar(edit)
+
+
+def _rubber_ice(content: Content) -> None:
+    for entry in content["laws"]:
+        if (entry["first"], entry["second"]) == ("ice", "rubber"):
+            entry["friction"] /= 2.0
+    for entry in content["materials"]:
+        if entry["material"] == "rubber":
+            entry["friction"] /= 2.0
+    for entry in content["pairs"]:
+        if (entry["first"], entry["second"]) in RUBBER_ON_ICE:
+            entry["friction"] /= 2.0
+
+
+def _drop_pair(*pair: str) -> Plant:
+    return sidecar(lambda content: content["excluded"].remove(list(pair)))
+
+
+def _add_pair(*pair: str) -> Plant:
+    return sidecar(lambda content: content["excluded"].append(list(pair)))
+
+
+def _group(content: Content) -> None:
+    """The quiet body goes into the group of the cube."""
+    names = [body["name"] for body in content["bodies"]]
+    content["groups"][names.index("quiet")] = content["groups"][names.index("cube")]
+
+
+def _no_groups(content: Content) -> None:
+    content["ignored_groups"] = []
+
+
+def _passing(content: Content) -> None:
+    for law in content["laws"]:
+        law["collide"] = True
+
+
+def _cone(content: Content) -> None:
+    cones = ("elliptic", "pyramid-circumscribed")
+    content["friction_cone"] = cones[cones.index("elliptic") + (content["friction_cone"] == "elliptic")]
+
+
+def _hardness(content: Content) -> None:
+    for entry in (*content["materials"], *content["pairs"], *content["laws"]):
+        entry["hardness"]["kind"] = "common" if entry["hardness"]["kind"] != "common" else "native"
+
+
+def _gravity(content: Content) -> None:
+    content["gravity"][2] += 1e-3
+
+
+def _timestep(content: Content) -> None:
+    content["timestep"] *= 1.001
+
+
+DEFECTS: Mapping[str, Plant | str] = {
+    "mass": _attribute(f"{INERTIAL}/mass", "value", scaled),
+    "centre of mass": _attribute(f"{INERTIAL}/origin", "xyz", nudged),
+    "inertia, diagonal": _attribute(f"{INERTIAL}/inertia", "ixx", scaled),
+    "inertia, sign of a product": _attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
+    "body dropped": xml(ARM, _drop_lower),
+    "joint type": _attribute(HINGE, "type", lambda _: "prismatic"),
+    "axis": _attribute(f"{HINGE}/axis", "xyz", turned_axis),
+    "axis reversed": _attribute(f"{HINGE}/axis", "xyz", lambda text: numbers(-x for x in floats(text))),
+    "joint origin, position": _attribute("joint[@name='lower_joint']/origin", "xyz", nudged),
+    "joint origin, orientation": _attribute("joint[@name='lower_joint']/origin", "rpy", nudged),
+    "position limit": _attribute(f"{HINGE}/limit", "upper", nudged),
+    "position limit dropped": _attribute(HINGE, "type", lambda _: "continuous"),
+    "velocity limit": _attribute(f"{HINGE}/limit", "velocity", nudged),
+    "effort limit": _attribute(f"{HINGE}/limit", "effort", nudged),
+    "damping": _attribute(f"{HINGE}/dynamics", "damping", scaled),
+    "spring stiffness": _number("springs", "stiffness"),
+    "spring rest": _number("springs", "rest"),
+    "dry friction": _attribute(f"{HINGE}/dynamics", "friction", scaled),
+    "armature": _number("armature", "armature"),
+    "ball damping": NO_BALL,
+    "ball spring": NO_BALL,
+    "initial position": _instance("position"),
+    "initial velocity": _instance("velocity"),
+    "shape type": xml(CUBE, _sphere_for_box),
+    "shape size": _attribute("link/collision/geometry/sphere", "radius", scaled, BALL),
+    "shape position": _attribute("link[@name='lower']/collision/origin", "xyz", nudged),
+    "shape orientation": _attribute("link[@name='lower']/collision/origin", "rpy", nudged),
+    "shape not solid": xml(CUBE, _not_solid),
+    "friction": _surface("friction", 1.001),
+    "restitution": _surface("restitution", 1.001),
+    "pair value": sidecar(_rubber_ice),
+    "cone": sidecar(_cone),
+    "hardness": sidecar(_hardness),
+    "copy filter": NO_COPIES,
+    "passing pair": sidecar(_passing),
+    "torsional friction": _surface("torsional_friction", 0.5),
+    "rolling friction": _surface("rolling_friction", 0.5),
+    "excluded pair dropped": _drop_pair("ball", "cube"),
+    "excluded pair too many": _add_pair("ball", "floor"),
+    "collision group": sidecar(_group),
+    "excluded pair of a mechanism dropped": _drop_pair("lower", "upper"),
+    "excluded pair of a mechanism too many": _add_pair("ball", "lower"),
+    "group filter dropped": sidecar(_no_groups),
+    "gravity": sidecar(_gravity),
+    "timestep": sidecar(_timestep),
+}

@@ -1,0 +1,185 @@
+"""World to plain URDF and a sidecar, for engines that read the language as it is and have no dialect of their own.
+
+One file for each distinct tree. What URDF cannot say goes into the sidecar (:class:`UrdfSidecar`): gravity, timestep, initial
+state, springs, armature, shapes that the language lacks, contact and its filters. Which of it an engine can have, the engine's
+own ``SUPPORT`` says. Ball joints have no place in either: they are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+from simspec.contact.meeting import meeting_laws, shape_pairs
+from simspec.contact.plan import ContactPlan
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.coordinates import Coordinates
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
+from simspec.dialects.kit.target import Target
+from simspec.dialects.urdf.raising import raised
+from simspec.dialects.urdf.sidecar import (
+    BESIDE,
+    Armature,
+    BesideShape,
+    Instance,
+    Numbers,
+    ShapePair,
+    Spring,
+    UrdfSidecar,
+)
+from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.urdf.document import Document
+from simspec.formats.urdf.from_world import UNLIMITED, Files
+from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
+from simspec.support.declarations import EXACT, Support, Table, unsupported, via_api
+from simspec.support.features import Feature
+from simspec.world.kinematics import trees
+from simspec.world.types import Body, Hardness, ReadBack, Shape, World
+
+_SIDECAR = "in the sidecar, for the engine's own calls"
+_NO_BALL = "URDF has no ball joint"
+_BY_NAME = (
+    *(Feature.ARMATURE, Feature.SPRING, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+    *(Feature.SHAPE_CAPSULE, Feature.SHAPE_ELLIPSOID, Feature.SHAPE_PLANE, Feature.MATERIALS_PER_BODY),
+    *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+    *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
+    *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE),
+    *(Feature.HARDNESS_PAIRS, Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+    *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+    *(Feature.GRAVITY, Feature.TIMESTEP),
+)
+"""What stands in the sidecar."""
+_IN_THE_FILE = (
+    *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE),
+    *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT, Feature.DAMPING, Feature.DRY_FRICTION),
+    *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+    *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+)
+_NOT_OF_FILES = (Feature.IMPACT_FRICTION, Feature.CONTROL, Feature.CONTROL_NATIVE)
+"""What no file says: what the engine does by itself, and what is given to it while it runs."""
+
+
+class UrdfDialect(Dialect):
+    """Plain URDF with a sidecar."""
+
+    NAME: ClassVar[str] = "urdf"
+    FORMAT: ClassVar[str] = "urdf"
+    SIDECAR: ClassVar[type[Sidecar] | None] = UrdfSidecar
+    SUPPORT: ClassVar[Table] = {
+        **dict.fromkeys(_IN_THE_FILE, EXACT),
+        **dict.fromkeys(_BY_NAME, via_api(_SIDECAR)),
+        **dict.fromkeys(_NOT_OF_FILES, Support(EXACT.level)),
+        **dict.fromkeys((Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING), unsupported(_NO_BALL)),
+    }
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        _check(world, target.plan)
+        moved, offsets = recentre_free_roots(world)
+        coordinates = Coordinates(world)
+        files = Files({SIDECAR})
+        instances = []
+        for bodies in trees(moved).values():
+            robot = standard_robot(bodies, LANGUAGE_KINDS)
+            beside = tuple(tuple(shape.kind in BESIDE for shape in body.shapes) for body in bodies)
+            root = robot.links[0].name
+            instances.append(_instance(files.add(robot, beside), root, bodies, coordinates))
+        sidecar = UrdfSidecar(
+            **common_fields(self.FORMAT, world, target, offsets),
+            gravity=world.physics.gravity,
+            timestep=world.physics.timestep,
+            instances=tuple(instances),
+            beside=tuple(
+                _beside(body, shape) for body in moved.bodies for shape in body.shapes if shape.kind in BESIDE
+            ),
+            springs=tuple(
+                Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
+                for body in world.bodies
+                if body.joint.spring_stiffness
+            ),
+            armature=tuple(Armature(body.name, body.joint.armature) for body in world.bodies if body.joint.armature),
+            materials=tuple(_numbers(world, target.plan)),
+            pairs=tuple(_pairs(world, target.plan)),
+            laws=world.contact.pairs,
+            groups=tuple(body.collision_group for body in world.bodies),
+            ignored_groups=world.contact.ignored_groups,
+            excluded=tuple(excluded_pairs_to_write(world)),
+        )
+        return Lowered(files.robots, sidecar)
+
+    def raise_(self, document: Document, sidecar: UrdfSidecar) -> ReadBack:
+        return raised(document, sidecar)
+
+
+def _check(world: World, plan: ContactPlan) -> None:
+    """Raise UnsupportedError with all that neither the files nor the sidecar can have."""
+    problems = []
+    if plan.layered:
+        problems.append(Problem("copies of shapes in layers are not written in plain URDF", "contact.pairs"))
+    for body in world.bodies:
+        joint, path = body.joint, f"bodies.{body.name}.joint"
+        if joint.kind == "ball":
+            problems.append(Problem(_NO_BALL, path))
+        numbers = (*(joint.position_limits or ()), joint.velocity_limit or 0.0, joint.effort_limit or 0.0)
+        if any(abs(number) >= UNLIMITED for number in numbers):
+            problems.append(
+                Problem("in plain URDF such a limit stands for none", f"{path}.limits", allowed=f"below {UNLIMITED:g}")
+            )
+    if problems:
+        raise UnsupportedError(problems)
+
+
+def _instance(file: str, root_link: str, bodies: tuple[Body, ...], coordinates: Coordinates) -> Instance:
+    position, velocity = coordinates.of(bodies)
+    return Instance(
+        file=file,
+        model=bodies[0].model,
+        free=bodies[0].joint.kind == "free",
+        root_link=root_link,
+        bodies=tuple(body.name for body in bodies),
+        joints=tuple(body.joint.name for body in bodies),
+        shapes=tuple(tuple(shape.name for shape in body.shapes) for body in bodies),
+        materials=tuple(tuple(shape.material if shape.collision else "" for shape in body.shapes) for body in bodies),
+        position=position,
+        velocity=velocity,
+    )
+
+
+def _beside(body: Body, shape: Shape) -> BesideShape:
+    return BesideShape(
+        body.name, shape.name, shape.kind, shape.size, shape.pose, shape.collision, shape.visual, shape.colour
+    )
+
+
+def _numbers(world: World, plan: ContactPlan) -> Iterator[Numbers]:
+    """What the shapes of each material hold, in the one layer that there is."""
+    for material in world.contact.materials:
+        (layer,) = plan.layers(material.name)
+        surface = plan.numbers[material.name, layer]
+        yield Numbers(
+            material.name,
+            surface.friction or 0.0,
+            surface.torsional_friction or 0.0,
+            surface.rolling_friction or 0.0,
+            surface.restitution or 0.0,
+            surface.hardness or Hardness(),
+        )
+
+
+def _pairs(world: World, plan: ContactPlan) -> Iterator[ShapePair]:
+    """The pairs of shapes whose law no numbers of materials give."""
+    laws = meeting_laws(world)
+    wanted = plan.missed if plan.explicit is None else plan.explicit
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    for first, second in shape_pairs(world, wanted):
+        one, other = sorted((material[first], material[second]))
+        law = laws[one, other]
+        yield ShapePair(
+            first,
+            second,
+            law.friction,
+            law.torsional_friction,
+            law.rolling_friction,
+            law.restitution,
+            law.hardness,
+        )

@@ -1,0 +1,204 @@
+"""The model that plain URDF and its sidecar mean, in the world's frames and order (proof level L0)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Final
+
+from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
+from simspec.formats.kit.passes import restore_frames
+from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
+from simspec.formats.urdf.document import Joint as JointRead
+from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, pose_of, shapes_of
+from simspec.world import frames
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    HeldPair,
+    Joint,
+    ReadBack,
+    Shape,
+    Surface,
+)
+
+KINDS: Final[Mapping[str, str]] = {
+    "fixed": "fixed",
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slide",
+}
+"""The kind of joint that each type is."""
+NO_LIMIT: Final = 1e9
+"""A limit from here on stands for none."""
+UNREADABLE: Final = {
+    "collision_group": "the files carry what touches what, not the names of groups",
+    "control.native": "the engine's own controllers are switched on when a run begins",
+}
+
+
+def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
+    """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
+    does not write."""
+    for robot in document.robots.values():
+        for stranger in strangers(robot, WRITTEN):
+            what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
+            raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or there once too often")
+    surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
+    beside = {entry.shape: entry for entry in sidecar.beside}
+    first: dict[str, Instance] = {}
+    bodies: dict[str, Body] = {}
+    for instance in sidecar.instances:
+        if instance.file not in document.robots:
+            raise ValueError(f"the file {instance.file!r} is missing")
+        pattern = first.setdefault(instance.file, instance)
+        for body in _Tree(document.robots[instance.file], pattern, instance, surfaces, beside).bodies():
+            bodies[body.name] = body
+    if unused := document.robots.keys() - first.keys():
+        raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
+    for spring in sidecar.springs:
+        body = bodies[spring.body]
+        joint = dataclasses.replace(body.joint, spring_stiffness=spring.stiffness, spring_rest=spring.rest)
+        bodies[spring.body] = dataclasses.replace(body, joint=joint)
+    for entry in sidecar.armature:
+        body = bodies[entry.body]
+        joint = dataclasses.replace(body.joint, armature=entry.armature)
+        bodies[entry.body] = dataclasses.replace(body, joint=joint)
+    offsets = {body.name: body.frame_offset for body in sidecar.bodies if any(body.frame_offset)}
+    return ReadBack(
+        restore_frames(tuple(bodies[body.name] for body in sidecar.bodies), offsets),
+        sidecar.gravity,
+        sidecar.timestep,
+        sidecar.friction_cone,
+        dict(UNREADABLE),
+        pairs=tuple(HeldPair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
+    )
+
+
+def _surface(numbers: Numbers | ShapePair) -> Surface:
+    return Surface(
+        numbers.friction,
+        numbers.torsional_friction,
+        numbers.rolling_friction,
+        numbers.restitution,
+        numbers.hardness,
+    )
+
+
+class _Tree:
+    """One tree: its file, the names that the file has (of the ``first`` instance that shares it), and those of this one."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        first: Instance,
+        instance: Instance,
+        surfaces: Mapping[str, Surface],
+        beside: Mapping[str, BesideShape],
+    ):
+        own = robot.links if instance.free else robot.links[1:]
+        if [link.name for link in own] != list(first.bodies) or robot.root != first.root_link:
+            raise ValueError(f"{instance.file}: the links are not those of the sidecar, {list(first.bodies)}")
+        if not robot.links or robot.links[0].name != robot.root or instance.free != first.free:
+            raise ValueError(f"{instance.file}: its root is not the sidecar's")
+        if len(first.bodies) != len(instance.bodies):
+            raise ValueError(f"{instance.file}: two instances have other links")
+        if not instance.free and robot.links[0].inertial is not None:
+            raise robot.links[0].node.error("the link that stands for the world has a mass")
+        self._links, self._first, self._instance = own, first, instance
+        self._joints = {joint.child: joint for joint in robot.joints}
+        self._own_name = dict(zip(first.bodies, instance.bodies, strict=True))
+        self._surfaces, self._beside = surfaces, beside
+
+    def bodies(self) -> list[Body]:
+        """In the order of the file."""
+        instance = self._instance
+        bodies = []
+        q, v = list(instance.position), list(instance.velocity)
+        for place, link in enumerate(self._links):
+            joint = self._joint_above(link)
+            position = tuple(q[: POSITION_SIZE[joint.kind]])
+            velocity = tuple(v[: VELOCITY_SIZE[joint.kind]])
+            del q[: POSITION_SIZE[joint.kind]], v[: VELOCITY_SIZE[joint.kind]]
+            if joint.kind == "free":
+                # the sidecar has ω in body axes; the file's frame is at the centre of mass
+                velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))  # type: ignore[arg-type]
+            bodies.append(
+                Body(
+                    instance.bodies[place],
+                    instance.model,
+                    inertial_of(link.inertial),
+                    dataclasses.replace(joint, name=instance.joints[place], position=position, velocity=velocity),
+                    self._shapes(place, link),
+                )
+            )
+        return bodies
+
+    def _joint_above(self, link: Link) -> Joint:
+        read = self._joints.get(link.name)
+        if read is None:
+            return Joint("", "free")
+        joint = _joint(read)
+        if not self._instance.free and joint.parent == self._first.root_link:
+            return dataclasses.replace(joint, parent=None)
+        return dataclasses.replace(joint, parent=self._own_name[joint.parent or ""])
+
+    def _shapes(self, place: int, link: Link) -> tuple[Shape, ...]:
+        """The shapes of a body, in the sidecar's order: of the file, or of the sidecar itself."""
+        in_file = shapes_of(link)
+        names, own = self._first.shapes[place], self._instance.shapes[place]
+        materials = self._instance.materials[place]
+        whole = []
+        for name_in_file, name, material in zip(names, own, materials, strict=True):
+            entry = self._beside.get(name)
+            shape = _shape(entry) if entry is not None else in_file.pop(name_in_file, None)
+            if shape is None:
+                raise link.node.error(f"link {link.name!r} has no shape {name_in_file!r}, which the sidecar names")
+            if shape.collision != bool(material):
+                raise link.node.error(f"shape {name_in_file!r} and the sidecar differ on whether it touches")
+            held = (self._surfaces[material],) if shape.collision else ()
+            whole.append(dataclasses.replace(shape, name=name, surfaces=held))
+        if in_file:
+            raise link.node.error(f"link {link.name!r} has shapes that the sidecar does not name: {sorted(in_file)}")
+        return tuple(whole)
+
+
+def _shape(entry: BesideShape) -> Shape:
+    shape = Shape(entry.shape, entry.kind, entry.size, entry.pose, collision=entry.collision, visual=entry.visual)
+    return dataclasses.replace(shape, colour=entry.colour) if entry.visual else shape
+
+
+def _joint(joint: JointRead) -> Joint:
+    if joint.type not in KINDS:
+        raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
+    kind = KINDS[joint.type]
+    moves = kind in ("hinge", "slide")
+    limits = joint.limit if moves else None
+    dynamics = joint.dynamics
+    return Joint(
+        joint.name,
+        kind,
+        joint.parent,
+        pose_of(joint.origin),
+        (joint.axis or DEFAULT_AXIS) if moves else (0.0, 0.0, 0.0),
+        None if joint.type == "continuous" else _position_limits(joint, limits),
+        _rating(limits.velocity if limits is not None else None),
+        _rating(limits.effort if limits is not None else None),
+        damping=(dynamics.damping or 0.0) if dynamics is not None else 0.0,
+        dry_friction=(dynamics.friction or 0.0) if dynamics is not None else 0.0,
+    )
+
+
+def _position_limits(joint: JointRead, limits: Limit | None) -> tuple[float, float] | None:
+    """The limits of a revolute or prismatic joint; URDF demands the element, and takes 0 for what it does not say."""
+    if joint.type == "fixed":
+        return None
+    if limits is None:
+        raise joint.node.error(f"joint {joint.name!r} of type {joint.type} has no <limit>")
+    lower, upper = limits.lower or 0.0, limits.upper or 0.0
+    return None if lower <= -NO_LIMIT and upper >= NO_LIMIT else (lower, upper)
+
+
+def _rating(value: float | None) -> float | None:
+    return None if value is None or value >= NO_LIMIT else value

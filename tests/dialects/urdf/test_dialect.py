@@ -1,0 +1,238 @@
+"""Plain URDF for engines without a dialect of their own: what was said is understood, what cannot be said is refused."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import re
+
+import pytest
+
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.defects import NAMES
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dialects.kit.target import Target
+from simspec.dialects.urdf.defects import DEFECTS
+from simspec.dialects.urdf.dialect import UrdfDialect
+from simspec.dialects.urdf.sidecar import UrdfSidecar
+from simspec.errors import UnsupportedError
+from simspec.formats.urdf.document import strangers
+from simspec.formats.urdf.format import Urdf
+from simspec.proof.comparator import compare
+from simspec.proof.selftest_worlds import WORLDS as SELF_TEST
+from simspec.support.negotiation import negotiate
+from simspec.world.types import Hardness, Pose, Shape
+from tests import worlds
+
+RULES = Rules("max", "max", "max", "max", "same")
+"""Of an engine whose materials have numbers of their own, and explicit pairs beside them."""
+
+
+def target(world):
+    return Target("toy", RULES, contact_plan(world, RULES, False), {"iterations": 3})
+
+
+def emit(world):
+    return UrdfDialect().emit(world, target(world))
+
+
+def write(files, folder):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def failures(world, folder):
+    return [check for check in compare(world, UrdfDialect().read(folder), RULES, False, text=True) if not check.passed]
+
+
+def without_inertial():
+    """A floor of every shape that URDF lacks, on a body without mass."""
+    world = worlds.shapes_world(("box",))
+    floor = dataclasses.replace(
+        world.bodies[0],
+        shapes=(
+            Shape("ground", "plane", (), Pose((0.0, 0.0, -1.0)), "default", visual=False),
+            Shape("egg", "ellipsoid", (0.1, 0.2, 0.3), Pose((1.0, 0.0, 0.0)), "default", colour=(0.1, 0.2, 0.3, 1.0)),
+            Shape("seen", "capsule", (0.1, 0.3), Pose((0.0, 0.2, 0.0)), collision=False),
+        ),
+    )
+    return dataclasses.replace(world, bodies=(floor, *world.bodies[1:]))
+
+
+HELD = {
+    "arms": lambda: worlds.world(worlds.tree(["free", "hinge", "slide", "fixed"], 3)),
+    "hung": lambda: worlds.world(worlds.tree(["slide", "hinge"], 4, velocity_limit=2.0)),
+    "limits": lambda: worlds.limits_and_armature(armature=0.2, dry_friction=0.3),
+    "shapes": worlds.shapes_world,
+    "lacking": without_inertial,
+    "spheres": lambda: worlds.spheres(5),
+    "gripper": worlds.gripper,
+    **{
+        name: lambda name=name: SELF_TEST[name]("mujoco") for name in SELF_TEST if name not in ("ball joint", "rolling")
+    },
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_what_was_said_is_understood(name, tmp_path):
+    world = HELD[name]()
+    files = emit(world)
+    write(files, tmp_path)
+    assert failures(world, tmp_path) == []
+    read = UrdfDialect().read(tmp_path)
+    for body, again in zip(world.bodies, read.bodies, strict=True):
+        assert (body.name, body.model, body.joint.name) == (again.name, again.model, again.joint.name)
+        limits = ("position_limits", "velocity_limit", "effort_limit", "axis", "damping", "dry_friction", "armature")
+        for field in (*limits, "spring_stiffness", "spring_rest", "kind", "parent"):
+            assert getattr(body.joint, field) == getattr(again.joint, field), (body.name, field)
+        seen = [(shape.name, shape.kind, shape.size, shape.collision, shape.visual) for shape in body.shapes]
+        assert seen == [(shape.name, shape.kind, shape.size, shape.collision, shape.visual) for shape in again.shapes]
+        colours = [shape.colour for shape in body.shapes if shape.visual]
+        assert colours == [shape.colour for shape in again.shapes if shape.visual]
+    assert emit(world) == files, "same input, same bytes"
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_the_files_are_plain_urdf(name, tmp_path):
+    write(emit(HELD[name]()), tmp_path)
+    for robot in Urdf().read(tmp_path).robots.values():
+        assert list(strangers(robot)) == []
+        demanding = [joint for joint in robot.joints if joint.type in ("revolute", "prismatic")]
+        for limit in (joint.limit for joint in demanding):
+            assert limit is not None
+            assert None not in (limit.lower, limit.upper, limit.effort, limit.velocity)
+
+
+@pytest.mark.parametrize("name", [name for name, plant in DEFECTS.items() if not isinstance(plant, str)])
+def test_planted_defects_act(name, tmp_path):
+    world = SELF_TEST[NAMES[name]]("mujoco")
+    if NAMES[name] == "rolling":
+        assert world.contact.materials[0].rolling_friction
+    files = emit(world)
+    planted = DEFECTS[name](files)
+    assert planted != files
+    write(planted, tmp_path)
+    try:
+        noticed = failures(world, tmp_path)
+    except ValueError:
+        return
+    filters = [word for word in NAMES if "pair" in word or "group" in word or "filter" in word]
+    if name not in filters and name != "hardness":
+        assert noticed, "the text says nothing of it"
+
+
+def test_every_defect_is_planted_or_says_why():
+    assert set(DEFECTS) == set(NAMES)
+    assert isinstance(dialects()["urdf"], UrdfDialect)
+
+
+def test_the_law_of_every_two_materials_is_told():
+    world = SELF_TEST["surfaces"]("mujoco")
+    sidecar = UrdfDialect().lower(world, target(world)).sidecar
+    assert sidecar.laws == world.contact.pairs
+    assert {(pair.first, pair.second) for pair in sidecar.pairs} >= {("floor_ice", "rubber_cube_0")}
+    again = UrdfSidecar.of(json.loads(emit(world)[SIDECAR]))
+    assert again == sidecar
+
+
+def test_equal_trees_share_a_file_unless_other_shapes_stand_beside_it():
+    world = worlds.spheres(4)
+    capsule = Shape("own", "capsule", (0.1, 0.2), Pose(), "default")
+
+    def both(body, first):
+        shapes = (*body.shapes, dataclasses.replace(capsule, name=f"{body.name}_more"))
+        return dataclasses.replace(body, shapes=shapes if first else shapes[::-1])
+
+    bodies = (world.bodies[0], *(both(body, index < 2) for index, body in enumerate(world.bodies[1:])))
+    world = dataclasses.replace(world, bodies=bodies)
+    content = json.loads(emit(world)[SIDECAR])
+    files = [instance["file"] for instance in content["instances"]]
+    assert files[1] == files[2] != files[3] == files[4]
+
+
+@pytest.mark.parametrize(
+    ("kinds", "more", "said"),
+    [
+        (["free", "ball"], {}, "URDF has no ball joint"),
+        (["hinge"], {"effort_limit": 2e9}, "stands for none"),
+        (["slide"], {"position_limits": (-1e9, 0.0)}, "stands for none"),
+    ],
+)
+def test_what_has_no_place_is_refused(kinds, more, said):
+    bodies = worlds.tree(kinds, 1)
+    last = dataclasses.replace(bodies[-1], joint=dataclasses.replace(bodies[-1].joint, **more))
+    with pytest.raises(UnsupportedError, match=said):
+        emit(worlds.world((*bodies[:-1], last)))
+
+
+def test_what_has_no_place_is_refused_by_negotiation_too():
+    with pytest.raises(UnsupportedError, match=r"joint\.ball"):
+        negotiate(worlds.world(worlds.tree(["ball"], 1)), "toy", UrdfDialect.SUPPORT)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return json.loads(emit(without_inertial())[SIDECAR])
+
+
+def _set(value, *path):
+    def change(content):
+        for key in path[:-1]:
+            content = content[key]
+        content[path[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_set("sphere", "beside", 0, "kind"), "'sphere'"),
+        (_set("nobody", "beside", 0, "body"), "has no shape"),
+        (_set([1.0], "beside", 0, "size"), "has 1 numbers"),
+        (_set(True, "instances", 0, "free"), "does not fit the kinds"),
+        (_set([], "groups"), "sidecar.groups"),
+        (_set([["floor", "nobody"]], "excluded"), "'nobody'"),
+        (_set("wood", "instances", 0, "materials", 0, 0), "'wood'"),
+        (_set("soft", "materials", 0, "hardness", "kind"), "'soft'"),
+        (_set([], "materials"), "are not known"),
+        (_set([], "instances", 1, "position"), "has 0 numbers"),
+    ],
+)
+def test_sidecars_that_do_not_fit_together_are_refused(sound, change, said):
+    UrdfSidecar.of(sound)
+    content = copy.deepcopy(sound)
+    change(content)
+    with pytest.raises(ValueError, match=re.escape(said).replace("are\\ not", "(is|are) not")):
+        UrdfSidecar.of(content)
+
+
+def test_files_that_do_not_fit_the_sidecar_are_refused(tmp_path):
+    world = HELD["arms"]()
+    files = emit(world)
+    (name,) = [name for name in files if name.endswith(".urdf")]
+    for old, new, said in (
+        ("<dynamics", '<mimic joint="x"/><dynamics', "robot/joint/mimic that simspec does not write"),
+        ("</robot>", '<material name="paint"/></robot>', "that simspec does not write"),
+        ('<link name="link3">', '<link name="link3" type="x">', "the attribute 'type' of robot/link"),
+        ("</robot>", "<gazebo/></robot>", "that simspec does not write"),
+        ('<link name="link3"', '<link name="link4"', "a link 'link3', which there is not"),
+        ('type="continuous"', 'type="spherical"', "not of the dialect"),
+    ):
+        assert old in files[name], old
+        write({**files, name: files[name].replace(old, new, 1)}, tmp_path)
+        with pytest.raises(ValueError, match=said):
+            UrdfDialect().read(tmp_path)
+
+
+def test_hardness_is_carried_by_material():
+    world = worlds.spheres(2)
+    soft = Hardness("stiffness", stiffness=1e4, damping=10.0)
+    pairs = tuple(dataclasses.replace(pair, hardness=soft) for pair in world.contact.pairs)
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+    sidecar = UrdfDialect().lower(world, target(world)).sidecar
+    assert {numbers.hardness for numbers in sidecar.materials} == {soft}
