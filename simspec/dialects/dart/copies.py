@@ -65,13 +65,11 @@ class Nodes:
                 found.append(([part], row))
         return [tuple(held) for held, _ in found] or [()]
 
-    def layers(self) -> list[list[str | int | None]]:
+    def layers(self) -> list[tuple[str, str, int | None]]:
         """For every pair of materials that meets, or passes through each other, the layer it meets in (None = none)."""
         present = {name for name, _ in self._parts}
-        known = {**self._layer_of, **dict.fromkeys(self._passing, None)}
-        return [
-            [*pair, layer] for pair, layer in sorted(known.items(), key=lambda one: one[0]) if present.issuperset(pair)
-        ]
+        known: dict[tuple[str, str], int | None] = {**self._layer_of, **dict.fromkeys(self._passing, None)}
+        return [(*pair, known[pair]) for pair in sorted(known) if present.issuperset(pair)]
 
     def classes(self) -> dict[tuple[Part, ...], list[Node]]:
         """The nodes that hold the same parts, and so touch the same others; only nodes with shapes."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
-from simspec.dialects.dart.dialect import WORLD
 from simspec.dialects.kit.defects import Plant, floats, nudged, one, scaled, sidecar, turned_axis, xml
 from simspec.formats.kit.text import numbers
+from simspec.formats.skel.format import WORLD
 
 LOWER = ".//body[@name='lower']"
 HINGE = ".//joint[@name='upper_joint']"
@@ -46,7 +47,7 @@ def _sphere_for_box(root: Element) -> None:
 def _listed(block: str, key: str, body: str, by: float = 1e-3) -> Plant:
     """Move a number of one body's entry in a list of the sidecar."""
 
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         entry = next(entry for entry in content[block] if entry["body"] == body)
         entry[key] += by
 
@@ -54,23 +55,23 @@ def _listed(block: str, key: str, body: str, by: float = 1e-3) -> Plant:
 
 
 def _surface(quantity: str) -> Plant:
-    def edit(content: dict) -> None:
+    def edit(content: dict[str, Any]) -> None:
         next(entry for entry in content["shapes"] if entry["body"] == "ball")["surfaces"][0][quantity] -= 1e-3
 
     return sidecar(edit)
 
 
-def _pair_value(content: dict) -> None:
+def _pair_value(content: dict[str, Any]) -> None:
     """Ice has its highest number where it meets rubber."""
     copies = next(entry for entry in content["shapes"] if entry["body"] == "ice_cube")["surfaces"]
     max(copies, key=lambda copy: copy["friction"])["friction"] *= 0.5
 
 
-def _cone(content: dict) -> None:
+def _cone(content: dict[str, Any]) -> None:
     content["friction_cone"] = "pyramid-circumscribed"
 
 
-def _copy_filter(content: dict) -> None:
+def _copy_filter(content: dict[str, Any]) -> None:
     """Ice and rubber meet in each other's wrong layer."""
     layer = next(layer for one, other, layer in content["filter"]["layers"] if (one, other) == ("ice", "rubber"))
     wrong = 1 - layer
@@ -78,36 +79,36 @@ def _copy_filter(content: dict) -> None:
     content["filter"]["apart"].append([f"ice.{layer}", f"rubber.{layer}"])
 
 
-def _passing_pair(content: dict) -> None:
+def _passing_pair(content: dict[str, Any]) -> None:
     apart = content["filter"]["apart"]
     apart[:] = [pair for pair in apart if {name.rpartition(".")[0] for name in pair} != {"ghost", "ice"}]
 
 
-def _not_solid(content: dict) -> None:
+def _not_solid(content: dict[str, Any]) -> None:
     next(entry for entry in content["shapes"] if entry["body"] == "cube")["surfaces"].clear()
 
 
-def _drop_exclude(content: dict) -> None:
+def _drop_exclude(content: dict[str, Any]) -> None:
     content["excluded"].remove(["ball", "cube"])
 
 
-def _exclude_too_many(content: dict) -> None:
+def _exclude_too_many(content: dict[str, Any]) -> None:
     content["excluded"].append(["ball", "floor"])
 
 
-def _drop_linked(content: dict) -> None:
+def _drop_linked(content: dict[str, Any]) -> None:
     content["excluded"].remove(["lower", "upper"])
 
 
-def _linked_too_many(content: dict) -> None:
+def _linked_too_many(content: dict[str, Any]) -> None:
     content["excluded"].append(["ball", "lower"])
 
 
-def _no_groups(content: dict) -> None:
+def _no_groups(content: dict[str, Any]) -> None:
     content["ignored_groups"], content["groups"] = [], {}
 
 
-def _group(content: dict) -> None:
+def _group(content: dict[str, Any]) -> None:
     content["ignored_groups"].clear()
 
 

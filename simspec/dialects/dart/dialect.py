@@ -1,8 +1,7 @@
-"""DART's .skel: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
+"""How a world is told to DART: one ``world.skel`` with a skeleton for each tree, and a sidecar for what .skel cannot carry.
 
-Poses in .skel are a position and intrinsic X-Y-Z Euler angles: of bodies in the world at zero configuration, of shapes in
-their body, of joints in their child. A free root stands at the world's origin at zero configuration, so that DART's
-coordinates of a free joint are those of the world.
+A free root stands at the world's origin at zero configuration, so that DART's coordinates of a free joint are those of the
+world.
 """
 
 from __future__ import annotations
@@ -10,41 +9,34 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.copies import Node, Nodes, class_name
 from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
-from simspec.dialects.kit.contract import Dialect
-from simspec.dialects.kit.sidecar import SIDECAR, sidecar, sidecar_text
-from simspec.dialects.kit.target import Target
+from simspec.dialects.dart.sidecar import (
+    DartSidecar,
+    JointValue,
+    NodeFilter,
+    ShapeCopy,
+    ShapeEntry,
+    Spring,
+    WeldedNode,
+)
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.settings import NeededSetting
+from simspec.dialects.kit.sidecar import Sidecar, common_fields
+from simspec.dialects.kit.target import Target, known
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
-from simspec.formats.kit.text import environment
+from simspec.formats.skel import tree
+from simspec.formats.skel.document import Document
 from simspec.support.declarations import EXACT, Level, Support, Table, never, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
-
-WORLD = "world.skel"
-
-JOINT_TYPES = {"fixed": "weld", "hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
-"""The name of each joint kind in .skel."""
-
-GEOMETRY: Mapping[str, tuple[str, tuple[tuple[str, slice], ...], float]] = {
-    "sphere": ("sphere", (("radius", slice(0, 1)),), 1.0),
-    "box": ("box", (("size", slice(0, 3)),), 1.0),
-    "cylinder": ("cylinder", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
-    "capsule": ("capsule", (("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
-    "ellipsoid": ("ellipsoid", (("size", slice(0, 3)),), 2.0),
-}
-"""For each shape kind the element, which part of ``Shape.size`` goes into which child, and what it is multiplied with: an
-ellipsoid's size are its diameters."""
-
-PLANE = ("plane", (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,))))
 
 RESERVED = {"world": "world."}
 """A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
@@ -93,46 +85,43 @@ class DartDialect(Dialect):
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
     }
 
-    def emit(self, world: World, target: Target) -> dict[str, str]:
-        """``world.skel`` and ``sidecar.json``. Raises UnsupportedError for what this world cannot have in DART."""
+    SIDECAR: ClassVar[type[Sidecar] | None] = DartSidecar
+    SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {
+        "contact_solver": NeededSetting(str, ("auto", *sorted(SOLVERS.values()))),
+        "collision_detector": NeededSetting(str),
+    }
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        """The skeletons of ``world`` and their sidecar. Raises UnsupportedError for what this world cannot have in DART."""
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
         at_zero = poses(_at_origin(moved), at_zero=True)
         nodes = Nodes(world, target.plan)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
-        content = {
-            "name": world.name,
-            "timestep": world.physics.timestep,
-            "gravity": world.physics.gravity,
-            "collision_detector": collision_detector(world, target),
-            "skeletons": [
-                {
-                    "name": root,
-                    "mobile": "false" if all(body.name in static for body in bodies) else "true",
-                    "bodies": [
-                        _body(body, node, at_zero[body.name], target.plan)
-                        for body in bodies
-                        for node in nodes.of[body.name]
-                    ],
-                    "joints": [
-                        _joint(body) if node.index == 0 else _weld(node)
-                        for body in bodies
-                        for node in nodes.of[body.name]
-                    ],
-                }
-                for root, bodies in trees(moved).items()
-            ],
-        }
-        return {
-            WORLD: environment().get_template("skel/world.skel.j2").render(content),
-            SIDECAR: sidecar_text(_sidecar(self.FORMAT, world, target, nodes, offsets)),
-        }
+        skeletons = tuple(
+            tree.Skeleton(
+                root,
+                not all(body.name in static for body in bodies),
+                tuple(
+                    _body(body, node, at_zero[body.name], target.plan)
+                    for body in bodies
+                    for node in nodes.of[body.name]
+                ),
+                tuple(
+                    _joint(body) if node.index == 0 else _weld(node) for body in bodies for node in nodes.of[body.name]
+                ),
+            )
+            for root, bodies in trees(moved).items()
+        )
+        detector = collision_detector(world, target)
+        told = tree.World(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
+        return Lowered(told, _sidecar(self.FORMAT, world, target, nodes, offsets))
 
-    def read(self, folder: Path) -> ReadBack:
-        """Read ``world.skel`` with the standard library's XML parser (see ``dialects/dart/reading.py``)."""
-        from simspec.dialects.dart.reading import read_folder
+    def raise_(self, document: Document, sidecar: DartSidecar) -> ReadBack:
+        """See ``dialects/dart/raising.py``."""
+        from simspec.dialects.dart.raising import raised
 
-        return read_folder(folder)
+        return raised(document, sidecar)
 
 
 def file_name(name: str) -> str:
@@ -207,65 +196,39 @@ def _at_origin(world: World) -> World:
     )
 
 
-def _transformation(pose: Pose) -> tuple[float, ...]:
-    return (*pose.position, *frames.to_euler_xyz(pose.quaternion))
-
-
-def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> dict[str, Any]:
+def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> tree.Body:
     """A body's own node with what is seen of it, or a further one, without mass."""
-    inertial = body.inertial if node.index == 0 else Inertial(0.0)
-    copies = [
-        _shape(shape)
+    copies = tuple(
+        tree.Shape(shape.kind, shape.size, shape.pose)
         for shape in solid_shapes(body)
         for layer in plan.layers(shape.material)
         if (shape.material, layer) in node.parts
-    ]
-    return {
-        "name": node_name(node),
-        "pose": _transformation(at_zero),
-        "mass": inertial.mass,
-        "inertia": inertial.inertia,
-        "centre_of_mass": inertial.centre_of_mass,
-        "seen": [_shape(shape) for shape in body.shapes if shape.visual] if node.index == 0 else [],
-        "solid": copies,
-    }
+    )
+    if node.index > 0:
+        return tree.Body(node_name(node), at_zero, Inertial(0.0), (), copies)
+    visual = tuple(
+        tree.Shape(shape.kind, shape.size, shape.pose, shape.colour) for shape in body.shapes if shape.visual
+    )
+    return tree.Body(node_name(node), at_zero, body.inertial, visual, copies)
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
-    if shape.kind == "plane":
-        tag, sizes = PLANE
-    else:
-        tag, parts, factor = GEOMETRY[shape.kind]
-        sizes = tuple((name, tuple(value * factor for value in shape.size[part])) for name, part in parts)
-    return {
-        "tag": tag,
-        "sizes": sizes,
-        "pose": _transformation(shape.pose),
-        "colour": shape.colour,
-    }
-
-
-def _joint(body: Body) -> dict[str, Any]:
+def _joint(body: Body) -> tree.Joint:
     joint = body.joint
-    position, velocity = _coordinates(joint)
-    return {
-        "name": joint.name,
-        "type": JOINT_TYPES[joint.kind],
-        "parent": "world" if joint.parent is None else file_name(joint.parent),
-        "child": file_name(body.name),
-        "axis": joint.axis if joint.kind in ("hinge", "slide") else None,
-        "limits": joint.position_limits,
-        "dry_friction": joint.dry_friction,
-        "position": position,
-        "velocity": velocity,
-    }
+    return tree.Joint(
+        joint.name,
+        joint.kind,
+        None if joint.parent is None else file_name(joint.parent),
+        file_name(body.name),
+        joint.axis if joint.kind in ("hinge", "slide") else None,
+        joint.position_limits,
+        joint.dry_friction,
+        *_coordinates(joint),
+    )
 
 
-def _weld(node: Node) -> dict[str, Any]:
+def _weld(node: Node) -> tree.Joint:
     """What holds a further node to the body's own."""
-    nothing = {"axis": None, "limits": None, "dry_friction": 0.0, "position": (), "velocity": ()}
-    name, parent = node_name(node), file_name(node.body)
-    return {"name": name, "type": JOINT_TYPES["fixed"], "parent": parent, "child": name, **nothing}
+    return tree.Joint(node_name(node), "fixed", file_name(node.body), node_name(node))
 
 
 def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -278,91 +241,87 @@ def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return joint.position, joint.velocity
 
 
-def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
-    settings = dict(target.settings)
-    settings["contact_solver"] = contact_solver(world, target)
-    settings["collision_detector"] = collision_detector(world, target)
+def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:
+    settings = {
+        **target.settings,
+        "contact_solver": contact_solver(world, target),
+        "collision_detector": collision_detector(world, target),
+    }
     groups: dict[str, list[str]] = {}
     for body in world.bodies:
         if solid_shapes(body):
             groups.setdefault(body.collision_group, []).append(body.name)
-    ignored = [pair for pair in world.contact.ignored_groups if pair[0] in groups and pair[1] in groups]
+    ignored = tuple(pair for pair in world.contact.ignored_groups if pair[0] in groups and pair[1] in groups)
     named = {group for pair in ignored for group in pair}
 
-    def entries(field: str) -> list[dict[str, Any]]:
-        return [
-            {"body": body.name, "value": getattr(body.joint, field)}
-            for body in world.bodies
-            if getattr(body.joint, field)
-        ]
+    def values(field: str) -> tuple[JointValue, ...]:
+        return tuple(
+            JointValue(body.name, getattr(body.joint, field)) for body in world.bodies if getattr(body.joint, field)
+        )
 
-    return sidecar(
-        name,
-        world,
-        dataclasses.replace(target, settings=settings),
-        offsets,
-        models=[body.model for body in world.bodies],
-        shapes=[
-            {
-                "name": shape.name,
-                "body": body.name,
-                "visual": shape.visual,
-                "material": shape.material if shape.collision else "",
-                "surfaces": _surfaces(shape, nodes.of[body.name], target.plan),
-            }
+    return DartSidecar(
+        **common_fields(name, world, dataclasses.replace(target, settings=settings), offsets),
+        models=tuple(body.model for body in world.bodies),
+        shapes=tuple(
+            ShapeEntry(
+                shape.name,
+                body.name,
+                shape.visual,
+                shape.material if shape.collision else "",
+                _surfaces(shape, nodes.of[body.name], target.plan),
+            )
             for body in world.bodies
             for shape in body.shapes
-        ],
-        enforce_limits=[body.name for body in world.bodies if body.joint.position_limits is not None],
-        velocity_limits=entries("velocity_limit"),
-        effort_limits=entries("effort_limit"),
-        damping=entries("damping"),
-        armature=entries("armature"),
-        springs=[
-            {"body": body.name, "stiffness": body.joint.spring_stiffness, "rest": body.joint.spring_rest}
+        ),
+        enforce_limits=tuple(body.name for body in world.bodies if body.joint.position_limits is not None),
+        velocity_limits=values("velocity_limit"),
+        effort_limits=values("effort_limit"),
+        damping=values("damping"),
+        armature=values("armature"),
+        springs=tuple(
+            Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
             for body in world.bodies
             if body.joint.spring_stiffness
-        ],
+        ),
         ignored_groups=ignored,
-        groups={group: names for group, names in sorted(groups.items()) if group in named},
-        excluded=excluded_pairs_to_write(world),
-        copies=[
-            {"node": node_name(node), "body": body.name}
+        groups={group: tuple(names) for group, names in sorted(groups.items()) if group in named},
+        excluded=tuple(excluded_pairs_to_write(world)),
+        copies=tuple(
+            WeldedNode(node_name(node), body.name)
             for body in world.bodies
             for node in nodes.of[body.name]
             if node.index > 0
-        ],
+        ),
         filter=_filter(nodes),
     )
 
 
-def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> list[dict[str, Any]]:
+def _surfaces(shape: Shape, nodes: Sequence[Node], plan: ContactPlan) -> tuple[ShapeCopy, ...]:
     """The copies of a shape in the order of their layers: the node each is on, and its numbers there."""
     if not shape.collision:
-        return []
+        return ()
     place = {part: node_name(node) for node in nodes for part in node.parts}
-    return [
-        {
-            "node": place[shape.material, layer],
-            "layer": layer,
-            "friction": plan.numbers[shape.material, layer].friction,
-            "restitution": plan.numbers[shape.material, layer].restitution,
-        }
+    return tuple(
+        ShapeCopy(
+            place[shape.material, layer],
+            layer,
+            known(plan.numbers[shape.material, layer], "friction"),
+            known(plan.numbers[shape.material, layer], "restitution"),
+        )
         for layer in plan.layers(shape.material)
-    ]
+    )
 
 
-def _filter(nodes: Nodes) -> dict[str, Any]:
-    """Classes of nodes, and the pairs of classes that do not touch; only the classes that such a pair names. ``layers`` tells
-    a reader what the filter is for: (material, material, the layer they meet in, or null)."""
+def _filter(nodes: Nodes) -> NodeFilter:
+    """Only the classes that a pair names."""
     apart = nodes.apart()
-    named = {one for pair in apart for one in pair}
-    return {
-        "classes": {
-            class_name(parts): [node_name(node) for node in held]
-            for parts, held in nodes.classes().items()
+    named = {parts for pair in apart for parts in pair}
+    return NodeFilter(
+        {
+            class_name(parts): tuple(node_name(node) for node in alike)
+            for parts, alike in nodes.classes().items()
             if parts in named
         },
-        "apart": [[class_name(one), class_name(other)] for one, other in apart],
-        "layers": nodes.layers() if apart else [],
-    }
+        tuple((class_name(one), class_name(other)) for one, other in apart),
+        tuple(nodes.layers()) if apart else (),
+    )

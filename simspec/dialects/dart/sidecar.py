@@ -1,85 +1,122 @@
-"""The form of a .skel folder's sidecar, and whether its lists fit together."""
+"""The sidecar of a .skel folder: what DART is told beside the file, and whether its lists fit together."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
-from simspec.formats.kit.forms import (
-    COMMON,
-    ListOf,
-    MapOf,
-    check_common,
-    check_distinct,
-    check_fields,
-    check_known,
-)
+from simspec.dialects.kit.sidecar import Sidecar
+from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 
-RATED = ListOf({"body": str, "value": float})
-PAIRS = ListOf(ListOf(str, 2), distinct=True)
 
-FORM: Mapping[str, Any] = {
-    **COMMON,
-    "models": ListOf(str),
-    "shapes": ListOf(
-        {
-            "name": str,
-            "body": str,
-            "visual": bool,
-            "material": str,
-            "surfaces": ListOf({"node": str, "layer": int, "friction": float, "restitution": float}),
+@dataclass(frozen=True, slots=True)
+class ShapeCopy:
+    """One copy of a collision shape: the node it is on, and its numbers in its layer."""
+
+    node: str
+    layer: int
+    friction: float
+    restitution: float
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeEntry:
+    """A shape of a body; its copies in the order of their layers, none where it is only visual."""
+
+    name: str
+    body: str
+    visual: bool
+    material: str
+    surfaces: tuple[ShapeCopy, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class JointValue:
+    """A number of a body's joint."""
+
+    body: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spring:
+    """The spring of a body's joint (N m/rad, N/m) and the position in which it rests."""
+
+    body: str
+    stiffness: float
+    rest: float
+
+
+@dataclass(frozen=True, slots=True)
+class WeldedNode:
+    """A further node of a body, welded to its own (see ``copies.py``)."""
+
+    node: str
+    body: str
+
+
+@dataclass(frozen=True, slots=True)
+class NodeFilter:
+    """Classes of nodes that touch the same others, and the pairs of classes that do not touch. ``layers`` tells a reader what
+    that is for: two materials, and the layer they meet in, or None."""
+
+    classes: Mapping[str, Names]
+    apart: NamePairs
+    layers: tuple[tuple[str, str, int | None], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DartSidecar(Sidecar):
+    """Models of the bodies in their order, shapes, limits, losses, and what does not touch."""
+
+    models: tuple[str, ...]
+    shapes: tuple[ShapeEntry, ...]
+    enforce_limits: Names
+    velocity_limits: tuple[JointValue, ...]
+    effort_limits: tuple[JointValue, ...]
+    damping: tuple[JointValue, ...]
+    armature: tuple[JointValue, ...]
+    springs: tuple[Spring, ...]
+    ignored_groups: NamePairs
+    groups: Mapping[str, Names]
+    """The bodies of each collision group that ``ignored_groups`` names."""
+    excluded: NamePairs
+    copies: tuple[WeldedNode, ...]
+    filter: NodeFilter
+
+    def check(self) -> None:
+        """Raise ValueError, which names the place, where its lists do not fit together."""
+        bodies = {body.name for body in self.bodies}
+        if len(self.models) != len(self.bodies):
+            raise ValueError(f"sidecar.models has {len(self.models)} entries for {len(self.bodies)} bodies")
+        of_bodies: Mapping[str, Iterable[JointValue | Spring]] = {
+            "velocity_limits": self.velocity_limits,
+            "effort_limits": self.effort_limits,
+            "damping": self.damping,
+            "armature": self.armature,
+            "springs": self.springs,
         }
-    ),
-    "enforce_limits": ListOf(str, distinct=True),
-    "velocity_limits": RATED,
-    "effort_limits": RATED,
-    "damping": RATED,
-    "armature": RATED,
-    "springs": ListOf({"body": str, "stiffness": float, "rest": float}),
-    "ignored_groups": PAIRS,
-    "groups": MapOf(ListOf(str, distinct=True)),
-    "excluded": PAIRS,
-    "copies": ListOf({"node": str, "body": str}),
-    "filter": {"classes": MapOf(ListOf(str, distinct=True)), "apart": PAIRS, "layers": ListOf(ListOf(object, 3))},
-}
+        for name, entries in of_bodies.items():
+            names = [entry.body for entry in entries]
+            check_distinct(names, f"sidecar.{name}")
+            check_known(names, bodies, f"sidecar.{name}")
+        check_known(self.enforce_limits, bodies, "sidecar.enforce_limits")
+        check_known((name for pair in self.excluded for name in pair), bodies, "sidecar.excluded")
+        check_known((name for names in self.groups.values() for name in names), bodies, "sidecar.groups")
+        _check_used(self.groups, self.ignored_groups, "sidecar.groups")
+        check_distinct((copy.node for copy in self.copies), "sidecar.copies")
+        check_known((copy.body for copy in self.copies), bodies, "sidecar.copies")
+        check_known((shape.body for shape in self.shapes), bodies, "sidecar.shapes")
+        for index, shape in enumerate(self.shapes):
+            check_distinct((copy.layer for copy in shape.surfaces), f"sidecar.shapes.{index}.surfaces")
+            if shape.material and not shape.surfaces:
+                raise ValueError(f"sidecar.shapes.{index} has the material {shape.material!r} and no surface of it")
+        check_distinct((node for nodes in self.filter.classes.values() for node in nodes), "sidecar.filter.classes")
+        _check_used(self.filter.classes, self.filter.apart, "sidecar.filter.classes")
+        check_distinct(((one, other) for one, other, _ in self.filter.layers), "sidecar.filter.layers")
 
 
-def check_sidecar(content: Mapping[str, Any]) -> None:
-    """Raise ValueError where a sidecar is not of the form, or its lists do not fit together."""
-    check_fields(content, dict(FORM))
-    bodies = check_common(content)
-    if len(content["models"]) != len(content["bodies"]):
-        raise ValueError(f"sidecar.models has {len(content['models'])} entries for {len(content['bodies'])} bodies")
-    for name in ("velocity_limits", "effort_limits", "damping", "armature", "springs"):
-        check_distinct((entry["body"] for entry in content[name]), f"sidecar.{name}")
-        check_known((entry["body"] for entry in content[name]), bodies, f"sidecar.{name}")
-    check_known(content["enforce_limits"], bodies, "sidecar.enforce_limits")
-    check_known((name for pair in content["excluded"] for name in pair), bodies, "sidecar.excluded")
-    check_known((name for held in content["groups"].values() for name in held), bodies, "sidecar.groups")
-    _check_used(content["groups"], content["ignored_groups"], "sidecar.groups")
-    check_distinct((copy["node"] for copy in content["copies"]), "sidecar.copies")
-    check_known((copy["body"] for copy in content["copies"]), bodies, "sidecar.copies")
-    check_known((shape["body"] for shape in content["shapes"]), bodies, "sidecar.shapes")
-    for index, shape in enumerate(content["shapes"]):
-        check_distinct((copy["layer"] for copy in shape["surfaces"]), f"sidecar.shapes.{index}.surfaces")
-        if shape["material"] and not shape["surfaces"]:
-            raise ValueError(f"sidecar.shapes.{index} has the material {shape['material']!r} and no surface of it")
-    _check_filter(content["filter"])
-
-
-def _check_filter(content: Mapping[str, Any]) -> None:
-    classes = content["classes"]
-    check_distinct((node for held in classes.values() for node in held), "sidecar.filter.classes")
-    _check_used(classes, content["apart"], "sidecar.filter.classes")
-    for one, other, layer in content["layers"]:
-        if not (isinstance(one, str) and isinstance(other, str) and (layer is None or type(layer) is int)):
-            raise ValueError(
-                f"sidecar.filter.layers has {[one, other, layer]!r}, should be two materials and a layer or null"
-            )
-    check_distinct(((one, other) for one, other, _ in content["layers"]), "sidecar.filter.layers")
-
-
-def _check_used(sets: Mapping[str, Any], pairs: Any, at: str) -> None:
+def _check_used(sets: Mapping[str, Names], pairs: NamePairs, at: str) -> None:
     """Sets of names are there for pairs of them: those that pairs name, and none is empty."""
     used = {name for pair in pairs for name in pair}
     if set(sets) != used or not all(sets.values()):

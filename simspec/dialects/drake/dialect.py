@@ -9,12 +9,15 @@ from simspec.contact.plan import ContactPlan
 from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.target import Target, known
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
 from simspec.support.declarations import Table
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
+
+NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
+"""Of a surface, in the order of :class:`simspec.formats.world.tree.Copy`."""
 
 
 class DrakeDialect(Dialect):
@@ -126,13 +129,6 @@ def _shape(shape: Shape, plan: ContactPlan) -> tree.Shape:
 
 
 def _copy(layer: int, numbers: Surface) -> tree.Copy:
-    """A copy's numbers. Raises ValueError where the plan does not know one."""
-    sliding, torsional, rolling, bounce = (
-        numbers.friction,
-        numbers.torsional_friction,
-        numbers.rolling_friction,
-        numbers.restitution,
-    )
-    if sliding is None or torsional is None or rolling is None or bounce is None:
-        raise ValueError(f"the contact plan lacks a number of {numbers}")
+    """A copy's numbers."""
+    sliding, torsional, rolling, bounce = (known(numbers, name) for name in NUMBERS)
     return tree.Copy(layer, sliding, torsional, rolling, bounce, numbers.hardness)

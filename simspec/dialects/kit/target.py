@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from simspec.contact.plan import ContactPlan
 from simspec.contact.rules import Rules
+from simspec.world.types import Surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,3 +20,11 @@ class Target:
     plan: ContactPlan
     """The numbers that shapes get, and the layers of their copies."""
     settings: Mapping[str, bool | int | float | str]
+
+
+def known(numbers: Surface, quantity: str) -> float:
+    """A number that the plan gives a shape. Raises ValueError where it gives none."""
+    value: float | None = getattr(numbers, quantity)
+    if value is None:
+        raise ValueError(f"the contact plan lacks the {quantity} of {numbers}")
+    return value

@@ -7,11 +7,12 @@ Armature A is DART's implicit damping A / dt, with the effort (A / dt) v against
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import Coordinates, Tree, turn_of
 from simspec.world import frames
 
@@ -25,24 +26,20 @@ def shortest(vector: np.ndarray) -> np.ndarray:
 class Efforts:
     """The effort τ − loss v − stiffness (q − rest) on all of DART's coordinates; τ is what the caller gives."""
 
-    def __init__(
-        self, coordinates: Coordinates, joints: Mapping[str, Any], sidecar: Mapping[str, Any], timestep: float
-    ):
+    def __init__(self, coordinates: Coordinates, joints: Mapping[str, Any], sidecar: DartSidecar, timestep: float):
         """``joints`` are DART's, by the name of the body. Gives DART the implicit part of the armature."""
         self._coordinates = coordinates
         self._first = {tree.skeleton.getName(): tree.dofs.start for tree in coordinates.trees}
         self.damping, self.armature, self.stiffness, self.rest = np.zeros((4, coordinates.count))
 
-        def fill(entries: Sequence[Mapping[str, Any]], key: str, into: np.ndarray) -> None:
-            for entry in entries:
-                into[self.place(joints[entry["body"]])] = entry[key]
-
-        fill(sidecar["damping"], "value", self.damping)
-        fill(sidecar["armature"], "value", self.armature)
-        fill(sidecar["springs"], "stiffness", self.stiffness)
-        fill(sidecar["springs"], "rest", self.rest)
-        for entry in sidecar["armature"]:
-            joints[entry["body"]].setDampingCoefficient(0, entry["value"] / timestep)
+        for entry in sidecar.damping:
+            self.damping[self.place(joints[entry.body])] = entry.value
+        for entry in sidecar.armature:
+            self.armature[self.place(joints[entry.body])] = entry.value
+            joints[entry.body].setDampingCoefficient(0, entry.value / timestep)
+        for spring in sidecar.springs:
+            at = self.place(joints[spring.body])
+            self.stiffness[at], self.rest[at] = spring.stiffness, spring.rest
         self._loss = self.damping - self.armature / timestep
         self._driven = {
             tree.skeleton.getName()

@@ -17,6 +17,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
@@ -28,6 +29,7 @@ from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.errors import EngineError
 from simspec.support.declarations import (
     EXACT,
     Level,
@@ -309,7 +311,11 @@ class Dart(Engine):
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
-        self._sim = Simulation(folder, sidecar)
+        try:
+            told = DartSidecar.of(sidecar)
+        except ValueError as error:
+            raise EngineError(self.NAME, str(error)) from error
+        self._sim = Simulation(folder, told)
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
@@ -375,7 +381,7 @@ class Dart(Engine):
 
     def collision_units(self) -> Sequence[CollisionUnit]:
         place = self._simulation.nodes.place_of_body
-        return [CollisionUnit(place[one["body"]], (one["name"],)) for one in self._simulation.sidecar["shapes"]]
+        return [CollisionUnit(place[shape.body], (shape.name,)) for shape in self._simulation.sidecar.shapes]
 
     def detect_units(self) -> np.ndarray:
         return sorted_pairs(self._simulation.detect_contacts())

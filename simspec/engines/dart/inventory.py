@@ -51,9 +51,9 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         found.update(_skeleton(sim.world.getSkeleton(index)))
     shapes: dict[str, list[str]] = {}
     seen: dict[str, list[bool]] = {}
-    for shape in sidecar["shapes"]:
-        shapes.setdefault(shape["body"], []).append(shape["name"])
-        seen.setdefault(shape["body"], []).append(shape["visual"])
+    for shape in sidecar.shapes:
+        shapes.setdefault(shape.body, []).append(shape.name)
+        seen.setdefault(shape.body, []).append(shape.visual)
     for index, (name, body) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = body.getParentJoint()
         found[f"body.{name}.joint"], found[f"body.{name}.skeleton"] = joint.getName(), body.getSkeleton().getName()
@@ -68,11 +68,11 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
             found[f"body.{name}.inertia"] = tuple(held.getMoment().reshape(-1).tolist())
         found.update(_joint(name, joint))
         found.update(_nodes(name, sim.nodes.of(index)))
-    found.update(sidecar_labels(sidecar))
+    found.update(sidecar_labels(sidecar.plain()))
     found["sidecar.bodies"] = listed(sim.names)
-    models = zip(sim.names, sidecar["models"], strict=True)
+    models = zip(sim.names, sidecar.models, strict=True)
     found.update({f"body.{name}.model": model for name, model in models})
-    found.update({f"velocity_limit.{one['body']}": one["value"] for one in sidecar["velocity_limits"]})
+    found.update({f"velocity_limit.{entry.body}": entry.value for entry in sidecar.velocity_limits})
     found["exact_rotation"] = sim.exact_rotation
     found.update(_parts(sim))
     return found
@@ -195,15 +195,13 @@ def _parts(sim: Simulation) -> dict[str, HeldValue]:
     that were told to be apart, on its own node, and, for what cannot move, on all others of that kind."""
     on: dict[str, set[str]] = {}
     still: set[str] = set()
-    shapes = sim.sidecar["shapes"]
+    shapes = sim.sidecar.shapes
     numbers: dict[str, dict[str, tuple[HeldValue, ...]]] = {"friction": {}, "restitution": {}}
     for index, body in enumerate(sim.bodies):
         for node in sim.nodes.of(index):
             for shape in collision_nodes(node):
                 number, copy = sim.nodes.copy(shape)
-                part = part_name(
-                    shapes[number]["body"], shapes[number]["material"], shapes[number]["surfaces"][copy]["layer"]
-                )
+                part = part_name(shapes[number].body, shapes[number].material, shapes[number].surfaces[copy].layer)
                 on.setdefault(node.getName(), set()).add(part)
                 surface = shape.getDynamicsAspect()
                 for key, value in (

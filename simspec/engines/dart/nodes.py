@@ -6,12 +6,14 @@ Facts marked *measured*: dartpy 6.20.0.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from simspec.dialects.dart.dialect import WORLD, file_name
+from simspec.dialects.dart.dialect import file_name
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME
 from simspec.errors import EngineError
+from simspec.formats.skel.format import WORLD
 
 
 def shape_nodes(node: Any) -> list[Any]:
@@ -33,15 +35,15 @@ class Nodes:
     place_of_body  the same, by the body's own name in the world
     """
 
-    def __init__(self, world: Any, sidecar: Mapping[str, Any]):
+    def __init__(self, world: Any, sidecar: DartSidecar):
         self._sidecar = sidecar
-        self.names = [entry["name"] for entry in sidecar["bodies"]]
+        self.names = [entry.name for entry in sidecar.bodies]
         held: dict[str, Any] = {}
         for index in range(world.getNumSkeletons()):
             for node in world.getSkeleton(index).getBodyNodes():
                 held[node.getName()] = node
         own = [file_name(name) for name in self.names]
-        copies = {copy["node"]: file_name(copy["body"]) for copy in sidecar["copies"]}
+        copies = {copy.node: file_name(copy.body) for copy in sidecar.copies}
         wanted = {*own, *copies}
         missing, more = sorted(wanted - set(held)), sorted(set(held) - wanted)
         if missing or more:
@@ -55,7 +57,7 @@ class Nodes:
             self._of[place].append(held[name])
         self._nodes = held
         self._copies = self._find_copies()
-        self._layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar["filter"]["layers"]}
+        self._layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar.filter.layers}
 
     def of(self, index: int) -> Sequence[Any]:
         """All nodes of a body, its own first."""
@@ -69,11 +71,11 @@ class Nodes:
         """Of every collision shape of DART, by its name and its node's, the sidecar's entry and the number of the copy."""
         left = {name: collision_nodes(node) for name, node in self._nodes.items()}
         found = {}
-        for number, shape in enumerate(self._sidecar["shapes"]):
-            for index, copy in enumerate(shape["surfaces"]):
-                if not left.get(copy["node"]):
-                    raise EngineError(NAME, f"{WORLD} has too few collision shapes on {copy['node']!r}")
-                one = left[copy["node"]].pop(0)
+        for number, shape in enumerate(self._sidecar.shapes):
+            for index, copy in enumerate(shape.surfaces):
+                if not left.get(copy.node):
+                    raise EngineError(NAME, f"{WORLD} has too few collision shapes on {copy.node!r}")
+                one = left[copy.node].pop(0)
                 found[_key(one)] = (number, index)
         extra = sorted(name for name, shapes in left.items() if shapes)
         if extra:
@@ -89,11 +91,11 @@ class Nodes:
 
         The filter is DART's own and cannot be listed; a contact shows what it lets through.
         """
-        shapes, copies = self._sidecar["shapes"], (self.copy(one), self.copy(other))
-        pair = frozenset(shapes[number]["material"] for number, _ in copies)
-        layers = {shapes[number]["surfaces"][index]["layer"] for number, index in copies}
+        shapes, copies = self._sidecar.shapes, (self.copy(one), self.copy(other))
+        pair = frozenset(shapes[number].material for number, _ in copies)
+        layers = {shapes[number].surfaces[index].layer for number, index in copies}
         if pair in self._layer_of and layers != {self._layer_of[pair]}:
-            names = " and ".join(repr(shapes[number]["name"]) for number, _ in copies)
+            names = " and ".join(repr(shapes[number].name) for number, _ in copies)
             return f"lets copies of {names} touch that are in layers {sorted(layers)}, not {self._layer_of[pair]}"
         return ""
 
@@ -102,9 +104,9 @@ class Nodes:
         for node in self._nodes.values():
             for shape in collision_nodes(node):
                 number, index = self.copy(shape)
-                given, aspect = self._sidecar["shapes"][number]["surfaces"][index], shape.getDynamicsAspect()
-                aspect.setFrictionCoeff(given["friction"])
-                aspect.setRestitutionCoeff(given["restitution"])
+                numbers, aspect = self._sidecar.shapes[number].surfaces[index], shape.getDynamicsAspect()
+                aspect.setFrictionCoeff(numbers.friction)
+                aspect.setRestitutionCoeff(numbers.restitution)
 
     def apart(self) -> Iterator[tuple[Any, Any]]:
         """The pairs of nodes that must not touch; a pair may come twice."""
@@ -112,15 +114,15 @@ class Nodes:
         of = dict(zip(self.names, self._of, strict=True))
         for held in self._of:  # a body does not touch itself
             yield from ((one, other) for index, one in enumerate(held) for other in held[index + 1 :])
-        bodies = list(map(tuple, sidecar["excluded"]))
-        for first, second in sidecar["ignored_groups"]:
+        bodies = list(sidecar.excluded)
+        for first, second in sidecar.ignored_groups:
             bodies.extend(
-                (one, other) for one in sidecar["groups"][first] for other in sidecar["groups"][second] if one != other
+                (one, other) for one in sidecar.groups[first] for other in sidecar.groups[second] if one != other
             )
         for one, other in bodies:
             yield from ((a, b) for a in of[one] for b in of[other])
-        classes = {name: [self._nodes[node] for node in held] for name, held in sidecar["filter"]["classes"].items()}
-        for first, second in sidecar["filter"]["apart"]:
+        classes = {name: [self._nodes[node] for node in held] for name, held in sidecar.filter.classes.items()}
+        for first, second in sidecar.filter.apart:
             if first == second:
                 held = classes[first]
                 yield from ((one, other) for index, one in enumerate(held) for other in held[index + 1 :])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.dialect import world_name
+from simspec.dialects.dart.sidecar import ShapeEntry
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import collision_nodes, shape_nodes
 from simspec.engines.dart.simulation import Simulation
@@ -33,14 +34,14 @@ from the two nodes' own, to the last bit."""
 
 def read_back(sim: Simulation, q: np.ndarray, v: np.ndarray, unreadable: dict[str, str]) -> ReadBack:
     """The model as DART holds it, and its present state ``q``, ``v``."""
-    names: dict[str, list[tuple[int, dict[str, Any]]]] = {}
-    for number, entry in enumerate(sim.sidecar["shapes"]):
-        names.setdefault(entry["body"], []).append((number, entry))
+    names: dict[str, list[tuple[int, ShapeEntry]]] = {}
+    for number, entry in enumerate(sim.sidecar.shapes):
+        names.setdefault(entry.body, []).append((number, entry))
     bodies = []
     for index, (name, node) in enumerate(zip(sim.names, sim.bodies, strict=True)):
         joint = _joint(sim, node.getParentJoint(), index, q, v)
         bodies.append(
-            Body(name, sim.sidecar["models"][index], _inertial(node), joint, _shapes(sim, index, names.get(name, [])))
+            Body(name, sim.sidecar.models[index], _inertial(node), joint, _shapes(sim, index, names.get(name, [])))
         )
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     return ReadBack(
@@ -166,7 +167,7 @@ def _shape(node: Any) -> Shape:
     return shape
 
 
-def _shapes(sim: Simulation, index: int, given: list[tuple[int, dict[str, Any]]]) -> tuple[Shape, ...]:
+def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) -> tuple[Shape, ...]:
     """A body's shapes in the world's order. DART has a node for the visual side of a shape and one for each of its copies;
     those that are alike and that the sidecar says are one are joined, all else is left as it is."""
     own = sim.bodies[index]
@@ -177,11 +178,11 @@ def _shapes(sim: Simulation, index: int, given: list[tuple[int, dict[str, Any]]]
             number, _ = sim.nodes.copy(one)
             copies.setdefault(number, []).append(_moved(_shape(one), place))
     seen = [_shape(one) for one in shape_nodes(own) if one.hasVisualAspect()]
-    if len(seen) != sum(entry["visual"] for _, entry in given):
+    if len(seen) != sum(entry.visual for _, entry in given):
         return (*(shape for held in copies.values() for shape in held), *seen)
     found: list[Shape] = []
     for number, entry in given:
-        parts = copies.get(number, []) + ([seen.pop(0)] if entry["visual"] else [])
+        parts = copies.get(number, []) + ([seen.pop(0)] if entry.visual else [])
         kept = []
         for part in parts:
             alike = next((at for at, one in enumerate(kept) if _same(one, part)), None)
@@ -189,7 +190,7 @@ def _shapes(sim: Simulation, index: int, given: list[tuple[int, dict[str, Any]]]
                 kept.append(part)
             else:
                 kept[alike] = _joined(kept[alike], part)
-        found.extend(dataclasses.replace(shape, name=entry["name"]) for shape in kept)
+        found.extend(dataclasses.replace(shape, name=entry.name) for shape in kept)
     return tuple(found)
 
 

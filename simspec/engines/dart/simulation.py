@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.dart.dialect import WORLD
-from simspec.dialects.dart.reading import without_pictures
-from simspec.dialects.dart.sidecar import check_sidecar
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
 from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
 from simspec.errors import EngineError
+from simspec.formats.skel.format import WORLD
+from simspec.formats.skel.reading import without_visual_shapes
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
@@ -75,14 +75,10 @@ class Simulation:
     them cost 7 µs of 126). See :meth:`whole`.
     """
 
-    def __init__(self, folder: Path, sidecar: Mapping[str, Any], pictures: bool = False):
+    def __init__(self, folder: Path, sidecar: DartSidecar, pictures: bool = False):
         self.dartpy = import_dartpy()
-        try:
-            check_sidecar(sidecar)
-        except ValueError as error:
-            raise EngineError(NAME, str(error)) from error
         self.sidecar = sidecar
-        self.settings = sidecar["settings"]
+        self.settings: Mapping[str, Any] = sidecar.settings
         self.log: list[str] = []
         self.apart: list[tuple[str, str]] = []
         """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
@@ -94,8 +90,8 @@ class Simulation:
         self.timestep: float = self.world.getTimeStep()
         self.nodes = Nodes(self.world, sidecar)
         self.names, self.bodies = self.nodes.names, self.nodes.bodies
-        self.offsets = np.array([entry["frame_offset"] for entry in sidecar["bodies"]], dtype=float).reshape(-1, 3)
-        self.coordinates = Coordinates(self.bodies, [entry["kind"] for entry in sidecar["bodies"]])
+        self.offsets = np.array([entry.frame_offset for entry in sidecar.bodies], dtype=float).reshape(-1, 3)
+        self.coordinates = Coordinates(self.bodies, [entry.kind for entry in sidecar.bodies])
         self._set_limits()
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
         self.efforts = Efforts(self.coordinates, joints, sidecar, self.timestep)
@@ -116,7 +112,7 @@ class Simulation:
         # as text: DART takes a path for a URI, in which some characters of folders mean something else
         text = path.read_text(encoding="utf-8")
         if not pictures:
-            text, self._blind = without_pictures(text)
+            text, self._blind = without_visual_shapes(text)
         try:
             with captured_errors(self.log):
                 world = self.dartpy.utils.SkelParser.readWorldXML(text)
@@ -165,7 +161,7 @@ class Simulation:
             return
         kind = dartpy.constraint.NsgsFrictionSolver
         chosen = kind.Options()
-        chosen.law = kind.Law.Coulomb if self.sidecar["friction_cone"] == "elliptic" else kind.Law.Box
+        chosen.law = kind.Law.Coulomb if self.sidecar.friction_cone == "elliptic" else kind.Law.Box
         chosen.maxSweeps = given["iterations"]
         chosen.tolerance = given["tolerance"]
         if self._rubs():
@@ -180,11 +176,11 @@ class Simulation:
 
     def _set_limits(self) -> None:
         joints = {name: body.getParentJoint() for name, body in zip(self.names, self.bodies, strict=True)}
-        for name in self.sidecar["enforce_limits"]:
+        for name in self.sidecar.enforce_limits:
             joints[name].setLimitEnforcement(True)
-        for entry in self.sidecar["effort_limits"]:  # held, not enforced: setForces does not clip (measured)
-            joints[entry["body"]].setForceLowerLimit(0, -entry["value"])
-            joints[entry["body"]].setForceUpperLimit(0, entry["value"])
+        for entry in self.sidecar.effort_limits:  # held, not enforced: setForces does not clip (measured)
+            joints[entry.body].setForceLowerLimit(0, -entry.value)
+            joints[entry.body].setForceUpperLimit(0, entry.value)
 
     def _set_filter(self) -> None:
         """Every pair of bodies may touch, also in one tree, but for those that the sidecar excludes."""
@@ -255,7 +251,7 @@ class Simulation:
             one, other = (
                 side.getShapeFrame().asShapeNode() for side in (contact.collisionObject1, contact.collisionObject2)
             )
-            if self.sidecar["filter"]["layers"] and not wrong:
+            if self.sidecar.filter.layers and not wrong:
                 wrong = self.nodes.wrong_meeting(one, other)
             pairs.add((self.nodes.copy(one)[0], self.nodes.copy(other)[0]))
         return pairs, wrong

@@ -11,8 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.dialects.dart.copies import Nodes
-from simspec.dialects.dart.dialect import WORLD, DartDialect
+from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.formats.skel.format import WORLD
 from simspec.proof.selftest_worlds import surfaces
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape

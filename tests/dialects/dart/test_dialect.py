@@ -12,10 +12,11 @@ import pytest
 
 from simspec.compiler import compile_world, target_of
 from simspec.dialects.dart import dialect as skel
-from simspec.dialects.dart.dialect import WORLD, DartDialect
+from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import UnsupportedError
+from simspec.formats.skel.format import WORLD
 from simspec.proof.comparator import compare
 from simspec.support.declarations import combine
 from simspec.support.negotiation import negotiate

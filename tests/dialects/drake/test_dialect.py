@@ -74,5 +74,5 @@ def test_a_plan_that_lacks_a_number_is_an_error():
     plan = dataclasses.replace(
         target.plan, numbers={**target.plan.numbers, key: dataclasses.replace(numbers, friction=None)}
     )
-    with pytest.raises(ValueError, match="lacks a number"):
+    with pytest.raises(ValueError, match="lacks the friction"):
         DrakeDialect().lower(world, dataclasses.replace(target, plan=plan))

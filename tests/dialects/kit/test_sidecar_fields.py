@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.dart import sidecar as skel_sidecar
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, SidecarBody, sidecar_text
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.formats.kit.forms import NamePairs, Names, form_of
@@ -88,11 +88,11 @@ def skel():
     ],
 )
 def test_what_is_not_of_a_skel_is_refused(skel, change, said):
-    skel_sidecar.check_sidecar(skel)
+    DartSidecar.of(skel)
     content = copy.deepcopy(skel)
     change(content)
     with pytest.raises(ValueError, match=re.escape(said)):
-        skel_sidecar.check_sidecar(content)
+        DartSidecar.of(content)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

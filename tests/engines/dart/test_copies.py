@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
-from simspec.dialects.dart.dialect import WORLD
 from simspec.engines.dart.engine import MOST_RECOVERY, Dart
 from simspec.errors import EngineError
+from simspec.formats.skel.format import WORLD
 from simspec.proof.selftest_worlds import surfaces
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Contact, Joint, Material, PairContact, Physics, Pose, Shape

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.dart.dialect import WORLD
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.skel.format import WORLD
 from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape

@@ -9,7 +9,7 @@ import re
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.dart.sidecar import check_sidecar
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.engines.dart.getters import FIELDS, GETTERS
@@ -54,7 +54,7 @@ def load(tmp_path):
         compiled = compile_world(world, ["dart"])["dart"]
         folder = tmp_path / str(next(folders))
         write_folder(compiled.files, folder)
-        check_sidecar(read_sidecar(folder))
+        DartSidecar.of(read_sidecar(folder))
         engine = Dart()
         engine.load(folder, read_sidecar(folder))
         return engine
