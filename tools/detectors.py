@@ -22,11 +22,11 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.dart.detectors import UNSOUND
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.session import Session
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import Solid, gap, solids, transform
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
-    SHAPE_KINDS,
     Body,
     Contact,
     EngineOptions,

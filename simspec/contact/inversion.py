@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 
 from simspec.contact.meeting import Pair
-from simspec.contact.rules import QUANTITIES, Rules
+from simspec.contact.rules import Rules
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 
@@ -14,7 +15,7 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
     """Numbers of every material which, combined by ``rules``, give the ``wanted`` pairs as far as there are such numbers."""
     names = [material.name for material in world.contact.materials]
     found: dict[str, dict[str, float]] = {name: {} for name in names}
-    for quantity in QUANTITIES:
+    for quantity in COMBINED_QUANTITIES:
         own = {material.name: getattr(material, quantity) for material in world.contact.materials}
         values = {pair: getattr(law, quantity) for pair, law in wanted.items()}
         rule = getattr(rules, quantity)

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 from simspec.contact.inversion import invert
 from simspec.contact.meeting import Pair, meeting_laws
-from simspec.contact.rules import QUANTITIES, Rules, combine, same
+from simspec.contact.rules import Rules, combine, same
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.derived import derived
 from simspec.world.types import PairContact, Surface, World
 
@@ -104,8 +105,8 @@ def missed_pairs(rules: Rules, wanted: Mapping[Pair, PairContact], numbers: Mapp
     found = []
     for pair, law in wanted.items():
         given = combine(rules, numbers[pair[0]], numbers[pair[1]])
-        if any(getattr(rules, name) != "none" and not same(given[name], getattr(law, name)) for name in QUANTITIES) or (
-            rules.hardness == "same" and any(numbers[name].hardness != law.hardness for name in pair)
-        ):
+        if any(
+            getattr(rules, name) != "none" and not same(given[name], getattr(law, name)) for name in COMBINED_QUANTITIES
+        ) or (rules.hardness == "same" and any(numbers[name].hardness != law.hardness for name in pair)):
             found.append(pair)
     return tuple(sorted(found))

@@ -6,7 +6,8 @@ import math
 
 from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.contact.rules import QUANTITIES, Rules, combine, same
+from simspec.contact.rules import Rules, combine, same
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.support.features import Feature
 from simspec.support.needs import Need
 from simspec.world.types import World
@@ -41,7 +42,7 @@ def pair_needs(world: World, rules: Rules) -> list[Need]:
     found: dict[Feature, dict[str, None]] = {}
     for pair in simple.missed:
         given = combine(rules, simple.numbers[pair[0], 0], simple.numbers[pair[1], 0])
-        for name in QUANTITIES:
+        for name in COMBINED_QUANTITIES:
             if getattr(rules, name) != "none" and not same(given[name], getattr(wanted[pair], name)):
                 path = f"contact.pairs.{pair[0]}.{pair[1]}.{name}"
                 found.setdefault(_FEATURES[name], {})[path] = None

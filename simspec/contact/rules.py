@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from simspec.language.vocabulary import COMBINED_QUANTITIES, ENGINE_RULES
 from simspec.world.types import Surface
 
 SAME = 1e-12
 """How far a combined number may be from the pair's, relative above 1: the tolerance of text, proof level L0."""
 
 
-RULES = ("max", "min", "product", "harmonic", "cross", "none")
-"""How two numbers of a quantity become one. harmonic: 2 μ₁ μ₂ / (μ₁ + μ₂); cross:
-s₁ μ₂ + s₂ μ₁ with the sliding friction μ; none: the engine lacks it."""
-
-
-QUANTITIES = ("friction", "torsional_friction", "rolling_friction", "restitution")
-
-
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """An engine's rule for each quantity (one of ``RULES``)."""
+    """An engine's rule for each quantity (one of ``ENGINE_RULES``)."""
 
     friction: str
     restitution: str
@@ -32,7 +25,7 @@ class Rules:
 
 def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
     """What an engine makes of two shapes' numbers, by quantity."""
-    return {name: combined(rules, name, first, second) for name in QUANTITIES}
+    return {name: combined(rules, name, first, second) for name in COMBINED_QUANTITIES}
 
 
 def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
@@ -50,7 +43,7 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
         return a * second.friction + b * first.friction
     if rule == "none":
         return 0.0
-    raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(RULES)}")
+    raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(ENGINE_RULES)}")
 
 
 def same(one: float, other: float) -> bool:

@@ -8,11 +8,12 @@ from typing import Any
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.document import INVALID
-from simspec.language.joints import JOINT_TYPES, outside, read_position, read_velocity
+from simspec.language.joints import outside, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, near
 from simspec.language.trees import Bodies
+from simspec.language.vocabulary import JOINT_KINDS
 
 DEFAULT_GROUP = "default"
 RESERVED = "world"
@@ -139,7 +140,7 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
                 yield document.problem(place, f"the model has no joint {joint!r}", key=True, allowed=allowed, hint=hint)
                 continue
             kind = bodies.joint_type(joints[joint])
-            if value is INVALID or kind not in JOINT_TYPES:
+            if value is INVALID or kind not in JOINT_KINDS:
                 continue
             if kind in ("fixed", "free"):
                 word = "position" if key == "positions" else "velocity"

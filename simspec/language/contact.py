@@ -13,24 +13,24 @@ from simspec.language.document import INVALID
 from simspec.language.quantities import Flag, Name, Number, Reader, Word
 from simspec.language.shapes import NameOf
 from simspec.language.strict import Fault, Faults, Strict, fault, near, replace_loc, show
+from simspec.language.vocabulary import (
+    COMBINATIONS,
+    COMBINED_QUANTITIES,
+    FRICTION_CONES,
+    HARDNESS_WORDS,
+    LAW_QUANTITIES,
+)
 
-CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
-RULES = ("min", "max", "product", "mean", "geometric-mean")
 MOST_MATERIALS = 300
 """The world holds every pair of materials: n (n + 1) / 2 entries."""
 
-QUANTITIES = ("friction", "restitution", "torsional_friction", "rolling_friction", "restitution_threshold")
-"""What two materials combine by a rule, in the order of :class:`Combine`."""
 
 Coefficient = Annotated[float, Number("number", 0)]
 Ratio = Annotated[float, Number("number", 0, 1)]
 Arm = Annotated[float, Number("length", 0)]
 Speed = Annotated[float, Number("velocity", 0)]
 
-WORD_STANDS_FOR = ("friction", "restitution", "torsional_friction", "rolling_friction")
-"""What one word for `combine` stands for."""
 
-HARDNESS_WORDS = ("common", "native")
 HARDNESS_FORMS: Mapping[str, Mapping[str, Number]] = {
     "time-constant": {"time_constant": Number("time", 0, above=True), "damping_ratio": Number("number", 0, above=True)},
     "stiffness": {"stiffness": Number("stiffness", 0, above=True), "damping": Number("damping", 0)},
@@ -171,7 +171,7 @@ class Material(Strict):
     restitution_threshold: Speed = Field(0.0, description="Slower impacts do not bounce")
 
 
-Rule = Annotated[str, Word(RULES)]
+Rule = Annotated[str, Word(COMBINATIONS)]
 
 
 class Combine(Strict):
@@ -202,7 +202,7 @@ class Pair(Strict):
         said = [name for name in data if name != "between"]
         if "between" in data and not said:
             yield Fault(
-                (), "a pair says nothing without a law", allowed=", ".join((*QUANTITIES, "hardness", "collide"))
+                (), "a pair says nothing without a law", allowed=", ".join((*LAW_QUANTITIES, "hardness", "collide"))
             )
         if data.get("collide") is False and len(said) > 1:
             other = next(name for name in said if name != "collide")
@@ -220,7 +220,7 @@ class Group(Strict):
 class Contact(Strict):
     """Contact between bodies. Bodies joined by a joint do not touch each other, nor do bodies joined rigidly."""
 
-    friction_cone: Annotated[str, Word(CONES)] = Field(
+    friction_cone: Annotated[str, Word(FRICTION_CONES)] = Field(
         "elliptic",
         description="The friction law. elliptic: |f| ≤ μ N; pyramid-inscribed: |fx| + |fy| ≤ μ N; "
         "pyramid-circumscribed: |fx| ≤ μ N and |fy| ≤ μ N",
@@ -243,11 +243,11 @@ class Contact(Strict):
             return data, []
         data = dict(data)
         try:
-            Word(RULES).read(word)
+            Word(COMBINATIONS).read(word)
         except Faults as error:
             del data["combine"]
             return data, replace_loc(error.faults, ("combine",))
-        data["combine"] = dict.fromkeys(WORD_STANDS_FOR, word)
+        data["combine"] = dict.fromkeys(COMBINED_QUANTITIES, word)
         return data, []
 
     @classmethod

@@ -10,13 +10,11 @@ from pydantic import Field
 
 from simspec.language.document import INVALID
 from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
-from simspec.language.joints import DIMENSION, DRIVEN, check_suits_driven
+from simspec.language.joints import DIMENSION, check_suits_driven
 from simspec.language.quantities import Flag, Number, Reader, Word
 from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, replace_loc, show
+from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, DRIVEN_KINDS
 
-LAWS = ("pd", "computed-torque", "native")
-DISCRETISATIONS = ("explicit", "implicit")
-ACTUATORS = ("position", "velocity", "effort")
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6
 """Ratios beyond this (or below its inverse) are no gear; their squares would make numbers that no engine holds."""
@@ -58,7 +56,7 @@ class PerJoint(Reader):
     most: float | None = None
 
     def number(self, kind: str) -> Number:
-        """The number of a joint of a type (``DRIVEN``)."""
+        """The number of a joint of a type (``DRIVEN_KINDS``)."""
         dimension = DIMENSION[kind][self.quantity] if self.quantity else "number"
         return Number(dimension, self.least, self.most)
 
@@ -88,11 +86,15 @@ class PerJoint(Reader):
         return self.unit_text
 
     def describe(self) -> str:
-        bounds = self.number(DRIVEN[0]).describe().removeprefix(Number(self.number(DRIVEN[0]).dimension).describe())
+        bounds = (
+            self.number(DRIVEN_KINDS[0])
+            .describe()
+            .removeprefix(Number(self.number(DRIVEN_KINDS[0]).dimension).describe())
+        )
         return f"a number{bounds}, or numbers by joint"
 
     def schema(self) -> dict[str, Any]:
-        number = self.number(DRIVEN[0]).schema()
+        number = self.number(DRIVEN_KINDS[0]).schema()
         by_joint = {
             "type": "object",
             "propertyNames": {"pattern": f"^{PATTERN.pattern}$"},
@@ -116,7 +118,7 @@ PER_JOINT: Mapping[str, PerJoint] = {
 class Controller(Strict):
     """How some joints are driven along the trajectory. A joint has at most one controller."""
 
-    law: Annotated[str, Word(LAWS)] = Field("pd", description="The control law, see above")
+    law: Annotated[str, Word(CONTROL_LAWS)] = Field("pd", description="The control law, see above")
     joints: Annotated[tuple[str, ...], JointNames()] = Field(
         ..., description="The hinges and slides that it drives; every entry stands for at least one"
     )
@@ -159,7 +161,7 @@ class Controller(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         law, actuator = data.get("law", "pd"), data.get("actuator", "position")
-        if not isinstance(law, str) or law not in LAWS:
+        if not isinstance(law, str) or law not in CONTROL_LAWS:
             return
         for key, why in _NOT_OF_LAW[law].items():
             if key in data:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from simspec.language.vocabulary import ENTRIES, Hint
+from simspec.language.hint_words import ENTRIES, Hint
 
 
 def _plain(word: str) -> str:

@@ -11,10 +11,7 @@ from simspec.language.document import INVALID
 from simspec.language.quantities import ByJointType, Direction, Number, Vector, Word
 from simspec.language.shapes import NameOf, Orientation, Pose
 from simspec.language.strict import Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
-
-JOINT_TYPES = ("fixed", "hinge", "slide", "ball", "free")
-DRIVEN = ("hinge", "slide")
-"""Types of joints that a controller drives, and a trajectory moves."""
+from simspec.language.vocabulary import DRIVEN_KINDS, JOINT_KINDS
 
 DIMENSION: Mapping[str, Mapping[str, str]] = {
     "fixed": {},
@@ -66,7 +63,7 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
 def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
     """Raise Faults where a value is the ``number`` of no type of driven joint (those of the first type)."""
     refused = None
-    for kind in DRIVEN:
+    for kind in DRIVEN_KINDS:
         try:
             number(kind).read(value)
         except Faults as error:
@@ -108,7 +105,7 @@ class Joint(Strict):
     name: NameOf = Field(
         None, description="Name; default `<body>_joint`, with a number behind if that is given to another"
     )
-    type: Annotated[str, Word(JOINT_TYPES)] = Field(
+    type: Annotated[str, Word(JOINT_KINDS)] = Field(
         ...,
         description="fixed: rigid; hinge: turns about `axis`; slide: moves along `axis`; ball: turns about its origin; "
         "free: a root that moves freely",
@@ -144,7 +141,7 @@ class Joint(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         kind = data.get("type")
-        if kind not in JOINT_TYPES:
+        if kind not in JOINT_KINDS:
             return
         for key, why in _MEANINGLESS[kind].items():
             if key in data:
@@ -155,7 +152,7 @@ class Joint(Strict):
     @classmethod
     def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:
         kind = data.get("type")
-        if kind not in JOINT_TYPES:
+        if kind not in JOINT_KINDS:
             return data, []
         data, found = dict(data), []
         for key in _TYPED:

@@ -21,9 +21,9 @@ from simspec.language.quantities import FileName, Name, Number, Reader, Setting,
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, show
 from simspec.language.trajectory import Grasp, Trajectory
+from simspec.language.vocabulary import CHANNELS
 
 VERSION = 1
-CHANNELS = ("pose", "velocity", "contacts", "energy")
 MOST_STEPS = 10**9
 """Steps of one scenario; at a microsecond each that is a quarter of an hour."""
 WHOLE = 1e-9

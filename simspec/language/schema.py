@@ -7,12 +7,13 @@ import json
 from typing import Any
 
 from simspec.language import walk
-from simspec.language.contact import RULES, Contact
+from simspec.language.contact import Contact
 from simspec.language.joints import Joint
 from simspec.language.models import File
 from simspec.language.quantities import NAME, Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
+from simspec.language.vocabulary import COMBINATIONS
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"
@@ -49,7 +50,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         what = {"allOf": [_kind(kind)]} if walk.is_model(kind) else _kind(kind)
         properties[name] = {**described, **what, **default}
     if model is Contact:
-        one_word = {"anyOf": [{"enum": list(RULES)}, *properties["combine"].pop("allOf")]}
+        one_word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
         properties["combine"].update(one_word)
     found: dict[str, Any] = {
         "description": " ".join(inspect.getdoc(model).split()),

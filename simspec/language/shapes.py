@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Flag, Name, Number, UnitQuaternion, Vector
 from simspec.language.strict import Fault, Faults, Strict
+from simspec.language.vocabulary import SHAPE_KINDS
 
 Length = Annotated[float, Number("length", 0, above=True)]
 Lengths = Annotated[tuple[float, float, float], Vector(Number("length", 0, above=True))]
@@ -24,7 +25,6 @@ Colour = Annotated[tuple[float, ...], Vector(Number("number", 0, 1), 3, 4)]
 NameOf = Annotated[str, Name()]
 Switch = Annotated[bool, Flag()]
 
-SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
 RPY = "Roll, pitch, yaw about the fixed x, y, z axes of the parent's frame: R = Rz(yaw) Ry(pitch) Rx(roll)"
 
 
@@ -104,7 +104,7 @@ class Plane(Strict):
 class Shape(Strict):
     """One collision and/or visual shape of a body."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = SHAPES
+    ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
     name: NameOf = Field(
         None, description="Name; default `<body>_<index>`, with a number behind if that is given to another"

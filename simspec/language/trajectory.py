@@ -14,8 +14,8 @@ from simspec.language.joints import DIMENSION, check_suits_driven
 from simspec.language.quantities import FileName, Flag, Name, Number, Reader, Vector, Word
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
 from simspec.language.strict import Fault, Faults, Strict, fault, replace_loc, show
+from simspec.language.vocabulary import INTERPOLATIONS
 
-INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
 MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""
 MOST_NUMBERS = 1_000_000

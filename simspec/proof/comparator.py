@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 
 from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
-from simspec.contact.rules import QUANTITIES, Rules, combined
+from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
@@ -320,7 +321,7 @@ class _Comparison:
 
     def law(self, law: PairContact, one: Surface, two: Surface, at: str) -> None:
         """Two shapes' numbers against the law of their materials."""
-        for quantity in QUANTITIES:
+        for quantity in COMBINED_QUANTITIES:
             if getattr(self.rules, quantity) == "none" or not self.readable(f"shape.{quantity}"):
                 continue
             needed = (quantity, "friction") if getattr(self.rules, quantity) == "cross" else (quantity,)
@@ -353,7 +354,7 @@ class _Comparison:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
                 continue
             law = laws[both]
-            for quantity in QUANTITIES:
+            for quantity in COMBINED_QUANTITIES:
                 value = getattr(pair.surface, quantity)
                 if value is not None:
                     self.number("geometry", _words(quantity), getattr(law, quantity), value, at)

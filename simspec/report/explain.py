@@ -13,11 +13,12 @@ from rich.table import Table
 from simspec.compiler import Compiled, write_folder
 from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.contact.rules import QUANTITIES, Rules
+from simspec.contact.rules import Rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import idle_settings, resolve_settings
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.report.kit import table
 from simspec.report.terminal import decisions
 from simspec.scratch import scratch_folder
@@ -134,7 +135,7 @@ def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
 
 def _law(law: PairContact) -> dict[str, Any]:
     """What the pair has, without zeros."""
-    found: dict[str, Any] = {name: getattr(law, name) for name in QUANTITIES if getattr(law, name)}
+    found: dict[str, Any] = {name: getattr(law, name) for name in COMBINED_QUANTITIES if getattr(law, name)}
     found = found or {"friction": 0.0}
     if law.restitution_threshold:
         found["restitution_threshold"] = law.restitution_threshold
@@ -150,7 +151,7 @@ def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: 
     if pair in plan.missed:
         return f"{explicit}: not representable by material parameters"
     first, second = (plan.numbers[name, layer] for name in pair)
-    told = [_numbers(name, rules, first, second) for name in QUANTITIES if getattr(law, name)] or [
+    told = [_numbers(name, rules, first, second) for name in COMBINED_QUANTITIES if getattr(law, name)] or [
         "no parameters needed"
     ]
     where = f"; in layer {layer + 1} of {layers}" if layers > 1 else ""

@@ -13,11 +13,11 @@ from simspec.language.joints import Joint as SpecJoint
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Body as SpecBody
 from simspec.language.models import Use
-from simspec.language.shapes import SHAPES
 from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.trees import Bodies
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.resolve.poses import direction, layout, orientation, pose
 from simspec.world import frames, mass
 from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
@@ -153,7 +153,7 @@ def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Co
 
 
 def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
-    kind = next(kind for kind in SHAPES if getattr(spec, kind) is not None)
+    kind = next(kind for kind in SHAPE_KINDS if getattr(spec, kind) is not None)
     solid = getattr(spec, kind)
     if kind == "box":
         size = solid.size

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable, Mapping
 
 from simspec.errors import Problem
-from simspec.language.contact import HARDNESS_FORMS, QUANTITIES, Combine
+from simspec.language.contact import HARDNESS_FORMS, Combine
 from simspec.language.contact import Contact as SpecContact
 from simspec.language.sources import Source
 from simspec.language.strict import near
+from simspec.language.vocabulary import LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
 from simspec.world.types import Contact, Hardness, Material, PairContact
 
@@ -80,7 +81,7 @@ def _pairs(
                 found.append(PairContact(first, second, 0.0, 0.0, collide=False))
                 continue
             values = {}
-            for quantity in QUANTITIES:
+            for quantity in LAW_QUANTITIES:
                 a, b = own(first, quantity), own(second, quantity)
                 value = getattr(pair, quantity) if pair is not None else None
                 if value is None:

@@ -24,10 +24,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-LAWS = ("pd", "computed-torque", "native")
-DISCRETISATIONS = ("explicit", "implicit")
-INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
-
 
 @dataclass(frozen=True, slots=True)
 class Controller:

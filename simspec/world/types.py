@@ -13,15 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from simspec.language.vocabulary import CHANNELS
 from simspec.world.control import Controller, Trajectory
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-JOINT_KINDS = ("fixed", "hinge", "slide", "ball", "free")
-SHAPE_KINDS = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
-FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
-HARDNESS_KINDS = ("common", "time-constant", "stiffness", "native")
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
@@ -238,7 +235,7 @@ class Record:
     """What a run records: every ``every_steps`` steps, the named channels."""
 
     every_steps: int = 1
-    channels: tuple[str, ...] = ("contacts", "energy", "pose", "velocity")
+    channels: tuple[str, ...] = tuple(sorted(CHANNELS))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,8 @@ from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.parts import parts
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
 from simspec.contact.reachability import pair_needs
-from simspec.contact.rules import QUANTITIES, Rules, combine
+from simspec.contact.rules import Rules, combine
+from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, World
 from tests import worlds
 
@@ -70,7 +71,7 @@ def check(world: World, rules: Rules) -> None:
         layer = plan.layer_of[pair]
         given_numbers = [plan.numbers[name, layer] for name in pair]
         found = combine(rules, *given_numbers)
-        for quantity in QUANTITIES:
+        for quantity in COMBINED_QUANTITIES:
             if getattr(rules, quantity) != "none":
                 assert found[quantity] == pytest.approx(getattr(law, quantity), rel=1e-12, abs=1e-12), (pair, quantity)
         if rules.hardness == "same":

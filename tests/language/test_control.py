@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
-from simspec.language.control import ACTUATORS, DISCRETISATIONS, LAWS, MOST_CONTROLLERS, Controller
+from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.formatting import format_text
 from simspec.language.joint_names import MOST_PATTERNS, matches
 from simspec.language.load import Spec, load
 from simspec.language.models import Body, File
 from simspec.language.schema import json_schema
-from simspec.world import control as of_world
 
 SOLID = "mass: 1, inertia: {principal: [1, 1, 1]}"
 HEAD = f"""simspec: 1
@@ -222,12 +221,6 @@ def test_a_pattern_of_many_stars_is_quick():
 
 
 # --- the same by every way of saying it ---
-
-
-def test_the_words_are_those_of_the_world():
-    assert LAWS == of_world.LAWS
-    assert DISCRETISATIONS == of_world.DISCRETISATIONS
-    assert set(ACTUATORS) == {"position", "velocity", "effort"}
 
 
 MADE = {

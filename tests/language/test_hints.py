@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from simspec.errors import SpecError
+from simspec.language.hint_words import ENTRIES
 from simspec.language.hints import HINTS, hint_for_key, hint_for_word
 from simspec.language.load import Spec
 from simspec.language.schema import json_schema
-from simspec.language.vocabulary import ENTRIES
 
 SCHEMA = json_schema()
 MODELS = {**SCHEMA["definitions"], "File": SCHEMA}

@@ -15,8 +15,7 @@ from simspec.language.formatting import format_text
 from simspec.language.load import Spec, load
 from simspec.language.models import File
 from simspec.language.schema import json_schema
-from simspec.language.trajectory import INTERPOLATIONS, MOST_POINTS, Trajectory
-from simspec.world import control as of_world
+from simspec.language.trajectory import MOST_POINTS, Trajectory
 
 SOLID = "mass: 1, inertia: {principal: [0.1, 0.1, 0.1]}"
 TOP = """simspec: 1
@@ -388,7 +387,3 @@ def test_a_trajectory_made_in_python_reads_back():
     written = read.data.model_dump(exclude_unset=True)
     assert File.model_validate(written) == read.data
     assert isinstance(read.data.trajectory, Trajectory)
-
-
-def test_words_are_those_of_the_world():
-    assert INTERPOLATIONS == of_world.INTERPOLATIONS

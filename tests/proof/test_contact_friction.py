@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from simspec.engines.kit.registry import find_engine
+from simspec.language.vocabulary import FRICTION_CONES
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
 from simspec.support.features import Feature
-from simspec.world.types import FRICTION_CONES, Hardness, PairContact
+from simspec.world.types import Hardness, PairContact
 from tests.declared import engines_with
 from tests.proof import contact_probing as probing
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simspec.language.vocabulary import FRICTION_CONES
 from simspec.proof.contact.law import outline, project, slide
-from simspec.world.types import FRICTION_CONES
 
 GAUGES = {
     "elliptic": lambda v: np.hypot(v[..., 0], v[..., 1]),

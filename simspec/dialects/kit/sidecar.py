@@ -15,10 +15,11 @@ from simspec.dialects.kit.target import Target
 from simspec.errors import SpecError
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
+from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.canonical import sha256
-from simspec.world.types import FRICTION_CONES, JOINT_KINDS, Vector3, World
+from simspec.world.types import Vector3, World
 
 SIDECAR = "sidecar.json"
 SIDECAR_SCHEMA = 1

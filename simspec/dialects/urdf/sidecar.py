@@ -12,16 +12,8 @@ from typing import Final
 
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
-from simspec.world.types import (
-    HARDNESS_KINDS,
-    POSITION_SIZE,
-    SHAPE_SIZE_NAMES,
-    VELOCITY_SIZE,
-    Hardness,
-    PairContact,
-    Pose,
-    Vector3,
-)
+from simspec.language.vocabulary import HARDNESS_KINDS
+from simspec.world.types import POSITION_SIZE, SHAPE_SIZE_NAMES, VELOCITY_SIZE, Hardness, PairContact, Pose, Vector3
 
 UNIT: Final = 1e-9
 """How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""

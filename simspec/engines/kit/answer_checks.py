@@ -11,9 +11,10 @@ import numpy as np
 from simspec.control.reference import driven_joints
 from simspec.engines.kit.answer_forms import BadAnswerError, Operation, planned_rows
 from simspec.errors import clipped
+from simspec.language.vocabulary import JOINT_KINDS, SHAPE_KINDS
 from simspec.mapped import all_finite, parts, release, zeros
 from simspec.world.canonical import from_plain
-from simspec.world.types import JOINT_KINDS, POSITION_SIZE, SHAPE_KINDS, VELOCITY_SIZE, ReadBack
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
 
 UNIT = 1e-6
 """How far from 1 the length of a quaternion that was read back may be: that of a single-precision one is 1e-7."""

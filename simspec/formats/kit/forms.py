@@ -17,8 +17,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.world.canonical import to_plain
-from simspec.world.types import FRICTION_CONES, JOINT_KINDS
 
 WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a text"}
 

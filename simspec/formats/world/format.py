@@ -10,11 +10,12 @@ from simspec.formats.kit.contract import Format
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, FreeJoint, Joint, Shape, parent_of
+from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.support.declarations import EXACT, Attempt, Table, not_yet
 from simspec.support.features import Feature
-from simspec.world.types import FRICTION_CONES, SHAPE_SIZE_NAMES
+from simspec.world.types import SHAPE_SIZE_NAMES
 
 WORLD = "world.json"
 UNIT = 1e-12

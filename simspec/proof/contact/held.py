@@ -14,23 +14,14 @@ from pathlib import Path
 
 from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.contact.rules import QUANTITIES
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
+from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
-from simspec.world.types import (
-    FRICTION_CONES,
-    Contact,
-    EngineOptions,
-    Hardness,
-    PairContact,
-    ReadBack,
-    Surface,
-    World,
-)
+from simspec.world.types import Contact, EngineOptions, Hardness, PairContact, ReadBack, Surface, World
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
 """What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
@@ -85,7 +76,7 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
     ]
     for where, one in surfaces:
         hardness = one.hardness or Hardness()
-        values = {name: getattr(one, name) for name in QUANTITIES}
+        values = {name: getattr(one, name) for name in COMBINED_QUANTITIES}
         values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
         for name, value in values.items():
             if value is not None and not math.isfinite(value):
@@ -126,13 +117,15 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
 
 def _filled(surface: Surface, wanted: Surface) -> Surface:
     """The surface, with what cannot be told taken from the plan."""
-    names = (*QUANTITIES, "hardness")
+    names = (*COMBINED_QUANTITIES, "hardness")
     told = {name: value for name in names if (value := getattr(surface, name)) is not None}
     return dataclasses.replace(wanted, **told)
 
 
 def _distance(one: Surface, other: Surface) -> float:
-    return _far(one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in QUANTITIES))
+    return _far(
+        one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
+    )
 
 
 def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
@@ -146,7 +139,9 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             continue  # a stray pair is the comparator's to find
         law = laws[names]
         known: Mapping[str, object] = {
-            name: value for name in (*QUANTITIES, "hardness") if (value := getattr(pair.surface, name)) is not None
+            name: value
+            for name in (*COMBINED_QUANTITIES, "hardness")
+            if (value := getattr(pair.surface, name)) is not None
         }
         told = dataclasses.replace(law, **known)
         if _apart(told, law) > _apart(found[names], law):
@@ -170,7 +165,9 @@ def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
 
 
 def _apart(one: PairContact, other: PairContact) -> float:
-    return _far(one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in QUANTITIES))
+    return _far(
+        one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
+    )
 
 
 def _far(as_hard: bool, values: Iterable[tuple[float | None, float | None]]) -> float:

@@ -15,11 +15,12 @@ from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, UNSO
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.support.declarations import Level
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import SHAPE_KINDS, Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 
 SIZES = {

@@ -1,0 +1,79 @@
+"""Closed lists of words stand once, in the vocabulary."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from simspec.contact.rules import Rules, combined
+from simspec.language import vocabulary
+from simspec.resolve.contact import RULES
+from simspec.support.features import Feature
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Surface
+
+PACKAGE = Path(vocabulary.__file__).resolve().parents[1]
+LISTS = {name: frozenset(words) for name, words in vars(vocabulary).items() if isinstance(words, tuple)}
+LEAST = 3
+"""Words of a list that can be no coincidence: two are, as in ("hinge", "slide")."""
+ELSEWHERE = ("dialects", "engines", "formats")
+"""Words of an engine or of a file's language that happen to be the same."""
+MODULES = [
+    path
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path.relative_to(PACKAGE).parts[0] not in ELSEWHERE and path != Path(vocabulary.__file__)
+]
+
+
+def repeated(tree: ast.AST) -> list[str]:
+    """The lists of the vocabulary that a module writes again, as a tuple, list or set, in whatever order."""
+    lists: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Tuple, ast.List, ast.Set)):
+            words = [word.value for word in node.elts if isinstance(word, ast.Constant) and isinstance(word.value, str)]
+            if len(words) == len(node.elts) >= LEAST:
+                lists += [name for name, known in LISTS.items() if known == frozenset(words)]
+    return lists
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_no_list_stands_twice(path):
+    assert not repeated(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_a_second_list_is_seen():
+    assert repeated(ast.parse('X = ["slide", "hinge", "fixed", "free", "ball"]')) == ["JOINT_KINDS"]
+    assert repeated(ast.parse('def f(kind):\n    return kind in {"pd", "native", "computed-torque"}')) == [
+        "CONTROL_LAWS"
+    ]
+    assert not repeated(ast.parse('X = ("hinge", "slide"), ("fixed", "hinge", "slide")'))
+
+
+def test_no_word_stands_twice_in_a_list():
+    assert len(LISTS) >= 12
+    assert all(len(words) == len(getattr(vocabulary, name)) for name, words in LISTS.items())
+
+
+def test_tables_by_words_have_a_row_for_each():
+    assert set(POSITION_SIZE) == set(VELOCITY_SIZE) == set(vocabulary.JOINT_KINDS)
+    assert set(RULES) == set(vocabulary.COMBINATIONS)
+    features = {feature.value for feature in Feature}
+    for prefix, words in (
+        ("joint", vocabulary.JOINT_KINDS),
+        ("shape", vocabulary.SHAPE_KINDS),
+        ("contact.cone", vocabulary.FRICTION_CONES),
+        ("contact.hardness", vocabulary.HARDNESS_KINDS),
+    ):
+        assert {f"{prefix}.{word}" for word in words} <= features
+    for rule in vocabulary.ENGINE_RULES:
+        assert combined(Rules(rule, "none"), "friction", Surface(0.5), Surface(0.5)) >= 0.0
+
+
+def test_an_engines_process_can_have_it():
+    """Imported alone, it brings nothing but the package's own doors."""
+    code = "import sys, simspec.language.vocabulary; print(sorted({'pydantic', 'numpy', 'scipy'} & set(sys.modules)))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
