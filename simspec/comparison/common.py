@@ -34,7 +34,8 @@ class Common:
 
     def time(self, rows: slice | np.ndarray) -> np.ndarray:
         """Times (n,) of some of the common rows, s."""
-        return self._runs[0].time[self.rows_a[rows]]
+        result: np.ndarray = self._runs[0].time[self.rows_a[rows]]
+        return result
 
     def blocks(self, last: int) -> Iterator[slice]:
         """Blocks of the common rows before ``last``."""

@@ -61,7 +61,8 @@ def horizon(of: Noise, factor: float, tolerance: float, angle_tolerance: float) 
         return factor * np.stack(of.noise(rows))
 
     def unmeasured(rows: np.ndarray) -> np.ndarray:
-        return ~np.isfinite(noise(rows)).all(axis=0)
+        result: np.ndarray = ~np.isfinite(noise(rows)).all(axis=0)
+        return result
 
     rows = int(first_row(unmeasured, of.rows, bodies).min())
     if not rows:
@@ -73,7 +74,8 @@ def horizon(of: Noise, factor: float, tolerance: float, angle_tolerance: float) 
         with np.errstate(divide="ignore", invalid="ignore"):
             found = np.fmax(position / tolerance, angle / angle_tolerance)
         # a tolerance of 0 is below any noise, and no noise is within it
-        return np.nan_to_num(found, posinf=np.finfo(float).max)
+        result: np.ndarray = np.nan_to_num(found, posinf=np.finfo(float).max)
+        return result
 
     def first_above(limit: np.ndarray | float) -> np.ndarray:
         return first_row(lambda at: ratio(at) > limit, rows, bodies)

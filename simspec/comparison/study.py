@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -202,7 +203,7 @@ def _run_each(
                 python=(pythons or {}).get(name),
                 deadline=deadline,
                 source=source,
-                progress=lambda share, name=name: progress(f"running {name}", share),
+                progress=functools.partial(progress, f"running {name}"),
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error)

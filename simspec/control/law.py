@@ -139,13 +139,14 @@ class _Group:
 
     def effort(self, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Efforts (n,), not yet clipped, at the k-th prepared step."""
-        wanted = self._affine[k] - self._slope_q * q - self._slope_v * v
+        wanted: np.ndarray = self._affine[k] - self._slope_q * q - self._slope_v * v
         tree, rows = self._tree, self.rows
         if tree is None:
             return wanted
         pin, model, data = tree.pin, tree.model, tree.data
         if self._only_torque:
-            return pin.rnea(model, data, q, v, wanted) + self._feed[k]
+            torque: np.ndarray = pin.rnea(model, data, q, v, wanted) + self._feed[k]
+            return torque
         found = self._effort
         found[:] = 0.0
         if rows.torque.any():

@@ -87,8 +87,10 @@ def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np
     from scipy.interpolate import BPoly, CubicSpline, PPoly, make_interp_spline
 
     quintic = trajectory.interpolation == "quintic"
+    result: np.ndarray
     if not trajectory.velocities and not quintic:
-        return CubicSpline(times, values, bc_type="clamped").c
+        result = CubicSpline(times, values, bc_type="clamped").c
+        return result
     if trajectory.velocities:
         given = [values, np.array(trajectory.velocities)]
         if quintic:
@@ -97,7 +99,8 @@ def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np
         rest = [(order, np.zeros(values.shape[1])) for order in (1, 2)]
         spline = make_interp_spline(times, values, k=5, bc_type=(rest, rest))
         given = [values, spline(times, 1), spline(times, 2)]  # six numbers, of which each piece follows
-    return PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack(given, axis=1))).c
+    result = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack(given, axis=1))).c
+    return result
 
 
 def efforts(trajectory: Trajectory) -> Piecewise:

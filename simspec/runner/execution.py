@@ -15,7 +15,7 @@ from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit import process
-from simspec.engines.kit.answers import RECORDED_BYTES, Operation
+from simspec.engines.kit.answer_forms import RECORDED_BYTES, Operation
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.engines.kit.registry import find_engine

@@ -51,6 +51,8 @@ class Unmeasurable(Exception):
 
 
 Parameters = Mapping[str, Any]
+BOUNDS = ("tolerance", "depth", "speed", "at_least", "distance")
+"""Parameters that are an expectation's bound; each has one of them at most."""
 Measure = Callable[[Run, Parameters], Measured]
 
 
@@ -60,14 +62,9 @@ def evaluate(run: Run) -> list[Outcome]:
 
 
 def _evaluate(run: Run, expectation: Expectation) -> Outcome:
-    parameters = dict(expectation.parameters)
+    parameters: Parameters = dict(expectation.parameters)
     measure = MEASURES[expectation.kind]
-    bound = float(
-        next(
-            (parameters[key] for key in ("tolerance", "depth", "speed", "at_least", "distance") if key in parameters),
-            0.0,
-        )
-    )
+    bound = next((float(parameters[name]) for name in BOUNDS if name in parameters), 0.0)
     if run.failed is not None or not run.recorded:
         return Outcome(expectation.kind, False, None, bound, "", f"the run failed: {run.failed}")
     try:
@@ -309,7 +306,8 @@ def _stays_within(run: Run, given: Parameters) -> Measured:
 
     def out(poses: np.ndarray) -> np.ndarray:
         places = poses[:, 0, :3]
-        return np.maximum(lower - places, places - upper).max(axis=1)
+        result: np.ndarray = np.maximum(lower - places, places - upper).max(axis=1)
+        return result
 
     found = _largest(run, out, [given["body"]])
     place = _point(_path(run, given["body"])[found.row])
@@ -326,7 +324,8 @@ def _keeps_place(run: Run, given: Parameters) -> Measured:
         turns = metrics.rotation_matrices(poses[:, 1, 3:7])
         places = np.einsum("tji,tj->ti", turns, poses[:, 0, :3] - poses[:, 1, :3])
         initial.extend(places[:1] if not initial else ())
-        return np.linalg.norm(places - initial[0], axis=1)
+        result: np.ndarray = np.linalg.norm(places - initial[0], axis=1)
+        return result
 
     found = _largest(run, away, [given["body"], given["within"]], first, last)
     where = f"{1e3 * found.value:.4g} mm from its place in {given['within']} {_at(run, found.row)}"
@@ -337,7 +336,8 @@ def _bodies_apart(run: Run, given: Parameters) -> Measured:
     """The smallest distance of two bodies' origins."""
 
     def near(poses: np.ndarray) -> np.ndarray:
-        return -np.linalg.norm(poses[:, 0, :3] - poses[:, 1, :3], axis=1)
+        result: np.ndarray = -np.linalg.norm(poses[:, 0, :3] - poses[:, 1, :3], axis=1)
+        return result
 
     found = _largest(run, near, [given["first"], given["second"]])
     return Measured(-found.value, given["at_least"], "m", _at(run, found.row), at_least=True)

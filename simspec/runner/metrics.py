@@ -39,7 +39,8 @@ def rotation_vectors(quaternions: np.ndarray) -> np.ndarray:
     angle = 2.0 * np.arctan2(length, turned[..., :1])
     # at zero the ratio angle / sin(angle / 2) is 2; the division is done only where there is something to divide
     ratio = np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 0)
-    return turned[..., 1:] * ratio
+    result: np.ndarray = turned[..., 1:] * ratio
+    return result
 
 
 def moving_bodies(world: World) -> np.ndarray:
@@ -242,4 +243,5 @@ def _spread(world: World, arrays: Arrays) -> np.ndarray:
     if not centres.shape[1]:
         return np.zeros(len(centres))
     away = centres - centres.mean(axis=1, keepdims=True)
-    return np.sqrt((away**2).sum(axis=-1).mean(axis=1))
+    result: np.ndarray = np.sqrt((away**2).sum(axis=-1).mean(axis=1))
+    return result
