@@ -15,13 +15,13 @@ from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit import process
-from simspec.engines.kit.answer_forms import RECORDED_BYTES, Operation
+from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.errors import EngineError, Problem, SpecError
-from simspec.mapped import parts, zeros
+from simspec.mapped import RECORDED_BYTES, parts, zeros
 from simspec.runner.case import Case
 from simspec.runner.run import SCHEMA, Run
 from simspec.scratch import scratch_folder
