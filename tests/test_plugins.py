@@ -24,7 +24,13 @@ from simspec.support.features import Feature
 def an_engine(**more):
     words = {"NAME": "odd", "DIALECT": "mujoco", "DISTRIBUTION": "numpy", "EXTRA": "odd", "RULES": Rules("max", "max")}
     support = dict.fromkeys(Feature, EXACT) | {Feature.CONTROL_NATIVE: never("odd")}
-    words |= {"LAYERS": False, "SUPPORT": support, "SETTINGS": {}, "LACKS": dict.fromkeys(Capability, "odd")} | more
+    settings = dialects_base.dialects()["mujoco"].SETTINGS  # whatever they are here: its dialect needs them
+    words |= {
+        "LAYERS": False,
+        "SUPPORT": support,
+        "SETTINGS": settings,
+        "LACKS": dict.fromkeys(Capability, "odd"),
+    } | more
     return type("Odd", (Engine,), {name: value for name, value in words.items() if value is not None})
 
 
@@ -62,6 +68,7 @@ def offer(monkeypatch):
         (an_engine(NAME="other"), "it calls itself 'other'"),
         (an_engine(DIALECT="word"), "it is told worlds in 'word', which no dialect is"),
         (an_engine(SETTINGS=None), "it does not say its SETTINGS"),
+        (an_engine(SETTINGS={}), "it lacks the settings solver, "),
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),
     ],
 )

@@ -22,7 +22,7 @@ from contact_runs import RUNS, probe_world, tower
 
 import simspec
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.mujoco.contact import COULOMB, NATIVE
+from simspec.dialects.mujoco.names import COULOMB, NATIVE
 from simspec.engines.kit.session import Session
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.contact.probe import Law

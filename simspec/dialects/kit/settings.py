@@ -37,26 +37,27 @@ class NeededSetting:
         return f"one of {', '.join(self.words)}" if self.words else KINDS[self.kind]
 
 
+def wrong_settings(needed: Mapping[str, NeededSetting], settings: Mapping[str, object]) -> list[str]:
+    """The names of settings that are needed and not there, or of another kind."""
+    return [
+        name
+        for name, setting in needed.items()
+        if (not setting.takes(settings[name]) if name in settings else not setting.optional)
+    ]
+
+
 def check_settings(dialect: str, needed: Mapping[str, NeededSetting], target: Target) -> None:
     """Raise UnsupportedError with every setting that ``target`` lacks, or has of another kind than the dialect reads."""
-    problems = []
-    for name, setting in needed.items():
-        if name not in target.settings and not setting.optional:
-            problems.append(
-                Problem(
-                    f"the dialect {dialect!r} needs this setting, which {target.engine} does not have",
-                    f"engines.{target.engine}.settings.{name}",
-                    allowed=setting.told,
-                )
-            )
-        elif name in target.settings and not setting.takes(target.settings[name]):
-            problems.append(
-                Problem(
-                    f"the dialect {dialect!r} does not read this value of the setting",
-                    f"engines.{target.engine}.settings.{name}",
-                    found=repr(target.settings[name]),
-                    allowed=setting.told,
-                )
-            )
+    problems = [
+        Problem(
+            f"the dialect {dialect!r} needs this setting, which {target.engine} does not have"
+            if name not in target.settings
+            else f"the dialect {dialect!r} does not read this value of the setting",
+            f"engines.{target.engine}.settings.{name}",
+            found=repr(target.settings[name]) if name in target.settings else None,
+            allowed=needed[name].told,
+        )
+        for name in wrong_settings(needed, target.settings)
+    ]
     if problems:
         raise UnsupportedError(problems)

@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.dialects.kit.target import Target
-from simspec.dialects.mujoco.filter import Attributes
+from simspec.dialects.mujoco.choices import MATERIAL_CLASS, VISUAL_CLASS
+from simspec.dialects.mujoco.names import COULOMB
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.text import numbers
+from simspec.formats.mjcf.tree import Attributes, Default, Value
+from simspec.formats.mjcf.tree import Pair as ExplicitPair
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Hardness, PairContact, Surface, World
 
-MATERIAL_CLASS = "material/"
-"""Prefix of the class of a material; shapes that only show are of class ``visual``."""
-VISUAL_CLASS = "visual"
 SPRING_IMPEDANCE = 1e-4
 """MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load beside its reference: at 1e-4 it is a spring-damper
 that gives way to all of it, whatever the number of points that share it."""
-NATIVE_HARDNESS = (("solref", "0.02 1"), ("solimp", "0.9 0.95 0.001 0.5 2"))
+NATIVE_HARDNESS: Attributes = (("solref", (0.02, 1.0)), ("solimp", (0.9, 0.95, 0.001, 0.5, 2.0)))
 """MuJoCo's own defaults."""
-NATIVE, COULOMB = "native", "coulomb"
-"""What the setting ``friction`` may be. Under coulomb, friction takes back slip at once, and what that does to the normal
-direction is corrected outside, at every step (``engines/mujoco/coulomb.py``): no cushion, and no pairs for friction's sake."""
-MOST_PER_STEP = 4.0
-"""Of k dt²/m + 2 c dt/m: where the semi-implicit step of an oscillator, v' = v − dt (k r + c v)/m, r' = r + dt v', stops being
-stable (its characteristic polynomial at −1)."""
 COMPLIANT = ("time-constant", "stiffness")
-
 
 CUSHION_START = 0.01
 CUSHION_SHAPE = (0.5, 2.0)
@@ -45,8 +35,8 @@ def is_coulomb(target: Target) -> bool:
     return target.settings["friction"] == COULOMB
 
 
-def _impedance(value: float) -> str:
-    return numbers((value, value, 0.001, 0.5, 2.0))
+def _impedance(value: float) -> tuple[float, ...]:
+    return (value, value, 0.001, 0.5, 2.0)
 
 
 def reference(error_reduction: float, restitution: float, timestep: float) -> tuple[float, float]:
@@ -65,14 +55,14 @@ def _common(world: World, target: Target, held: Surface, inverse_mass: float) ->
     solimp = _impedance(impedance)
     elliptic = world.contact.friction_cone == "elliptic"
     if held.friction and not held.restitution and cushion and elliptic and not is_coulomb(target):
-        solimp = numbers((CUSHION_START, impedance, cushion, *CUSHION_SHAPE))
-    return (("solref", numbers(solref)), ("solimp", solimp))
+        solimp = (CUSHION_START, impedance, cushion, *CUSHION_SHAPE)
+    return (("solref", solref), ("solimp", solimp))
 
 
 def _time_constant(world: World, target: Target, held: Surface, inverse_mass: float) -> Attributes:
     """MuJoCo's own form: r̈ = −(2/T) v − r/(T ζ)²; its two numbers are T and ζ."""
     spring = _of(held)
-    solref = numbers((spring.time_constant, spring.damping_ratio))
+    solref = (spring.time_constant, spring.damping_ratio)
     return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
 
 
@@ -80,7 +70,7 @@ def _stiffness(world: World, target: Target, held: Surface, inverse_mass: float)
     """MuJoCo's numbers are accelerations: forces times the inverse masses of both bodies; the depth under a load is
     (1 − d) times the load over them."""
     spring, yielding = _of(held), inverse_mass * (1.0 - SPRING_IMPEDANCE)
-    solref = numbers((0.0 - spring.stiffness * yielding, 0.0 - spring.damping * yielding))
+    solref = (0.0 - spring.stiffness * yielding, 0.0 - spring.damping * yielding)
     return (("solref", solref), ("solimp", _impedance(SPRING_IMPEDANCE)))
 
 
@@ -102,6 +92,7 @@ def _of(held: Surface) -> Hardness:
 
 
 def contact_reference(world: World, target: Target, held: Surface, inverse_mass: float = 1.0) -> Attributes:
+    """``solref`` and ``solimp`` of a surface; ``inverse_mass`` (1/kg) of both bodies together."""
     return HARDNESS[_of(held).kind](world, target, held, inverse_mass)
 
 
@@ -109,9 +100,9 @@ def joint_references(world: World, target: Target) -> Attributes:
     """How hard position limits and dry friction are; a stop is inelastic, and dry friction has no spring."""
     dt = world.physics.timestep
     return (
-        ("solreflimit", numbers(reference(float(target.settings["limit_error_reduction"]), 0.0, dt))),
+        ("solreflimit", reference(float(target.settings["limit_error_reduction"]), 0.0, dt)),
         ("solimplimit", _impedance(float(target.settings["limit_impedance"]))),
-        ("solreffriction", numbers(reference(0.0, 0.0, dt))),
+        ("solreffriction", reference(0.0, 0.0, dt)),
         ("solimpfriction", _impedance(float(target.settings["dry_friction_impedance"]))),
     )
 
@@ -145,38 +136,37 @@ def friction_hardness(world: World, target: Target) -> float:
 # --- numbers of shapes and of pairs -------------------------------------------------------------------------------
 
 
-def dimensions(held: Surface) -> str:
+def dimensions(held: Surface) -> int:
     """``condim``: the directions in which a contact has friction."""
     if held.rolling_friction:
-        return "6"
+        return 6
     if held.torsional_friction:
-        return "4"
-    return "3" if held.friction else "1"
+        return 4
+    return 3 if held.friction else 1
 
 
 def pair_defaults(world: World, target: Target) -> Attributes:
+    """What explicit pairs have where they state nothing else."""
     return (
-        ("condim", "3"),
-        ("margin", "0"),
-        ("gap", "0"),
+        ("condim", 3),
+        ("margin", 0.0),
+        ("gap", 0.0),
         *contact_reference(world, target, Surface()),
-        ("solreffriction", numbers(friction_reference(world, target, "common"))),
+        ("solreffriction", friction_reference(world, target, "common")),
     )
 
 
-def classes(world: World, target: Target) -> list[dict[str, Any]]:
+def classes(world: World, target: Target) -> tuple[Default, ...]:
     """One class for each material, and the class of shapes that only show."""
-    found: list[dict[str, Any]] = [
-        {"name": VISUAL_CLASS, "geom": (("contype", "0"), ("conaffinity", "0"), ("group", "2"))}
-    ]
+    rows = [Default(VISUAL_CLASS, (("geom", (("contype", 0), ("conaffinity", 0), ("group", 2))),))]
     for material in world.contact.materials:
         held = target.plan.numbers[material.name, 0]
-        friction = numbers((held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0))
-        surface = (("condim", dimensions(held)), ("friction", friction))
+        friction = (held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0)
+        surface: Attributes = (("condim", dimensions(held)), ("friction", friction))
         # no cushion: without an explicit pair's own reference for friction it does not help
         solref = contact_reference(world, target, dataclasses.replace(held, friction=0.0))
-        found.append({"name": MATERIAL_CLASS + material.name, "geom": (*surface, *solref)})
-    return found
+        rows.append(Default(MATERIAL_CLASS + material.name, (("geom", (*surface, *solref)),)))
+    return tuple(rows)
 
 
 def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
@@ -196,7 +186,7 @@ def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
     return found
 
 
-def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool]:
+def explicit_pairs(world: World, target: Target) -> tuple[tuple[ExplicitPair, ...], bool]:
     """Rows of explicit pairs, and whether all that should be listed are.
 
     Listed are every two shapes that may touch and whose law needs it (``pairs_needed``), and every two with friction: they
@@ -223,7 +213,7 @@ def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool
 
     def too_many(pairs: list[Pair]) -> bool:
         # an upper bound that needs no look at single bodies, so that a pile of thousands costs nothing
-        return sum(counts[one] * counts[two] / (1 + (one == two)) for one, two in pairs) > limit
+        return sum(counts[first] * counts[second] / (1 + (first == second)) for first, second in pairs) > limit
 
     if not too_many(wished):
         return _rows(world, target, laws, wished), True
@@ -232,7 +222,9 @@ def explicit_pairs(world: World, target: Target) -> tuple[list[Attributes], bool
     return _rows(world, target, laws, list(needed)), False
 
 
-def _rows(world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> list[Attributes]:
+def _rows(
+    world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]
+) -> tuple[ExplicitPair, ...]:
     shared = dict(pair_defaults(world, target))
     inverse = inverse_masses(world)
     rows = []
@@ -241,19 +233,20 @@ def _rows(world: World, target: Target, laws: Mapping[Pair, PairContact], pairs:
         held = Surface(
             law.friction, law.torsional_friction, law.rolling_friction, law.restitution, hardness=law.hardness
         )
-        for one, two in shape_pairs(world, [pair]):
-            weight = inverse[one] + inverse[two] if law.hardness.kind == "stiffness" else 1.0
-            given = {
+        for first, second in shape_pairs(world, [pair]):
+            weight = inverse[first] + inverse[second] if law.hardness.kind == "stiffness" else 1.0
+            values: dict[str, Value] = {
                 "condim": dimensions(held),
-                "friction": numbers(
-                    (law.friction, law.friction, law.torsional_friction, law.rolling_friction, law.rolling_friction)
+                "friction": (
+                    *(law.friction, law.friction),
+                    *(law.torsional_friction, law.rolling_friction, law.rolling_friction),
                 ),
                 **dict(contact_reference(world, target, held, weight)),
-                "solreffriction": numbers(friction_reference(world, target, law.hardness.kind)),
+                "solreffriction": friction_reference(world, target, law.hardness.kind),
             }
-            own = ((name, value) for name, value in given.items() if shared.get(name) != value)
-            rows.append((("geom1", one), ("geom2", two), *own))
-    return rows
+            own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
+            rows.append(ExplicitPair(first, second, own))
+    return tuple(rows)
 
 
 def inverse_masses(world: World) -> dict[str, float]:
@@ -281,76 +274,3 @@ def _too_many_pairs(pair: Pair, why: str, limit: int) -> Problem:
         hint="give the material of the many bodies a law of its own friction, restitution and hardness alone that is the "
         "larger of both materials' values, or raise engines.mujoco.settings.explicit_pairs_limit",
     )
-
-
-# --- what MuJoCo cannot have --------------------------------------------------------------------------------------
-
-
-def _faults(world: World, law: PairContact) -> Iterator[tuple[str, str, str]]:
-    """What is wrong with one law: quantity, message, hint."""
-    pyramid = world.contact.friction_cone != "elliptic"
-    hardness, dt = law.hardness, world.physics.timestep
-    if pyramid:
-        for name in ("torsional_friction", "rolling_friction"):
-            if getattr(law, name):
-                yield name, f"under MuJoCo's pyramid {name.replace('_', ' ')} is wrong (measured)", _ELLIPTIC
-        if law.friction and hardness.kind in COMPLIANT:
-            yield "hardness", "under MuJoCo's pyramid compliant contact has no friction that sticks", _ELLIPTIC
-    if law.restitution and hardness.kind != "common":
-        yield "restitution", f"MuJoCo has no restitution beside {hardness.kind} hardness", "set the restitution to zero"
-    if hardness.kind == "time-constant" and hardness.time_constant < 2.0 * dt:
-        yield (
-            "hardness",
-            "MuJoCo raises a time constant below two timesteps to two",
-            f"at least {2.0 * dt:g} s, or a smaller timestep",
-        )
-
-
-_ELLIPTIC = "use friction_cone: elliptic"
-
-
-def check_friction(target: Target) -> list[Problem]:
-    """What does not go together with Coulomb's law."""
-    if not is_coulomb(target) or target.settings["solver"] != "pgs":
-        return []
-    return [
-        Problem(
-            "MuJoCo's solver pgs does not find Coulomb's law: what slides is off by 47 % and thrown up by 133 mm (measured)",
-            "engines.mujoco.settings.friction",
-            found="friction: coulomb with solver: pgs",
-            hint="solver: newton or cg",
-        )
-    ]
-
-
-def check_laws(world: World) -> list[Problem]:
-    """What MuJoCo cannot have of the laws of materials that meet."""
-    laws = meeting_laws(world)
-    problems = [
-        Problem(message, f"contact.pairs.{first}.{second}.{name}", hint=hint)
-        for (first, second), law in laws.items()
-        for name, message, hint in _faults(world, law)
-    ]
-    springs = {pair: law.hardness for pair, law in laws.items() if law.hardness.kind == "stiffness"}
-    inverse = inverse_masses(world) if springs else {}
-    dt = world.physics.timestep
-    for pair, spring in springs.items():
-        weights = {inverse[one] + inverse[two]: (one, two) for one, two in shape_pairs(world, [pair])}
-        for weight, shapes in weights.items():
-            if math.isnan(weight):
-                message = (
-                    "MuJoCo's stiffness is known between free single bodies and what cannot move, not for mechanisms"
-                )
-                hint = "use {time_constant, damping_ratio}"
-            elif spring.stiffness * weight * dt * dt + 2.0 * spring.damping * weight * dt >= MOST_PER_STEP:
-                message = (
-                    "the spring is too hard for the timestep and these masses: MuJoCo's steps would amplify its motion"
-                )
-                hint = "a smaller timestep, less stiffness or less damping"
-            else:
-                continue
-            problems.append(
-                Problem(message, f"contact.pairs.{pair[0]}.{pair[1]}.hardness", found=" with ".join(shapes), hint=hint)
-            )
-            break
-    return problems

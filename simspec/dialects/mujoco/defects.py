@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import Plant, flipped_product, floats, nudged, one, scaled, turned_axis, xml
-from simspec.dialects.mujoco.dialect import MODEL
 from simspec.formats.kit.text import numbers
+from simspec.formats.mjcf.format import MODEL
 
 BODY = ".//body[@name='{}']"
 INERTIAL = ".//body[@name='lower']/inertial"

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from simspec.contact.meeting import solid_shapes
 from simspec.errors import Problem, UnsupportedError
+from simspec.formats.mjcf.tree import Attributes
 from simspec.world.types import World
-
-Attributes = tuple[tuple[str, str], ...]
-"""Attributes of an XML element, in the order in which they are printed."""
 
 Kind = tuple[str, str]
 """What decides whom a shape may touch: the collision group of its body, and its material."""
@@ -41,12 +39,12 @@ def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[st
     def mask(kind: Kind) -> Attributes:
         # the first bit stands for all that touches everything, and stays set when no such shape is there
         affinity = 1 | sum(1 << bit_of_row[rows[other]] for other in classes if other not in rows[kind])
-        return (("contype", str(1 << bit_of_row[rows[kind]])), ("conaffinity", str(affinity)))
+        return (("contype", 1 << bit_of_row[rows[kind]]), ("conaffinity", affinity))
 
     return {kind: mask(kind) for kind in kinds}, []
 
 
-def _apart(world: World):
+def _apart(world: World) -> Callable[[Kind, Kind], bool]:
     ignored = set(world.contact.ignored_groups)
     passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
 
@@ -64,7 +62,7 @@ def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tu
         kinds = frozenset((body.collision_group, shape.material) for shape in solid_shapes(body))
         if kinds:
             members.setdefault(kinds, []).append(body.name)
-    found = []
+    found: list[tuple[str, str]] = []
     for one, names in members.items():
         for other, others in members.items():
             apart = [b in rows[a] for a in one for b in other]

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.mujoco.dialect import MODEL
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
 from simspec.support.declarations import Refinement, not_here
 from simspec.world.types import World
 

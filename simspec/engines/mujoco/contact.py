@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from simspec.dialects.mujoco.contact import COULOMB, NATIVE
+from simspec.dialects.mujoco.names import COULOMB, NATIVE
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support, approximate, never
 from simspec.support.features import Feature

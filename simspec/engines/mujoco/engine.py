@@ -16,8 +16,10 @@ import numpy as np
 
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.mujoco.contact import COULOMB, NATIVE
-from simspec.dialects.mujoco.dialect import FLAGS, KEYFRAME, MODEL, file_name
+from simspec.dialects.kit.sidecar import SidecarBody
+from simspec.dialects.mujoco.choices import FLAGS
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, NATIVE, file_name
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation, Engine
@@ -31,6 +33,7 @@ from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never, via_api
 from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
@@ -252,21 +255,25 @@ class MuJoCo(Engine):
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
+        try:
+            self._sidecar = MujocoSidecar.of(sidecar)
+        except ValueError as error:
+            raise EngineError(self.NAME, str(error)) from error
         self._mujoco = mujoco = _import()
         mujoco.set_mju_user_warning(self._log.append)
         try:
             self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
         except (ValueError, mujoco.FatalError) as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
-        self._sidecar = sidecar
         self._check_flags()
         self._disabled_by_file = int(self.model.opt.disableflags)
         # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self.data = mujoco.MjData(self.model)
         self._probe = mujoco.MjData(self.model)
-        self._coulomb = Coulomb(mujoco, self.model, self.data) if sidecar["settings"]["friction"] == COULOMB else None
-        self._index(sidecar["bodies"])
+        coulomb = self._sidecar.settings["friction"] == COULOMB
+        self._coulomb = Coulomb(mujoco, self.model, self.data) if coulomb else None
+        self._index(self._sidecar.bodies)
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
         if key < 0:
             raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
@@ -275,20 +282,20 @@ class MuJoCo(Engine):
     def _check_flags(self) -> None:
         """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
         bits = self._mujoco.mjtEnableBit.__members__
-        asked = {f"mjENBL_{name.upper()}" for name, value in FLAGS if value == "enable"} | {"mjENBL_MULTICCD"}
-        if self._sidecar["settings"].get("sleeping", False):  # not there when off
+        asked = {f"mjENBL_{name.upper()}" for name, on in FLAGS if on} | {"mjENBL_MULTICCD"}
+        if self._sidecar.settings.get("sleeping", False):  # not there when off
             asked.add("mjENBL_SLEEP")
         on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
         if on:
             raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")
 
-    def _index(self, entries: list[dict[str, Any]]) -> None:
+    def _index(self, entries: tuple[SidecarBody, ...]) -> None:
         mujoco, model = self._mujoco, self.model
         bodies, positions, velocities = [], [], []
         for entry in entries:
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry["name"]))
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry.name))
             if body < 0:
-                raise EngineError(self.NAME, f"{MODEL} has no body {entry['name']!r}")
+                raise EngineError(self.NAME, f"{MODEL} has no body {entry.name!r}")
             bodies.append(body)
             for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
                 kind = JOINT_KINDS[int(model.jnt_type[joint])]
@@ -302,14 +309,14 @@ class MuJoCo(Engine):
         self._v = np.array(velocities, dtype=np.intp)
         self._world_index = np.full(model.nbody, -1, dtype=np.int64)
         self._world_index[self._bodies] = np.arange(len(bodies))
-        self._offsets = np.array([entry["frame_offset"] for entry in entries]).reshape(-1, 3)
+        self._offsets = np.array([entry.frame_offset for entry in entries]).reshape(-1, 3)
 
     def read_back(self) -> ReadBack:
         return read_back(self._mujoco, self.model, self._sidecar, self._disabled_by_file)
 
     def log(self) -> list[str]:
         found = list(self._log)
-        if self._mujoco is not None and not self._sidecar["explicit_pairs"]:
+        if self._mujoco is not None and not self._sidecar.explicit_pairs:
             found.append(NO_EXPLICIT_PAIRS)
         if self._coulomb is not None:
             found += self._coulomb.log()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from simspec.dialects.kit.sidecar import flat
-from simspec.dialects.mujoco.dialect import world_name
+from simspec.dialects.mujoco.names import world_name
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.mujoco.fields import COUNTS, ELEMENTS, NEUTRAL, OPTIONS
 
 NEWER = ("tree_sleep_policy", "actuator_ctrlspec")
@@ -31,7 +31,7 @@ SLEEP = {3: "never", 4: "allowed", 5: "init"}
 """MuJoCo's mjtSleepPolicy where the file says it; the rest is MuJoCo's own choice, "auto"."""
 
 
-def inventory(mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int) -> tuple[dict, dict]:
+def inventory(mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int) -> tuple[dict, dict]:
     """(inventory, neutral) of ``model``. ``disableflags``: as the file gave them, before the engine's module added its own."""
     return _Inventory(mujoco, model, sidecar, disableflags).whole()
 
@@ -42,7 +42,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Inventory:
-    def __init__(self, mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int):
+    def __init__(self, mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int):
         self._mujoco, self._model, self._sidecar, self._disableflags = mujoco, model, sidecar, disableflags
         self._reference = mujoco.MjModel.from_xml_string(REFERENCE)
         self._names = {
@@ -64,7 +64,7 @@ class _Inventory:
 
     def whole(self) -> tuple[dict, dict]:
         empty = self._mujoco.MjModel.from_xml_string("<mujoco/>")
-        found = flat(self._sidecar, "sidecar")
+        found = flat(self._sidecar.plain(), "sidecar")
         found |= self._options(self._model.opt) | self._flags()
         found |= self._counts(self._model)
         found |= self._unlike_neutral()

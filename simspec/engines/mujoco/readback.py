@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from simspec.dialects.mujoco.dialect import KEYFRAME, MODEL, NO_RATING, file_name, world_name
+from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING, file_name, world_name
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.inventory import inventory
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.mjcf.format import MODEL
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -54,7 +55,7 @@ VISIBLE_GROUPS = (0, 1, 2)
 """Groups that MuJoCo's viewers show."""
 
 
-def read_back(mujoco: Any, model: Any, sidecar: Mapping[str, Any], disableflags: int) -> ReadBack:
+def read_back(mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int) -> ReadBack:
     """The model as ``mjModel`` holds it; ``disableflags`` as the file gave them.
 
     It has no place for the names of models and of rigid joints; these come from the sidecar.
@@ -78,13 +79,13 @@ def _single(values: Any) -> tuple[float, ...]:
 
 
 class _ReadBack:
-    def __init__(self, mujoco: Any, model: Any, sidecar: Mapping[str, Any]):
+    def __init__(self, mujoco: Any, model: Any, sidecar: MujocoSidecar):
         self._mujoco, self._model, self._sidecar = mujoco, model, sidecar
         self._names = {kind: self._all_names(kind) for kind in ("BODY", "JOINT", "GEOM", "KEY")}
         if KEYFRAME not in self._names["KEY"]:
             raise EngineError("mujoco", f"{MODEL} has no keyframe {KEYFRAME!r}")
         self._key = self._names["KEY"].index(KEYFRAME)
-        self._law = CommonLaw.of(float(model.opt.timestep), sidecar["settings"])
+        self._law = CommonLaw.of(float(model.opt.timestep), sidecar.settings)
 
     def _all_names(self, kind: str) -> list[str]:
         count = {"BODY": "nbody", "JOINT": "njnt", "GEOM": "ngeom", "KEY": "nkey"}[kind]
@@ -95,16 +96,14 @@ class _ReadBack:
         ]
 
     def world(self) -> ReadBack:
-        entries = self._sidecar["bodies"]
         place = {name: index for index, name in enumerate(self._names["BODY"])}
         bodies = tuple(
-            self._body(place[file_name(entry["name"])], entry["name"], model)
-            for entry, model in zip(entries, self._sidecar["models"], strict=True)
+            self._body(place[file_name(body.name)], body.name, model)
+            for body, model in zip(self._sidecar.bodies, self._sidecar.models, strict=True)
         )
-        offsets = {entry["name"]: tuple(entry["frame_offset"]) for entry in entries if any(entry["frame_offset"])}
         option = self._model.opt
         return ReadBack(
-            restore_frames(bodies, offsets),
+            restore_frames(bodies, self._sidecar.offsets),
             _vector(option.gravity),
             float(option.timestep),
             CONE_NAMES[int(option.cone)],
@@ -128,7 +127,7 @@ class _ReadBack:
         origin = _pose(model.body_pos[body], model.body_quat[body])
         count = int(model.body_jntnum[body])
         if count == 0:
-            return Joint(self._sidecar["fixed_joints"].get(name, ""), "fixed", parent, origin)
+            return Joint(self._sidecar.fixed_joints.get(name, ""), "fixed", parent, origin)
         if count > 1:
             raise EngineError("mujoco", f"body {name!r} holds {count} joints, not one")
         joint = int(model.body_jntadr[body])

@@ -6,6 +6,7 @@ import functools
 import json
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from simspec.resources import resource_folder
@@ -43,9 +44,28 @@ def _on_one_line(numbers_found: re.Match[str]) -> str:
     return "[" + ", ".join(numbers_found.group()[1:-1].replace("\n", " ").replace(",", " ").split()) + "]"
 
 
+_ESCAPES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&#34;", "'": "&#39;"})
+"""As the templates' own escaping."""
+
+
+def attributes(pairs: Iterable[tuple[str, Any]]) -> str:
+    """XML attributes, each behind a space: flags as ``true`` and ``false``, numbers, several numbers, and texts, escaped."""
+    return "".join([f' {name}="{_attribute(value)}"' for name, value in pairs])
+
+
+def _attribute(value: Any) -> str:
+    if isinstance(value, str):
+        return value.translate(_ESCAPES)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    return number(value) if isinstance(value, float) else numbers(value)
+
+
 @functools.cache
 def environment() -> Any:
-    """The one Jinja2 environment: StrictUndefined, XML autoescaping, and the filters ``number`` and ``numbers``."""
+    """The one Jinja2 environment: StrictUndefined, XML autoescaping, the filters ``number``, ``numbers`` and ``attributes``."""
     import jinja2
     from markupsafe import Markup
 
@@ -60,4 +80,5 @@ def environment() -> Any:
     # digits, signs, points and e need no escaping: marking them safe spares the escape of every number
     found.filters["number"] = lambda value: Markup(number(value))
     found.filters["numbers"] = lambda values: Markup(numbers(values))
+    found.filters["attributes"] = lambda pairs: Markup(attributes(pairs))
     return found

@@ -1,13 +1,64 @@
-"""The format ``mjcf``."""
+"""The format ``mjcf``: one XML file, ``model.xml``."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar, Final
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.text import environment
+from simspec.formats.mjcf.document import Document
+from simspec.formats.mjcf.reading import read_document
+from simspec.formats.mjcf.tree import Body, Model
+from simspec.support.declarations import EXACT, Level, Support, Table, never, outside
+from simspec.support.features import Feature
+
+MODEL: Final = "model.xml"
+DEEPEST_INDENT: Final = 24
+"""Levels that are indented; deeper ones stay there, so that a chain's text grows with its length, not its square."""
 
 
 class Mjcf(Format):
-    """Files of the format ``mjcf``."""
+    """The MJCF language, without what any one program makes of it."""
 
     NAME: ClassVar[str] = "mjcf"
+    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
+        Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
+        Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
+        Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MJCF has the elliptic cone and the inscribed pyramid only"),
+        Feature.CONTROL: outside("MJCF has actuators, and no control laws"),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
+    }
+
+    def write(self, tree: Any) -> dict[str, str]:
+        """``model.xml`` of a Model (``tree.py``). Raises ValueError for numbers that are not finite, and for
+        bodies that are not listed depth first."""
+        if not isinstance(tree, Model):
+            raise TypeError(f"{type(tree).__name__} is not a Model of MJCF")
+        flags = tuple((name, "enable" if on else "disable") for name, on in tree.flags)
+        template = environment().get_template("mjcf/model.xml.j2")
+        return {MODEL: template.render(model=tree, flags=flags, events=_events(tree.bodies))}
+
+    def read(self, folder: Path) -> Document:
+        """The document of ``model.xml`` in ``folder``; files that it includes are not read.
+
+        Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no MJCF.
+        """
+        return read_document(folder / MODEL)
+
+
+def _events(bodies: tuple[Body, ...]) -> Iterator[tuple[str, Body | None]]:
+    """Opening and closing of bodies, in the order of the file: (indent, body), or (indent, None) to close."""
+    indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
+    following = [body.depth for body in bodies[1:]] + [0]
+    if bodies and bodies[0].depth != 0:
+        raise ValueError(f"the body {bodies[0].name!r} is the first and stands in another")
+    for body, after in zip(bodies, following, strict=True):
+        if not 0 <= after <= body.depth + 1:
+            raise ValueError(f"what follows the body {body.name!r} stands in {after} bodies, of which one is not there")
+        yield indents[min(body.depth, DEEPEST_INDENT - 1)], body
+        for level in range(body.depth, after - 1, -1):
+            yield indents[min(level, DEEPEST_INDENT - 1)], None

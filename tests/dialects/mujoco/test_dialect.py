@@ -8,56 +8,16 @@ from xml.etree import ElementTree
 
 import pytest
 
-from simspec.compiler import target_of, write_folder
-from simspec.contact.parts import surfaces
-from simspec.contact.plan import contact_plan
-from simspec.dialects.mujoco.dialect import MODEL, MujocoDialect, depth_first
+from simspec.compiler import write_folder
+from simspec.dialects.mujoco.bodies import depth_first
+from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.dialects.mujoco.filter import FILTER_BITS
-from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
+from simspec.formats.mjcf.format import MODEL
 from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
+from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds
-
-ALL_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid")
-WORLDS = {
-    "every joint": worlds.every_joint(),
-    "damped springs": worlds.damped_springs(),
-    "limits": worlds.limits_and_armature(armature=0.1, dry_friction=0.2),
-    "shapes": worlds.shapes_world(ALL_SHAPES),
-    "spheres": worlds.spheres(),
-    "gripper": worlds.gripper(),
-}
-
-
-def emit(world: World) -> dict[str, str]:
-    target = target_of(world, MuJoCo)
-    return MujocoDialect().emit(world, target)
-
-
-def differences(want: object, got: object, path: str = "") -> list[str]:
-    """Where two trees of frozen types differ by more than 1e-12 of the larger of 1 and the value: proof level L0's bound."""
-    if dataclasses.is_dataclass(want):
-        names = [field.name for field in dataclasses.fields(want)]
-        return [d for name in names for d in differences(getattr(want, name), getattr(got, name), f"{path}.{name}")]
-    if isinstance(want, tuple) and isinstance(got, tuple) and len(want) == len(got):
-        return [d for i, pair in enumerate(zip(want, got, strict=True)) for d in differences(*pair, f"{path}[{i}]")]
-    if isinstance(want, float) and isinstance(got, float):
-        return [] if abs(want - got) <= 1e-12 * max(1.0, abs(want)) else [f"{path}: {want!r} {got!r}"]
-    return [] if want == got else [f"{path}: {want!r} {got!r}"]
-
-
-def as_held(world: World) -> tuple[Body, ...]:
-    """The world's bodies as a file holds them: surfaces as numbers in place of materials, no names of groups."""
-    plan = contact_plan(world, MuJoCo.RULES, MuJoCo.LAYERS)
-
-    def held(shape: Shape) -> Shape:
-        return dataclasses.replace(shape, material="", surfaces=surfaces(shape, plan) if shape.collision else ())
-
-    return tuple(
-        dataclasses.replace(body, collision_group="default", shapes=tuple(map(held, body.shapes)))
-        for body in world.bodies
-    )
+from tests.dialects.mujoco.saying import WORLDS, as_held, box_world, differences, emit, frictional
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -142,23 +102,6 @@ def test_restitution_is_read_at_any_timestep(restitution, timestep, tmp_path):
     assert differences(as_held(world), MujocoDialect().read(tmp_path / "a").bodies) == []
 
 
-def box_world(groups: list[str], ignored: tuple[tuple[str, str], ...]) -> World:
-    bodies = tuple(
-        Body(
-            f"b{i}",
-            f"b{i}",
-            Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)),
-            Joint(f"j{i}", "free", position=(float(i), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-            (Shape(f"s{i}", "box", (0.1, 0.1, 0.1), Pose(), "slick"),),
-            group,
-        )
-        for i, group in enumerate(groups)
-    )
-    material = Material("slick")
-    pairs = (PairContact("slick", "slick", 0.0, 0.0),)
-    return World("boxes", bodies, Contact("elliptic", (material,), pairs, ignored))
-
-
 def touching_by_the_file(world: World) -> set[tuple[str, str]]:
     """The pairs that MuJoCo's documented rule lets touch, worked out from the text."""
     root = ElementTree.fromstring(emit(world)[MODEL])
@@ -214,17 +157,6 @@ def test_friction_lists_exactly_the_pairs_that_may_touch():
     assert found == {frozenset(("bar", "left")), frozenset(("bar", "right"))}
 
 
-def frictional(restitution: float, limit: int) -> World:
-    world = worlds.shapes_world()
-    contact = dataclasses.replace(
-        world.contact,
-        materials=(Material("default", 0.4, restitution),),
-        pairs=(PairContact("default", "default", 0.4, restitution),),
-    )
-    world = dataclasses.replace(world, contact=contact)
-    return worlds.with_options(world, "mujoco", settings=(("explicit_pairs_limit", limit),))
-
-
 def test_too_many_frictional_pairs_are_left_out_and_said():
     assert "<pair geom1" in emit(frictional(0.0, 100))[MODEL]
     files = emit(frictional(0.0, 3))
@@ -275,7 +207,5 @@ def test_a_deep_chain_is_written_in_linear_size_and_read(tmp_path):
 def test_the_file_is_depth_first_whatever_the_worlds_order():
     bodies = worlds.tree(["fixed", "hinge", "hinge", "hinge", "hinge"], 3, [-1, 0, 0, 1, 2])
     order = depth_first(worlds.world(bodies))
-    assert [body.name for body, *_ in order] == ["link0", "link1", "link3", "link2", "link4"]
-    assert [depth for _, depth, _ in order] == [0, 1, 2, 1, 2]
-    assert [closing for *_, closing in order] == [0, 0, 2, 0, 3]
-    assert sum(closing for *_, closing in order) == len(bodies)
+    assert [body.name for body, _ in order] == ["link0", "link1", "link3", "link2", "link4"]
+    assert [depth for _, depth in order] == [0, 1, 2, 1, 2]

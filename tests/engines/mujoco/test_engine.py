@@ -12,16 +12,17 @@ import pytest
 
 from simspec.compiler import target_of, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.dialects.mujoco.dialect import MODEL, MujocoDialect
+from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.engines.mujoco.engine import NO_EXPLICIT_PAIRS, MuJoCo
 from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.mjcf.format import MODEL
 from simspec.proof.comparator import compare
 from simspec.support.declarations import combine
 from simspec.support.negotiation import negotiate
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
-from tests.dialects.mujoco.test_dialect import ALL_SHAPES, WORLDS, as_held, box_world, differences, frictional
+from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_held, box_world, differences, frictional
 
 mujoco = pytest.importorskip("mujoco")
 

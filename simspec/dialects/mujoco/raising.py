@@ -1,0 +1,301 @@
+"""From an MJCF document and its sidecar back to the world that they mean to MuJoCo (level L0).
+
+It shares no code with what lowers worlds. It knows the part of MJCF that simspec writes (defaults and classes, nested bodies,
+one joint and one inertial for each body, primitive geoms, explicit pairs, one keyframe) and refuses, by ValueError, the rest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Final, TypeVar
+
+from simspec.dialects.mujoco.names import NO_RATING, world_name
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
+from simspec.dialects.mujoco.surface import CommonLaw, surface
+from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.mjcf.document import Body as BodyItem
+from simspec.formats.mjcf.document import Document, Item
+from simspec.world import frames
+from simspec.world.types import (
+    POSITION_SIZE,
+    VELOCITY_SIZE,
+    Body,
+    HeldPair,
+    HeldServo,
+    HeldValue,
+    Inertial,
+    Joint,
+    Pose,
+    Quaternion,
+    ReadBack,
+    Shape,
+    Surface,
+    Vector3,
+)
+
+UNREADABLE: Final = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
+
+# MJCF's own conventions, stated here again and not taken from what lowers worlds, so that one error cannot hide another
+HALVED: Final[Mapping[str, tuple[bool, ...]]] = {
+    "sphere": (False,),
+    "box": (True, True, True),
+    "cylinder": (False, True),
+    "capsule": (False, True),
+    "ellipsoid": (False, False, False),
+}
+"""Which numbers of a geom's size are half lengths."""
+CONE_NAMES: Final = {"elliptic": "elliptic", "pyramidal": "pyramid-inscribed"}
+GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
+FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
+IN_BODIES: Final = {"inertial", "joint", "geom", "body"}
+Meaning = TypeVar("Meaning")
+
+
+def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
+    """The model that the document holds, in the world's frames and order. Raises ValueError for what is not read."""
+    raising = _Raising(document, sidecar)
+    bodies = raising.bodies()
+    order = [body.name for body in sidecar.bodies]
+    if sorted(order) != sorted(bodies):
+        missing, unknown = sorted(set(order) - set(bodies)), sorted(set(bodies) - set(order))
+        raise ValueError(f"{document.file}: bodies missing {missing}, not in the sidecar {unknown}")
+    named = tuple(
+        dataclasses.replace(bodies[name], model=model) for name, model in zip(order, sidecar.models, strict=True)
+    )
+    return ReadBack(
+        restore_frames(named, sidecar.offsets),
+        _vector(document.option, "gravity"),
+        raising.timestep,
+        _word(document.option, "cone", CONE_NAMES),
+        dict(UNREADABLE),
+        raising.pairs(),
+        raising.servos(),
+        raising.settings(),
+    )
+
+
+def _vector(item: Item, name: str) -> Vector3:
+    x, y, z = item.numbers(name, 3)
+    return (x, y, z)
+
+
+def _turn(item: Item, name: str) -> Quaternion:
+    w, x, y, z = item.numbers(name, 4)
+    return frames.normalise((w, x, y, z))
+
+
+def _word(item: Item, name: str, words: Mapping[str, Meaning]) -> Meaning:
+    """What a word of an attribute means."""
+    text = item.text(name)
+    if text not in words:
+        raise item.refused(f"{name} is {text[:60]!r}, should be one of {', '.join(words)}")
+    return words[text]
+
+
+def _whole(item: Item, name: str) -> int:
+    value = item.number(name)
+    if value != int(value):
+        raise item.refused(f"{name} is {value}, should be a whole number")
+    return int(value)
+
+
+class _Raising:
+    """One document."""
+
+    def __init__(self, document: Document, sidecar: MujocoSidecar):
+        self._document, self._sidecar = document, sidecar
+        if document.includes:
+            line = document.includes[0].line
+            raise ValueError(f"{document.file}:{line}: <include>, and files that include others are not read")
+        if document.unknown:
+            element = document.unknown[0]
+            raise ValueError(f"{document.file}:{element.line}: <{element.tag[:60]}> is not read here")
+        if document.compiler.text("angle") != "radian":
+            raise document.compiler.refused("only files with angles in radian are read")
+        if document.world:
+            raise document.world[0].refused("is in the world itself, which is not read")
+        self.timestep = document.option.number("timestep")
+        keys = document.section("keyframe")
+        if len(keys) != 1:
+            raise ValueError(f"{document.file}: {len(keys)} keyframes, not one")
+        self._position, self._velocity = keys[0].numbers("qpos"), keys[0].numbers("qvel")
+        self._nq = self._nv = 0
+        self._law = CommonLaw.of(self.timestep, sidecar.settings)
+
+    def bodies(self) -> dict[str, Body]:
+        """Every body by name, in the file's frames."""
+        names: list[str] = []
+        raised: dict[str, Body] = {}
+        for body in self._document.bodies:
+            others = {child.tag for child in body.item.element.children} - IN_BODIES
+            if others:
+                raise body.item.refused(f"holds what is not read: {sorted(others)}")
+            parent = None if body.parent is None else names[body.parent]
+            names.append(world_name(body.item.text("name")))
+            if names[-1] in raised:
+                raise body.item.refused(f"a second body {names[-1]!r}")
+            raised[names[-1]] = self._body(body, names[-1], parent)
+        if (self._nq, self._nv) != (len(self._position), len(self._velocity)):
+            raise ValueError(
+                f"{self._document.file}: the keyframe holds {len(self._position)} positions and {len(self._velocity)} "
+                f"velocities, the joints {self._nq} and {self._nv}"
+            )
+        return raised
+
+    def _body(self, body: BodyItem, name: str, parent: str | None) -> Body:
+        place = Pose(_vector(body.item, "pos"), _turn(body.item, "quat"))
+        inertials = body.all("inertial")
+        inertial = Inertial(0.0)
+        if inertials:
+            item = _only(inertials, body.item)
+            moments = tensor(_vector(item, "diaginertia"), _turn(item, "quat"))
+            inertial = Inertial(item.number("mass"), _vector(item, "pos"), moments)
+        joint = self._joint(body, name, parent, place)
+        return Body(name, "", inertial, joint, tuple(self._shape(geom) for geom in body.all("geom")))
+
+    def _joint(self, body: BodyItem, name: str, parent: str | None, place: Pose) -> Joint:
+        if not body.all("joint"):
+            if name not in self._sidecar.fixed_joints:
+                raise body.item.refused("no joint, and the sidecar has no rigid joint of that body")
+            return Joint(self._sidecar.fixed_joints[name], "fixed", parent, place)
+        item = _only(body.all("joint"), body.item)
+        kind = item.text("type")
+        if kind not in ("hinge", "slide", "ball", "free"):
+            raise item.refused(f"type is {kind[:60]!r}, should be hinge, slide, ball or free")
+        if any(item.numbers("pos")) or item.number("ref") != 0.0:
+            raise item.refused("is not at its body's origin and zero")
+        position, velocity = self._state(kind)
+        velocity_limit, effort_limit = (None if rating == NO_RATING else rating for rating in item.numbers("user", 2))
+        limits = None
+        if _word(item, "limited", FLAG_WORDS):
+            lower, upper = item.numbers("range", 2)
+            limits = (lower, upper)
+        return Joint(
+            item.text("name"),
+            kind,
+            parent,
+            Pose() if kind == "free" else place,
+            _vector(item, "axis") if kind in ("hinge", "slide") else (0.0, 0.0, 0.0),
+            limits,
+            velocity_limit,
+            effort_limit,
+            damping=item.number("damping"),
+            dry_friction=item.number("frictionloss"),
+            armature=item.number("armature"),
+            spring_stiffness=item.number("stiffness"),
+            spring_rest=item.number("springref"),
+            position=position,
+            velocity=velocity,
+        )
+
+    def _state(self, kind: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Position and velocity of the next joint in the keyframe, as the world has them."""
+        position = self._position[self._nq : self._nq + POSITION_SIZE[kind]]
+        velocity = self._velocity[self._nv : self._nv + VELOCITY_SIZE[kind]]
+        self._nq += POSITION_SIZE[kind]
+        self._nv += VELOCITY_SIZE[kind]
+        if (len(position), len(velocity)) != (POSITION_SIZE[kind], VELOCITY_SIZE[kind]):
+            return position, velocity  # the keyframe is too short, which is said when all joints are counted
+        if kind == "free":
+            w, x, y, z, rates = *position[3:], velocity[3:]
+            turn = frames.normalise((w, x, y, z))
+            spin = frames.rotate(turn, (rates[0], rates[1], rates[2]))
+            return (*position[:3], *turn), (*velocity[:3], *spin)
+        if kind == "ball":
+            w, x, y, z = position
+            return frames.normalise((w, x, y, z)), velocity
+        return position, velocity
+
+    def _shape(self, geom: Item) -> Shape:
+        kind = geom.text("type")
+        size: tuple[float, ...] = ()
+        if kind != "plane":
+            if kind not in HALVED:
+                raise geom.refused(f"type is {kind[:60]!r}, which is not read")
+            halved = HALVED[kind]
+            values = geom.numbers("size", len(halved))
+            size = tuple(2.0 * value if half else value for value, half in zip(values, halved, strict=True))
+        collides = geom.text("contype") != "0" or geom.text("conaffinity") != "0"
+        surfaces: tuple[Surface, ...] = (self._surface(geom, geom.numbers("friction", 3)),) if collides else ()
+        red, green, blue, alpha = geom.numbers("rgba", 4)
+        return Shape(
+            geom.text("name"),
+            kind,
+            size,
+            Pose(_vector(geom, "pos"), _turn(geom, "quat")),
+            "",
+            collides,
+            _word(geom, "group", GROUP_IS_VISUAL),
+            (red, green, blue, alpha),
+            surfaces,
+        )
+
+    def _surface(self, item: Item, friction: tuple[float, ...], inverse_mass: float = 1.0) -> Surface:
+        numbers = (item.numbers("solref", 2), item.numbers("solimp", 5), item.number("margin"))
+        return surface(_whole(item, "condim"), friction, *numbers, self._law, inverse_mass)
+
+    def pairs(self) -> tuple[HeldPair, ...]:
+        """The explicit pairs, sorted."""
+        inverse = self._inverse_masses()
+        held = []
+        for pair in self._document.section("contact"):
+            if pair.tag != "pair":
+                continue
+            first, second = sorted((pair.text("geom1"), pair.text("geom2")))
+            if first not in inverse or second not in inverse:
+                raise pair.refused(f"{first!r} with {second!r}, of which one is not there")
+            one, two, torsion, roll, other_roll = pair.numbers("friction", 5)
+            if one != two or roll != other_roll:
+                raise pair.refused(f"{first!r} with {second!r} is not isotropic")
+            weight = inverse[first] + inverse[second]
+            held.append(HeldPair(first, second, self._surface(pair, (one, torsion, roll), weight)))
+        return tuple(sorted(held, key=lambda pair: (pair.first, pair.second)))
+
+    def settings(self) -> dict[str, HeldValue]:
+        """The solver settings that the file itself holds, as ``settings.NAME``, whatever stands beside it."""
+        option, flags = self._document.option, self._document.flags
+        values: dict[str, HeldValue] = {"solver": option.text("solver").lower()}
+        values |= {name: _whole(option, name) for name in ("iterations", "ls_iterations", "noslip_iterations")}
+        values |= {name: option.number(name) for name in ("tolerance", "ls_tolerance", "impratio")}
+        values |= {name: _word(flags, name, FLAG_WORDS) for name in ("warmstart", "island", "multiccd")}
+        if values["impratio"] != self._sidecar.settings.get("impratio"):
+            # the file has one, whichever of the two settings it comes from
+            values["high_impratio"] = values["impratio"]
+        return {f"settings.{name}": value for name, value in values.items()}
+
+    def servos(self) -> tuple[HeldServo, ...]:
+        """The actuators: position with kp and kv, velocity with kv; all on one joint, without gear."""
+        held = []
+        for item in self._document.section("actuator"):
+            if item.tag not in ("position", "velocity") or _word(item, "ctrllimited", FLAG_WORDS):
+                raise item.refused("not an actuator that is read")
+            stated = item.values
+            if item.numbers("gear") != (1.0, 0.0, 0.0, 0.0, 0.0, 0.0) or ("kp" in stated) != (item.tag == "position"):
+                raise item.refused("a gear, or no or needless kp")
+            limit = None
+            if _word(item, "forcelimited", FLAG_WORDS):
+                lower, limit = item.numbers("forcerange", 2)
+                if lower != -limit:
+                    raise item.refused("the effort limit is not the same both ways")
+            stiffness = item.number("kp") if "kp" in stated else 0.0
+            held.append(HeldServo(item.text("joint"), stiffness, item.number("kv"), limit))
+        return tuple(held)
+
+    def _inverse_masses(self) -> dict[str, float]:
+        """1/m of the body of each geom; 0 of bodies without a joint up to the world."""
+        inverse: dict[str, float] = {}
+        moves: list[bool] = []
+        for body in self._document.bodies:
+            moves.append(bool(body.all("joint")) or (body.parent is not None and moves[body.parent]))
+            inertials = body.all("inertial")
+            mass = inertials[0].number("mass") if inertials else 0.0
+            weight = 1.0 / mass if moves[-1] and mass > 0.0 else 0.0
+            inverse.update((geom.text("name"), weight) for geom in body.all("geom"))
+        return inverse
+
+
+def _only(items: tuple[Item, ...], body: Item) -> Item:
+    if len(items) != 1:
+        raise body.refused(f"{len(items)} of <{items[0].tag}>, not one")
+    return items[0]

@@ -1,0 +1,123 @@
+"""What is written: a model of the MJCF language as plain values, which ``templates/mjcf/`` prints in this order.
+
+Frames and units are the language's (m, kg, s, and rad where ``compiler`` says so): a body's frame is in its parent's, a
+joint's and a shape's in their body's; quaternions are w x y z; lengths of shapes are halved where the language wants that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simspec.world.types import Quaternion, Vector3
+
+Value = bool | int | float | str | tuple[float, ...]
+Attributes = tuple[tuple[str, Value], ...]
+"""Names and values, in the order in which they are printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inertial:
+    """Mass (kg), centre of mass (m), and principal moments (kg m²) in axes turned by ``orientation``."""
+
+    position: Vector3
+    orientation: Quaternion
+    mass: float
+    moments: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint: ``hinge``, ``slide``, ``ball`` or ``free``."""
+
+    name: str
+    type: str
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Geom:
+    """A shape. ``class_name``: the class of defaults that it takes; empty: its body's."""
+
+    name: str
+    type: str
+    size: tuple[float, ...]
+    position: Vector3
+    orientation: Quaternion
+    class_name: str = ""
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A body. ``depth``: how many bodies it stands in; bodies are listed depth first, so that none refers to its parent."""
+
+    name: str
+    position: Vector3
+    orientation: Quaternion
+    depth: int = 0
+    inertial: Inertial | None = None
+    joints: tuple[Joint, ...] = ()
+    geoms: tuple[Geom, ...] = ()
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Default:
+    """Defaults by element. The model's own have no name, and its classes take them over."""
+
+    name: str = ""
+    elements: tuple[tuple[str, Attributes], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """An explicit pair of shapes."""
+
+    geom1: str
+    geom2: str
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Exclude:
+    """Two bodies whose shapes do not touch."""
+
+    body1: str
+    body2: str
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """An actuator of a joint; ``type`` is its element."""
+
+    type: str
+    name: str
+    joint: str
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A keyframe: the coordinates and velocities of all joints, in the order of the file."""
+
+    name: str
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One file."""
+
+    name: str
+    compiler: Attributes = ()
+    option: Attributes = ()
+    flags: tuple[tuple[str, bool], ...] = ()
+    size: Attributes = ()
+    default: Default = Default()
+    classes: tuple[Default, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    excludes: tuple[Exclude, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    keys: tuple[Key, ...] = ()
