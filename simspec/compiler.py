@@ -20,11 +20,11 @@ from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.formats.kit.contract import formats
-from simspec.support.declarations import combine
+from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
-from simspec.world.types import World
+from simspec.world.types import EngineOptions, World
 
 WORLD_FILE = "world.json"
 
@@ -143,6 +143,38 @@ def needed_decisions(
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
+
+
+OPTION_OF: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}
+"""Where a feature is named that an engine has approximately, or not of its own."""
+
+
+def missing_options(world: World, engine: str) -> dict[str, dict[str, str]]:
+    """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
+    with its short reason. Raises UnsupportedError for what it does not support at all."""
+    known, options = find_engine(engine), world.options(engine)
+    every = tuple(feature.value for feature in Feature)
+    allowed = dataclasses.replace(options, accept=every, outside=every)
+    needed: dict[str, dict[str, str]] = {}
+    for decision in needed_decisions(_with_options(world, allowed), engine):
+        key, name = OPTION_OF.get(decision.level), decision.feature.value
+        if key is None or name in getattr(options, key):
+            continue
+        without = dataclasses.replace(allowed, **{key: tuple(word for word in getattr(allowed, key) if word != name)})
+        try:
+            tried = _with_options(world, without)
+            needed_decisions(tried, engine)
+            dialects()[known.DIALECT].emit(tried, target_of(tried, known))  # which may refuse by itself
+        except UnsupportedError:
+            needed.setdefault(key, {})[name] = decision.short
+        else:
+            allowed = without
+    return needed
+
+
+def _with_options(world: World, options: EngineOptions) -> World:
+    others = tuple(one for one in world.engines if one.engine != options.engine)
+    return dataclasses.replace(world, engines=(*others, options))
 
 
 def _refuse_unreachable(world: World, engine: type[Engine]) -> None:

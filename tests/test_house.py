@@ -33,6 +33,7 @@ ORDER = (
     "selection",
     "proof",
     "runner",
+    "testing",
     "comparison",
     "generated",
     "report",

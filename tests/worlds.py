@@ -1,308 +1,39 @@
-"""Worlds built in Python, for tests of what comes after the spec: each is small and uses a known set of features."""
+"""The shipped worlds of tests, with what simspec's own engines need to be accepted in them, for tests that compile a world for
+several engines at once."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-import random
 
-from simspec.support.features import Feature
-from simspec.world import frames
-from simspec.world.types import (
-    Body,
-    Contact,
-    EngineOptions,
-    Hardness,
-    Inertial,
-    Joint,
-    Material,
-    PairContact,
-    Physics,
-    Pose,
-    Shape,
-    World,
-)
+from simspec.testing import worlds as shipped
+from simspec.testing.worlds import *  # noqa: F403 - the same module, with options added to four of its worlds
+from simspec.world.types import EngineOptions, World
 
-SIZES = {
-    "sphere": (0.05,),
-    "box": (0.1, 0.2, 0.3),
-    "cylinder": (0.05, 0.2),
-    "capsule": (0.04, 0.15),
-    "ellipsoid": (0.05, 0.08, 0.11),
-    "plane": (),
-}
-
-
-def pose(generator: random.Random, reach: float = 0.3) -> Pose:
-    """A random pose."""
-    position = tuple(generator.uniform(-reach, reach) for _ in range(3))
-    turn = frames.normalise(tuple(generator.gauss(0, 1) for _ in range(4)))
-    return Pose(position, turn)
-
-
-def inertial(generator: random.Random, reach: float = 0.1) -> Inertial:
-    """A random physical mass, centre of mass and full tensor."""
-    mass = generator.uniform(0.5, 3.0)
-    moments = [mass * generator.uniform(0.002, 0.02) for _ in range(3)]
-    principal = (moments[1] + moments[2], moments[0] + moments[2], moments[0] + moments[1])
-    turn = frames.normalise(tuple(generator.gauss(0, 1) for _ in range(4)))
-    centre = tuple(generator.uniform(-reach, reach) for _ in range(3))
-    return Inertial(mass, centre, frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0)))
-
-
-def joint(kind: str, name: str, parent: str | None, generator: random.Random, **more: object) -> Joint:
-    """A random joint with an initial state."""
-    axis = (0.0, 0.0, 0.0)
-    if kind in ("hinge", "slide"):
-        raw = [generator.gauss(0, 1) for _ in range(3)]
-        length = math.sqrt(sum(x * x for x in raw))
-        axis = tuple(x / length for x in raw)
-    start = pose(generator)
-    position = {
-        "fixed": (),
-        "hinge": (generator.uniform(-1, 1),),
-        "slide": (generator.uniform(-0.2, 0.2),),
-        "ball": start.quaternion,
-        "free": (*start.position, *start.quaternion),
-    }[kind]
-    velocity = tuple(
-        generator.uniform(-1, 1) for _ in range({"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}[kind])
-    )
-    origin = Pose() if kind == "free" else pose(generator)
-    return Joint(name, kind, parent, origin, axis, position=position, velocity=velocity, **more)
-
-
-def tree(
-    kinds: list[str], seed: int, parents: list[int] | None = None, prefix: str = "", **more: object
-) -> tuple[Body, ...]:
-    """A tree of bodies with joints of the given kinds; ``parents`` are indices, −1 the world (default: a chain)."""
-    generator = random.Random(seed)
-    bodies: list[Body] = []
-    for index, kind in enumerate(kinds):
-        above = (parents or range(-1, len(kinds) - 1))[index]
-        name = f"{prefix}link{index}"
-        given = {key: value for key, value in more.items() if kind in ("hinge", "slide", "ball")}
-        if kind == "ball":
-            given = {key: value for key, value in given.items() if key in ("damping", "spring_stiffness")}
-        parent = bodies[above].name if above >= 0 else None
-        model = bodies[above].model if above >= 0 else name
-        bodies.append(Body(name, model, inertial(generator), joint(kind, f"{name}_joint", parent, generator, **given)))
-    return tuple(bodies)
-
-
-def parent_pairs(bodies: tuple[Body, ...]) -> tuple[tuple[str, str], ...]:
-    """The sorted pairs of bodies joined by a joint."""
-    return tuple(sorted(tuple(sorted((b.name, b.joint.parent))) for b in bodies if b.joint.parent is not None))
-
-
-def world(bodies: tuple[Body, ...], name: str = "test", **more: object) -> World:
-    """A world of ``bodies`` without contact laws."""
-    contact = more.pop("contact", Contact(excluded_bodies=parent_pairs(bodies)))
-    physics = more.pop("physics", Physics(timestep=0.001, steps=2000))
-    return World(name, bodies, contact=contact, physics=physics, **more)
-
-
-def every_joint(**more: object) -> World:
-    """A free root with a fixed, hinge, slide and ball joint, full tensors, skew axes, offsets."""
-    bodies = tree(["free", "hinge", "fixed", "slide", "ball", "hinge"], 7, [-1, 0, 1, 2, 0, 4], **more)
-    return world(bodies, "every-joint")
-
-
-def damped_springs() -> World:
-    """Damping and springs on hinge, slide and ball, on a fixed base."""
-    bodies = tree(["fixed", "hinge", "slide", "ball"], 11, damping=0.3, spring_stiffness=4.0)
-    bodies = tuple(
-        dataclasses.replace(b, joint=dataclasses.replace(b.joint, spring_rest=0.1))
-        if b.joint.kind in ("hinge", "slide")
-        else b
-        for b in bodies
-    )
-    return world(bodies, "damped-springs")
-
-
-def limits_and_armature(armature: float = 0.0, dry_friction: float = 0.0) -> World:
-    """A fixed-base arm of three hinges with all limits; armature and dry friction where asked."""
-    bodies = tree(
-        ["fixed", "hinge", "hinge", "slide"],
-        13,
-        position_limits=(-2.5, 2.0),
-        velocity_limit=3.0,
-        effort_limit=50.0,
-        armature=armature,
-        dry_friction=dry_friction,
-    )
-    return world(bodies, "limits")
-
-
-def with_options(base: World, engine: str, **options: tuple) -> World:
-    """The same world with other options for one engine (settings, accept, outside)."""
-    others = tuple(o for o in base.engines if o.engine != engine)
-    return dataclasses.replace(base, engines=(*others, dataclasses.replace(base.options(engine), **options)))
-
-
-MATERIAL = Material("default", 0.4, 0.0)
 MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
 """What a world accepts in which something has friction and moves."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
 ROUGH = (MUJOCO, BULLET)
+KINDS = ("sphere", "box", "cylinder", "capsule")
 
 
-def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
-    """One free body of each shape kind above a big fixed box, all of one material; shape frames are turned and moved.
-
-    DART has no collision detector that gets all these shapes right: what it gets wrong is accepted, as is PyBullet's
-    elliptic cone.
-    """
-    generator = random.Random(3)
-    material = Material("default", friction, 0.0)
-    floor = Body(
-        "floor",
-        "floor",
-        Inertial(0.0),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", "box", (4.0, 4.0, 0.2), Pose((0.0, 0.0, -0.1)), "default"),),
-    )
-    bodies = [floor]
-    for index, kind in enumerate(kinds):
-        place = (float(index), 0.0, 0.5, 1.0, 0.0, 0.0, 0.0)
-        bodies.append(
-            Body(
-                kind,
-                kind,
-                inertial(generator, 0.02),
-                Joint(f"{kind}_joint", "free", position=place, velocity=(0.0,) * 6),
-                (Shape(f"{kind}_0", kind, SIZES[kind], pose(generator, 0.02), "default"),),
-            )
-        )
-    contact = Contact(materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),))
+def shapes_world(kinds: tuple[str, ...] = KINDS, friction: float = 0.4) -> World:
+    """As shipped. DART has no collision detector that gets all these shapes right: what it gets wrong is accepted."""
     accepted = tuple(f"shape.{kind}" for kind in ("capsule", "cylinder", "ellipsoid", "plane"))
-    return world(tuple(bodies), "shapes", contact=contact, engines=(EngineOptions("dart", accept=accepted), *ROUGH))
-
-
-def spheres(count: int = 8) -> World:
-    """Frictionless spheres above a plane; the second scenario of the seed paper in small."""
-    material = Material("slick", 0.0, 0.0)
-    floor = Body(
-        "floor",
-        "floor",
-        Inertial(0.0),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", "plane", (), Pose(), "slick"),),
-    )
-    generator = random.Random(216)
-    bodies = [floor]
-    for index in range(count):
-        x, y, z = index % 2, index // 2 % 2, index // 4
-        at = (0.21 * x + generator.uniform(0, 1e-3), 0.21 * y + generator.uniform(0, 1e-3), 0.5 + 0.21 * z)
-        bodies.append(
-            Body(
-                f"ball_{index}",
-                f"ball_{index}",
-                Inertial(10.0, inertia=(0.04, 0.04, 0.04, 0.0, 0.0, 0.0)),
-                Joint(f"ball_{index}_joint", "free", position=(*at, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-                (Shape(f"ball_{index}_0", "sphere", (0.1,), Pose(), "slick"),),
-            )
-        )
-    contact = Contact(materials=(material,), pairs=(PairContact("slick", "slick", 0.0, 0.0),))
-    return world(tuple(bodies), "spheres", contact=contact)
+    options = (EngineOptions("dart", accept=accepted), *ROUGH)
+    return dataclasses.replace(shipped.shapes_world(kinds, friction), engines=options)
 
 
 def gripper() -> World:
-    """Two fingers on slides on a palm that slides itself; the fingers ignore each other by group, palm and bar by name."""
-    material = MATERIAL
-
-    def box(name: str) -> tuple[Shape, ...]:
-        return (Shape(f"{name}_0", "box", (0.1, 0.1, 0.1), Pose(), "default"),)
-
-    solid = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-    z, x = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    slide = {"kind": "slide", "position": (0.0,), "velocity": (0.0,)}
-    bodies = (
-        Body("palm", "palm", solid, Joint("palm_joint", parent=None, axis=z, **slide), box("palm")),
-        Body(
-            "left",
-            "palm",
-            solid,
-            Joint("left_joint", parent="palm", origin=Pose((-0.3, 0.0, -0.3)), axis=x, **slide),
-            box("left"),
-            "finger",
-        ),
-        Body(
-            "right",
-            "palm",
-            solid,
-            Joint("right_joint", parent="palm", origin=Pose((0.3, 0.0, -0.3)), axis=x, **slide),
-            box("right"),
-            "finger",
-        ),
-        Body(
-            "bar",
-            "bar",
-            solid,
-            Joint("bar_joint", "free", position=(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-            box("bar"),
-        ),
-    )
-    contact = Contact(
-        materials=(material,),
-        pairs=(PairContact("default", "default", 0.4, 0.0),),
-        ignored_groups=(("finger", "finger"),),
-        excluded_bodies=(("bar", "palm"), ("left", "palm"), ("palm", "right")),
-    )
-    return world(bodies, "gripper", contact=contact, engines=ROUGH)
+    """As shipped."""
+    return dataclasses.replace(shipped.gripper(), engines=ROUGH)
 
 
 def one_law(**law: object) -> World:
-    """A ball above a floor, of one material with this law; ``accept`` and ``engine`` as of EngineOptions, if any."""
-    pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
-    base = spheres(1)
-    bodies = tuple(
-        dataclasses.replace(body, shapes=tuple(dataclasses.replace(s, material="default") for s in body.shapes))
-        for body in base.bodies
-    )
-    contact = Contact(materials=(Material("default"),), pairs=(pair,))
-    return dataclasses.replace(base, bodies=bodies, contact=contact, engines=(MUJOCO,))
-
-
-CONTACT_GAPS = {
-    Feature.FRICTION: {},
-    Feature.RESTITUTION: {"restitution": 0.5},
-    Feature.RESTITUTION_THRESHOLD: {"restitution": 0.5, "restitution_threshold": 0.3},
-    Feature.TORSIONAL_FRICTION: {"torsional_friction": 0.01},
-    Feature.ROLLING_FRICTION: {"rolling_friction": 0.01},
-    Feature.HARDNESS_COMMON: {},
-    Feature.HARDNESS_TIME_CONSTANT: {
-        "friction": 0.0,
-        "hardness": Hardness("time-constant", time_constant=0.02, damping_ratio=1.0),
-    },
-    Feature.HARDNESS_STIFFNESS: {"friction": 0.0, "hardness": Hardness("stiffness", stiffness=1e5, damping=100.0)},
-    Feature.HARDNESS_NATIVE: {"hardness": Hardness("native")},
-}
-"""For each feature of one pair's law the law that needs it."""
+    """As shipped."""
+    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO,))
 
 
 def table(friction: dict[tuple[str, str], float], **law: object) -> World:
-    """Tiles of each material in a row, each with a small box of every material resting on it, far enough from each other.
-
-    ``friction`` gives the value of every unordered pair (sorted names). Boxes are called "<material>_on_<tile>".
-    """
-    names = sorted({name for pair in friction for name in pair})
-    flat = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-    bodies = []
-    for row, tile in enumerate(names):
-        at = Pose((0.0, 20.0 * row, -0.2))
-        floor = Shape(f"tile_{tile}_0", "box", (20.0, 10.0, 0.4), Pose(), tile)
-        bodies.append(
-            Body(f"tile_{tile}", f"tile_{tile}", Inertial(0.0), Joint(f"{tile}_joint", "fixed", origin=at), (floor,))
-        )
-    for row, tile in enumerate(names):
-        for column, name in enumerate(names):
-            body = f"{name}_on_{tile}"
-            place = (column - len(names) / 2, 20.0 * row, 0.02, 1.0, 0.0, 0.0, 0.0)
-            joint = Joint(f"{body}_joint", "free", position=place, velocity=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
-            shape = Shape(f"{body}_0", "box", (0.2, 0.2, 0.04), Pose(), name)
-            bodies.append(Body(body, body, flat, joint, (shape,)))
-    pairs = tuple(PairContact(first, second, value, 0.0, **law) for (first, second), value in sorted(friction.items()))
-    contact = Contact(materials=tuple(Material(name, friction[name, name]) for name in names), pairs=pairs)
-    return world(tuple(bodies), "table", contact=contact, engines=ROUGH)
+    """As shipped."""
+    return dataclasses.replace(shipped.table(friction, **law), engines=ROUGH)

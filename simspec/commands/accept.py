@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.arguments import engines_at_work, engines_for_files, load_spec
-from simspec.compiler import needed_decisions
+from simspec.compiler import missing_options
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec
@@ -20,12 +20,7 @@ from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
 from simspec.selection import NotTaken, Selection, refusal
-from simspec.support.declarations import Level
-from simspec.support.features import Feature
-from simspec.world.types import EngineOptions, World
-
-KEYS: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}
-"""Where a feature is named that an engine has approximately, or not of its own."""
+from simspec.world.types import World
 
 
 def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
@@ -44,7 +39,7 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     not_taken: dict[str, NotTaken] = {}
     for name in selection.engines:
         try:
-            wanted[name] = missing(world, name)
+            wanted[name] = missing_options(world, name)
         except UnsupportedError as error:
             located = [dataclasses.replace(one, location=spec.locate(one.path)) for one in error.problems]
             not_taken[name] = refusal(located)
@@ -77,33 +72,6 @@ def _own(spec: Spec) -> Path:
         hint = "copy it to a file of your own"
         raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])
     return path
-
-
-def missing(world: World, engine: str) -> dict[str, dict[str, str]]:
-    """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
-    with its short reason. Raises UnsupportedError for what it cannot have at all."""
-    options = world.options(engine)
-    every = tuple(feature.value for feature in Feature)
-    found: dict[str, dict[str, str]] = {}
-    for decision in needed_decisions(_with(world, dataclasses.replace(options, accept=every, outside=every)), engine):
-        key, name = KEYS.get(decision.level), decision.feature.value
-        if key is None or name in getattr(options, key):
-            continue
-        others = tuple(feature for feature in every if feature != name)
-        if key == "accept":
-            without = dataclasses.replace(options, accept=others, outside=every)
-        else:
-            without = dataclasses.replace(options, accept=every, outside=others)
-        try:
-            needed_decisions(_with(world, without), engine)
-        except UnsupportedError:  # a setting asks for it already, where this does not happen
-            found.setdefault(key, {})[name] = decision.short
-    return found
-
-
-def _with(world: World, options: EngineOptions) -> World:
-    others = tuple(one for one in world.engines if one.engine != options.engine)
-    return dataclasses.replace(world, engines=(*others, options))
 
 
 def edited(before: str, wanted: Mapping[str, Mapping[str, Mapping[str, str]]]) -> str:

@@ -183,7 +183,7 @@ class _Bench:
         if not certificate.valid:
             _, check = certificate.failures()[0]
             raise AssertionError(f"{engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}")
-        scenes = _scenes(world, probes)
+        scenes = _scenes(world, probes, find_engine(engine))
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
             answers = call(engine, place / engine, [*scenes, *scenes]).answers
@@ -244,7 +244,7 @@ class _Bench:
 
     def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """By every probe but those of contact."""
-        for mutation, answers in self._ask(batch, self.probes.operations()):
+        for mutation, answers in self._ask(batch, self.probes.operations(self.engine)):
             yield (
                 mutation,
                 self._refused(mutation, answers)
@@ -340,7 +340,7 @@ def _held(answers: Sequence[Answer]) -> ReadBack:
     return held
 
 
-def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
+def _scenes(world: World, probes: Probes, engine: type[Engine]) -> tuple[Operation, ...]:
     """Motions that show whether a change acts: left alone, pushed about, without contact, under control; and who touches."""
     nv = layout_of(world).nv
     generator = np.random.default_rng(SEED)
@@ -352,7 +352,7 @@ def _scenes(world: World, probes: Probes) -> tuple[Operation, ...]:
     return (
         Operation("drive", alone, {"effort": np.zeros((1, nv))}),
         Operation("drive", shoved, {"effort": pushed}),
-        *(_shortened(one) for one in probes.operations() if one.op in ("motion", "respond", "touching")),
+        *(_shortened(one) for one in probes.operations(engine) if one.op in ("motion", "respond", "touching")),
     )
 
 

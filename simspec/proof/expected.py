@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
@@ -107,9 +108,14 @@ def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str,
     return found
 
 
-def judge(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[str]:
+def judge(
+    world: World,
+    checks: Sequence[Check],
+    not_compared: Mapping[str, str],
+    lacking: Mapping[str, str] = MappingProxyType({}),
+) -> list[str]:
     """Why checks, and what is said not to be compared, do not prove ``world``, a line each; [] when they do. For a certificate
-    from a file, whose every word may be wrong."""
+    from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for."""
     own = left_out(world)
     found = [
         f"{name} is said not to be compared ({why}), which does not lie in this world"
@@ -117,6 +123,6 @@ def judge(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]
         if name not in own
     ]
     by_nature = {name: why for name, why in not_compared.items() if name in own}
-    every = itertools.chain(checks, shortfalls(world, checks, by_nature))
+    every = itertools.chain(checks, shortfalls(world, checks, {**by_nature, **lacking}))
     found += [f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed]
     return found

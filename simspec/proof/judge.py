@@ -10,11 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
+from simspec.proof.lacking import TITLES, not_checked_parts
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout_of, rigid_groups
@@ -44,13 +47,21 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     if not certificate.engines:
         found.append("it proves nothing of any engine")
     for name, proof in certificate.engines.items():
-        found += [f"{name}: {line}" for line in judge_proof(proof, world)]
+        found += [f"{name}: {line}" for line in judge_proof(name, proof, world)]
     return found
 
 
-def judge_proof(proof: EngineProof, world: World) -> list[str]:
-    """The same for one engine."""
-    found = judge_checks(world, proof.checks, proof.not_compared)
+def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
+    """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack."""
+    known = engines().get(engine_name(engine))
+    lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
+    found = judge_checks(world, proof.checks, proof.not_compared, lacking)
+    found += [
+        f"{name} is said not to be checked ({why}), which {engine} does not lack"
+        for name, why in proof.not_checked.items()
+        if name in TITLES and name not in lacking
+    ]
+    found += [f"{name} is neither checked nor said not to be" for name in lacking if name not in proof.not_checked]
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
         if coarsest is None:
@@ -59,12 +70,12 @@ def judge_proof(proof: EngineProof, world: World) -> list[str]:
             found.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
     twice = [(check.level, check.name) for check in proof.checks]
     found += sorted({f"{title(*one)} is there twice" for one in twice if twice.count(one) > 1})
-    found += _counts(proof, world)
+    found += _counts(proof, world, lacking)
     found += _contact(proof, world)
     return found
 
 
-def _counts(proof: EngineProof, world: World) -> Iterator[str]:
+def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Iterator[str]:
     """Checks that compared less than this world has."""
     groups = rigid_groups(world)
     moving = sum(groups[body.name] != "world" for body in world.bodies)
@@ -77,6 +88,8 @@ def _counts(proof: EngineProof, world: World) -> Iterator[str]:
         least |= {("L3", name): states for name in ("mass matrix", "bias force", "gravity force")}
     counts = {(check.level, check.name): check.count for check in proof.checks}
     for part, count in least.items():
+        if part[0] in lacking or title(*part) in lacking:
+            continue
         if count and counts.get(part, 0) < count:
             yield f"{title(*part)}: {counts.get(part, 0)} comparisons, this world has {count}"
 

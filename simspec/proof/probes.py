@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -39,11 +40,18 @@ def kinematics_checks(
     return tally.checks()
 
 
-def dynamics_operation(oracle: Oracle, q: np.ndarray, v: np.ndarray) -> Operation:
+QUANTITIES = ("mass_matrix", "bias_force")
+"""What an engine may be asked of its dynamics, each where it has the capability of that name."""
+
+
+def dynamics_operation(
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, quantities: Sequence[str] = QUANTITIES
+) -> Operation:
     """What an engine is asked at states (k, nq), (k, nv): see :func:`dynamics_checks`."""
     places = np.concatenate([np.zeros(0, dtype=np.int64), *oracle.blocks])
     sizes = [len(block) for block in oracle.blocks]
-    return Operation("dynamics", {"sizes": sizes}, {"q": q, "v": v, "places": places}, oracle.world)
+    parameters = {"sizes": sizes, "quantities": list(quantities)}
+    return Operation("dynamics", parameters, {"q": q, "v": v, "places": places}, oracle.world)
 
 
 def dynamics_checks(
@@ -52,24 +60,27 @@ def dynamics_checks(
     """Mass matrix and bias force at states (k, nq), (k, nv) with velocity, and gravity force at the same ones at rest.
 
     Deviations are in each coordinate's own scale: an element of M relative to √(Mii Mjj), a force relative to √(Mii · hᵀM⁻¹h),
-    its share of the effort's own energy norm in its tree, or to Mii × 1 (m/s² or rad/s²) where the force vanishes.
+    its share of the effort's own energy norm in its tree, or to Mii × 1 (m/s² or rad/s²) where the force vanishes. Arrays
+    that are not in ``found`` were not asked for.
     """
     tally = Tally()
     names = [body.name for body in world.bodies for _ in body.joint.velocity]
     still = np.zeros(oracle.nv)
     for row in range(len(q) if oracle.blocks else 0):
         masses = oracle.mass_blocks(q[row])
-        forces = {
-            "bias force": (oracle.bias_force(q[row], v[row]), found["bias_force"][row]),
-            "gravity force": (oracle.bias_force(q[row], still), found["gravity_force"][row]),
-        }
+        forces = {}
+        if "bias_force" in found:
+            forces["bias force"] = (oracle.bias_force(q[row], v[row]), found["bias_force"][row])
+            forces["gravity force"] = (oracle.bias_force(q[row], still), found["gravity_force"][row])
         ends = np.cumsum([mass.size for mass in masses])
-        for block, mass, packed in zip(oracle.blocks, masses, np.split(found["mass"][row], ends[:-1]), strict=True):
+        packed = np.split(found["mass"][row], ends[:-1]) if "mass" in found else ()
+        for block, mass, held in itertools.zip_longest(oracle.blocks, masses, packed):
             root = np.sqrt(np.diag(mass))
-            error = np.abs(packed.reshape(mass.shape) - mass) / np.outer(root, root)
-            i, j = np.unravel_index(int(np.argmax(error)), error.shape)
-            where = f"bodies.{names[block[i]]}, bodies.{names[block[j]]}, state {row}"
-            tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[i, j]), where)
+            if held is not None:
+                error = np.abs(held.reshape(mass.shape) - mass) / np.outer(root, root)
+                i, j = np.unravel_index(int(np.argmax(error)), error.shape)
+                where = f"bodies.{names[block[i]]}, bodies.{names[block[j]]}, state {row}"
+                tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[i, j]), where)
             for name, (expected, measured) in forces.items():
                 force = expected[block]
                 strength = math.sqrt(max(0.0, float(force @ np.linalg.solve(mass, force))))

@@ -28,10 +28,19 @@ from simspec.proof.comparator import compare, inventory_checks, not_checked
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
-from simspec.proof.dry_friction import DryFriction, dry_friction_checks
+from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
+from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
 from simspec.proof.motion import Motion, motion_checks
-from simspec.proof.probes import FEW_STATES, LARGE, STATES, dynamics_checks, dynamics_operation, kinematics_checks
+from simspec.proof.probes import (
+    FEW_STATES,
+    LARGE,
+    QUANTITIES,
+    STATES,
+    dynamics_checks,
+    dynamics_operation,
+    kinematics_checks,
+)
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
@@ -60,25 +69,29 @@ class Probes:
     response: Response | None = None
     rubbing: DryFriction | None = None
 
-    def operations(self) -> list[Operation]:
-        """What each engine is asked, in the order in which :func:`engine_checks` reads the answers."""
+    def operations(self, engine: type[Engine]) -> list[Operation]:
+        """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
         world = self.oracle.world
         velocity = np.zeros((1, self.oracle.nv))
-        found = [
+        lacking = unchecked(world, engine)
+        asked = [
             Operation("read_back", world=world),
             Operation("kinematics", {}, {"q": self.q, "v": self.v}, world),
-            dynamics_operation(self.oracle, self.q, self.v),
-            Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world),
         ]
-        if self.motion is not None:
+        quantities = [name for name in QUANTITIES if name not in engine.LACKS]
+        if quantities:
+            asked.append(dynamics_operation(self.oracle, self.q, self.v, quantities))
+        if ("L4", MATRIX) not in lacking:
+            asked.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
+        if self.motion is not None and ("L6", "motion") not in lacking:
             one = self.motion
             arrays = {"q": one.q, "v": one.v, "effort": one.effort, "rubbing": one.rubbing}
-            found.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays, world))
-        if self.rubbing is not None:
-            found.append(self.rubbing.operation(world))
-        if self.response is not None:
-            found.append(self.response.operation())
-        return found
+            asked.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays, world))
+        if self.rubbing is not None and ("L6", SLIDING_CHECK) not in lacking:
+            asked.append(self.rubbing.operation(world))
+        if self.response is not None and ("L7", "step response") not in lacking:
+            asked.append(self.response.operation())
+        return asked
 
 
 def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
@@ -133,7 +146,9 @@ def verify(
         for name in compiled:
             try:
                 python = (pythons or {}).get(name)
-                asked = start(name, folders[name], probes.operations(), python=python, deadline=deadline)
+                asked = start(
+                    name, folders[name], probes.operations(find_engine(name)), python=python, deadline=deadline
+                )
                 running[name] = stack.enter_context(asked)
             except EngineError as error:
                 refused[name] = error
@@ -158,19 +173,36 @@ def verify(
             figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
         for name, one in compiled.items():
             checks = [*texts[name], *contact.get(name, [])]
-            reply = replies.get(name)
-            unreadable: dict[str, str] = {}
-            if reply is not None:
-                found, unreadable = engine_checks(world, find_engine(name), reply.answers, probes)
-                checks += found
-            if name in refused:
-                checks.append(failed("L1", "engine", str(refused[name])))
-            else:
-                checks += shortfalls(world, checks, not_compared)
-            proof = _proof(one, folders[name], checks, unreadable, reply)
-            measured = tuple(figures.get(name, ()))
-            proofs[name] = dataclasses.replace(proof, contact=measured, not_compared=dict(not_compared))
+            answered = replies.get(name) if name not in refused else refused[name]
+            proof = _engine_proof(world, one, folders[name], checks, answered, probes, not_compared)
+            proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
     return Certificate(world.name, sha256(world), _oracle_version(), proofs)
+
+
+def _engine_proof(
+    world: World,
+    compiled: Compiled,
+    folder: Path,
+    checks: list[Check],
+    answered: Reply | EngineError | None,
+    probes: Probes,
+    not_compared: Mapping[str, str],
+) -> EngineProof:
+    """The proof of one engine: ``checks`` of text and contact, and those of what it answered, or the error in its place."""
+    engine = find_engine(compiled.engine)
+    reply = answered if isinstance(answered, Reply) else None
+    unreadable: dict[str, str] = {}
+    if reply is not None:
+        made, unreadable = engine_checks(world, engine, reply.answers, probes)
+        checks = [*checks, *made]
+    if isinstance(answered, EngineError):
+        checks = [*checks, failed("L1", "engine", str(answered))]
+    else:
+        lacking = not_checked_parts(world, engine, not_compared)
+        checks = [*checks, *shortfalls(world, checks, {**not_compared, **lacking})]
+        unreadable = {**lacking, **unreadable}
+    proof = _proof(compiled, folder, checks, unreadable, reply)
+    return dataclasses.replace(proof, not_compared=dict(not_compared))
 
 
 def _unread(check: Check) -> bool:
@@ -236,21 +268,26 @@ def read_back_checks(world: World, engine: type[Engine], held: ReadBack) -> list
 def engine_checks(
     world: World, engine: type[Engine], answers: Sequence[Answer], probes: Probes
 ) -> tuple[list[Check], dict[str, str]]:
-    """The checks of everything that ``probes.operations()`` asked one engine, and what it could not be asked for."""
-    held = answers[0].held
+    """The checks of everything that ``probes.operations(engine)`` asked, and what the engine could not be asked for."""
+    asked = [operation.op for operation in probes.operations(engine)]
+    by_operation = dict(zip(asked, answers, strict=True))
+    held = by_operation["read_back"].held
     if held is None:
-        raise ValueError("the first answer is the read-back")
+        raise ValueError("the answer to read_back holds no model")
+    arrays = {name: answer.arrays for name, answer in by_operation.items()}
     checks = read_back_checks(world, engine, held)
-    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, answers[1].arrays)
-    checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, answers[2].arrays)
-    units = [(unit["body"], unit["shapes"]) for unit in answers[3].result["units"]]
-    checks += touch_checks(world, probes.meetings, units, answers[3].arrays["units"])
-    if probes.motion is not None:
-        checks += motion_checks(world, probes.motion, answers[4].arrays)
-    if probes.rubbing is not None:
-        checks += dry_friction_checks(world, probes.rubbing, answers[5].arrays, engine.DRY_FRICTION_CREEP)
-    if probes.response is not None:
-        checks += control_checks(probes.response, answers[-1].arrays)
+    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"])
+    if "dynamics" in arrays:
+        checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"])
+    if "touching" in arrays:
+        units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
+        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"])
+    if probes.motion is not None and "motion" in arrays:
+        checks += motion_checks(world, probes.motion, arrays["motion"])
+    if probes.rubbing is not None and "trials" in arrays:
+        checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)
+    if probes.response is not None and "respond" in arrays:
+        checks += control_checks(probes.response, arrays["respond"])
     return checks, not_checked(world, held.unreadable)
 
 

@@ -11,10 +11,10 @@ from simspec.control.law import Control, ControlError
 from simspec.control.reference import reference
 from simspec.control.request import from_request, to_request
 from simspec.dynamics.oracle import Oracle
+from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
 from simspec.world.control import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from tests import worlds
-from tests.control.driving import OracleJoints, chain, driven, told, wheel
 
 DT = 0.001
 

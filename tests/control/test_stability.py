@@ -10,8 +10,8 @@ import pytest
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.control.stability import unstable
+from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
 from simspec.world.control import Controller
-from tests.control.driving import OracleJoints, chain, driven, told, wheel
 
 
 def growth(world, steps: int = 400) -> float:

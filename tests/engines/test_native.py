@@ -20,15 +20,16 @@ from simspec.control.law import Control, ControlError
 from simspec.control.native import fed_forward
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
+from simspec.testing.driving import chain, driven, told, wheel
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import Inertial, Record, World
 from tests import worlds
-from tests.control.driving import chain, driven, told, wheel
+from tests.engines.installed import having
 
 INERTIA, KP, KD = 0.02, 40.0, 3.0
 SPECS = Path(__file__).resolve().parents[2] / "specs"
@@ -36,6 +37,15 @@ EXPLICIT = ("mujoco",)
 """Engines whose controller is an explicit spring and damper; that of the others is a motor for velocity."""
 EXACT = {"mujoco": 1e-13, "pybullet": 1e-12, "dart": 1e-6}
 """rad from the closed form over a second. DART's solver leaves what is below its tolerance: 4e-7 rad, measured."""
+
+
+NATIVE = having(lambda engine: Capability.NATIVE_CONTROLLERS not in engine.LACKS)
+"""Engines that have controllers of their own."""
+
+
+@pytest.fixture(params=NATIVE)
+def name(request) -> str:
+    return request.param
 
 
 def native(world: World, limit: float | None = None, kp: float = KP, kd: float = KD) -> World:
@@ -387,15 +397,9 @@ def test_what_an_engines_own_controller_cannot_have_is_refused_at_its_place(key)
     with pytest.raises(UnsupportedError, match=text) as caught:
         compile_world(world, [key[0]])
     assert caught.value.problems[0].path.startswith(("control.all", "bodies.wheel.joint.armature"))
-    others = [other for other in find_all() if other != key[0] and (other, key[1]) not in REFUSED]
+    others = [other for other in NATIVE if other != key[0] and (other, key[1]) not in REFUSED]
     for other in others:
         compile_world(worlds.with_options(world, other, accept=accept, outside=("joint.armature",)), [other])
-
-
-def find_all() -> list[str]:
-    from tests.engines.conftest import ENGINES
-
-    return [find_engine(name).NAME for name in ENGINES]
 
 
 def test_feed_forward_is_refused_and_not_lost(name):

@@ -21,10 +21,10 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.run import measure
 from simspec.support.declarations import EXACT, Attempt, combine
 from simspec.support.features import Feature
+from simspec.testing.driving import wheel
 from simspec.world.control import Controller
 from simspec.world.types import Hardness, World
 from tests import worlds
-from tests.control.driving import wheel
 
 NOT_YET = [
     (name, feature, support.attempt)

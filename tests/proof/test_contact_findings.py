@@ -12,7 +12,7 @@ import pytest
 
 import simspec
 from simspec.runner.run import Run
-from tests.engines.conftest import ENGINES
+from tests.engines.installed import BOUNCING as ENGINES
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"
 GRAVITY = 9.81

@@ -12,7 +12,7 @@ import simspec
 from simspec.language.formatting import format_text
 from simspec.runner.expectations import evaluate
 from simspec.world.canonical import sha256
-from tests.engines.conftest import ENGINES
+from tests.engines.installed import BOUNCING as ENGINES
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"
 QUICK = (

@@ -19,7 +19,7 @@ from simspec.report.contact import contact_table, deviations
 from simspec.report.explain import explained, tables, ways
 from simspec.world.types import Hardness
 from tests import worlds
-from tests.engines.conftest import ENGINES
+from tests.engines.installed import BOUNCING as ENGINES
 
 FRICTION = 0.4
 

@@ -42,9 +42,9 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "read_back": {},
     "kinematics": STATE,
     "dynamics": {
-        "mass": Form(("rows", "packed")),
-        "bias_force": Form(("rows", "nv")),
-        "gravity_force": Form(("rows", "nv")),
+        "mass": Form(("rows", "packed"), when="mass_matrix"),
+        "bias_force": Form(("rows", "nv"), when="bias_force"),
+        "gravity_force": Form(("rows", "nv"), when="bias_force"),
     },
     "motion": STATE,
     "trials": {"v": STATE["v"]},
@@ -93,8 +93,9 @@ class Answer:
 
 
 def conditions(operation: Operation) -> set[str]:
-    """What is asked for beside what is always answered: the channels, and ``control``."""
+    """What is asked for beside what is always answered: the channels, the quantities of ``dynamics``, and ``control``."""
     found = set(operation.parameters.get("channels", ())) & {"energy", "contacts"}
+    found |= set(operation.parameters.get("quantities", ()))
     return found | ({"control"} if "control" in operation.parameters else set())
 
 

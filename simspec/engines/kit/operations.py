@@ -55,16 +55,21 @@ def _add_state(rows: dict[str, list[Any]], session: Session) -> np.ndarray:
 
 def _dynamics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """q (k, nq), v (k, nv) -> mass (k, numbers), the blocks of M one after the other, each by rows; bias_force (k, nv); and
-    gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has."""
+    gravity_force (k, nv), the same at rest. ``places`` (n,) are those of all blocks in v, ``sizes`` how many each has;
+    ``quantities`` says which are asked for: ``mass_matrix``, ``bias_force`` (and with it the gravity force)."""
+    wanted = operation["quantities"]
     ends = np.cumsum(operation["sizes"])
     blocks = np.split(arrays["places"], ends[:-1]) if len(ends) else []
-    rows: dict[str, list[Any]] = {"mass": [], "bias_force": [], "gravity_force": []}
+    rows: dict[str, list[Any]] = {}
     for q, v in zip(arrays["q"], arrays["v"], strict=True):
         session.set_state(q, v)
-        rows["mass"].append(np.concatenate([np.zeros(0), *(part.ravel() for part in session.mass_blocks(blocks))]))
-        rows["bias_force"].append(session.bias_force())
-        session.set_state(q, np.zeros_like(v))
-        rows["gravity_force"].append(session.bias_force())
+        if "mass_matrix" in wanted:
+            mass = np.concatenate([np.zeros(0), *(part.ravel() for part in session.mass_blocks(blocks))])
+            rows.setdefault("mass", []).append(mass)
+        if "bias_force" in wanted:
+            rows.setdefault("bias_force", []).append(session.bias_force())
+            session.set_state(q, np.zeros_like(v))
+            rows.setdefault("gravity_force", []).append(session.bias_force())
     return {}, {name: np.array(values) for name, values in rows.items()}
 
 

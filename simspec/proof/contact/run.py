@@ -19,6 +19,7 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.contact.meeting import meeting_laws
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
@@ -144,7 +145,8 @@ def measure(
         for probe in PROBES.values()
         if probe.applies(law)
     ]
-    if (sizes := size.size_trial(world)) is not None:
+    sizes = None if Capability.PAIR_DETECTION in engine.LACKS else size.size_trial(world)
+    if sizes is not None:
         jobs.append(_size_job(engine, whole, sizes, use_cache))
     with ExitStack() as stack:
         operations: list[Operation] = []

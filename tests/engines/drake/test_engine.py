@@ -21,11 +21,11 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
+from simspec.testing.bench import state_error
 from simspec.world import frames
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
-from tests.engines.test_engine_suite import state_error
 
 FREE = (1.0, 0.0, 0.0, 0.0)
 REFUSED = ("rolling", "bouncing", "dry friction")

@@ -32,8 +32,9 @@ from simspec.runner import execution as runner
 from simspec.runner.case import Case
 from simspec.runner.execution import run_all
 from tests import worlds
+from tests.engines.installed import INSTALLED
 
-ENGINES = ("dart", "mujoco", "pybullet")
+ENGINES = tuple(INSTALLED)
 QUICK = 0.7
 """s that a hanging process is given."""
 
@@ -266,7 +267,7 @@ def runs_beside(bad: str, engine: str, good, tmp_path, deadline: float = 30.0):
 
 def test_the_answers_are_good_when_they_are_not_spoilt(good, tmp_path):
     found = runs_beside(answering(tmp_path / "bad", good["dart"].answer), "dart", good, tmp_path)
-    assert [run.failed for run in found.values()] == [None] * 3
+    assert [run.failed for run in found.values()] == [None] * len(ENGINES)
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -316,7 +317,7 @@ def test_what_is_no_interpreter_is_that_engine_s_failure(engine, name, make, mes
     make(tmp_path / name)
     found = runs_beside(str(tmp_path / name), engine, good, tmp_path)
     assert message in found[engine].failed
-    assert sum(run.failed is None for run in found.values()) == 2
+    assert sum(run.failed is None for run in found.values()) == len(ENGINES) - 1
 
 
 def test_a_relative_interpreter_is_the_caller_s(good, tmp_path, monkeypatch):
@@ -386,7 +387,7 @@ def test_the_proof_stands_whatever_an_engine_says_it_holds(engine, tmp_path):
     artifacts, folder = tmp_path / "artifacts", tmp_path / "answer"
     runner.compile_world(world, [engine])[engine].artifacts.write(artifacts)
     probes = prepare(world, ["L1", "L2", "L3", "L4", "L6"])
-    operations = probes.operations()
+    operations = probes.operations(find_engine(engine))
     with start(engine, artifacts, operations) as running:
         running.wait()
         shutil.copytree(running._folder, folder)

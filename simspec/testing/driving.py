@@ -8,10 +8,10 @@ import numpy as np
 
 from simspec.control.law import Control
 from simspec.dynamics.oracle import Oracle
+from simspec.testing import worlds
 from simspec.world.control import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, World
-from tests import worlds
 
 
 def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] | None = None, **more) -> World:

@@ -1,0 +1,186 @@
+"""Control in every engine: laws do what the oracle does, runs record what was asked and given, and an engine's own controllers
+are at work when they are told, and only then."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world, write_folder
+from simspec.control.law import Control
+from simspec.control.reference import reference
+from simspec.dynamics.oracle import Oracle
+from simspec.errors import UnsupportedError
+from simspec.proof.verify import verify
+from simspec.runner.execution import Run, run
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
+from simspec.testing import worlds
+from simspec.testing.base import Suite
+from simspec.testing.bench import Bench, failures, run_operation
+from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
+from simspec.world.control import Controller, Trajectory
+from simspec.world.types import Record, World
+
+STEPS = 250
+HINGES = ("hinge", "hinge", "hinge")
+
+
+def with_load(damping: float = 0.0) -> World:
+    """A driven chain of hinges beside a falling free body with a hinge, and another chain that nobody drives."""
+    first = chain(HINGES, damping=damping) if damping else chain(HINGES)
+    more = worlds.tree(["free", "hinge"], 11, prefix="free-") + worlds.tree(["fixed", "hinge"], 12, prefix="idle-")
+    joints = tuple(body.joint.name for body in first.bodies)
+    q = np.array([body.joint.position[0] for body in first.bodies])
+    world = driven(worlds.world(more + first.bodies, physics=first.physics), joints=joints)
+    rows = (tuple(q.tolist()), tuple((q + 0.3).tolist()))
+    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0, 0.5), rows, interpolation="quintic"))
+
+
+def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
+    """``base`` with its hinges and slides under the engine's own controllers."""
+    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in ("hinge", "slide"))
+    count = len(joints)
+    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
+    return dataclasses.replace(base, controllers=(one,))
+
+
+def recorded(bench: Bench, world: World) -> Run:
+    """A whole run, as ``simspec run`` makes it."""
+    made = run(world, bench.engine, python=bench.python)
+    assert made.failed is None
+    return made
+
+
+class ControlSuite(Suite):
+    """See the module."""
+
+    @pytest.mark.parametrize("law", ["computed-torque", "pd"])
+    @pytest.mark.parametrize("discretisation", ["explicit", "implicit"])
+    def test_it_moves_as_the_oracle_does(self, bench: Bench, law: str, discretisation: str) -> None:
+        controller = dataclasses.replace(driven(chain(HINGES), law).controllers[0], discretisation=discretisation)
+        world = bench.allowed(dataclasses.replace(with_load(), controllers=(controller,)))
+        if world is None:
+            return
+        control = Control(world, reference(world))
+        oracle = OracleJoints(world, control)
+        control.advance(oracle, 0, STEPS)
+        q = bench.run(world, STEPS).arrays["q"][-1]
+        np.testing.assert_allclose(q[control.q_places], oracle.q[control.q_places], atol=1e-12)
+
+    def test_a_run_records_what_was_asked_and_given(self, bench: Bench) -> None:
+        channels = () if bench.lacks("energy") else ("energy",)
+        world = bench.allowed(dataclasses.replace(with_load(), record=Record(50, channels)))
+        if world is None:
+            return
+        made = recorded(bench, dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=500)))
+        about = made.provenance["control"]
+        order = [list(reference(world).joints).index(joint) for joint in about["joints"]]
+        (wanted,) = reference(world).position.at(made.time)
+        np.testing.assert_allclose(made.arrays["control.target"], wanted[:, order], atol=1e-15)
+        assert made.arrays["control.effort"].shape == (11, len(HINGES))
+        assert not made.arrays["control.effort"][0].any()
+        assert made.arrays["control.effort"][1:].all()
+        assert max(about["error"]) < 0.05
+        assert about["clipped"] == [0] * len(HINGES)
+        assert made.provenance["seconds"]["control"] > 0.0
+
+    def test_the_same_controlled_run_twice_gives_the_same_bits(self, bench: Bench) -> None:
+        world = bench.allowed(with_load())
+        if world is None:
+            return
+        one, other = bench.ask(world, run_operation(world, STEPS, 10), run_operation(world, STEPS, 10))
+        for name in ("q", "control.effort"):
+            assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+
+    @pytest.mark.parametrize("law", ["computed-torque", "pd"])
+    def test_the_proof_holds_the_step_response(self, bench: Bench, law: str) -> None:
+        world = bench.allowed(driven(chain(HINGES), law))
+        if world is None:
+            return
+        proof = bench.proof(world, "L7")
+        if bench.lacks("contact_off"):
+            assert proof.not_checked["L7"] == bench.lacks("contact_off")
+            return
+        checks = proof.level("L7")
+        assert [check.name for check in checks] == ["step response", "step response, closed form"][: len(checks)]
+        assert len(checks) == (2 if law == "computed-torque" else 1)
+        assert all(check.passed and check.worst < 1e-12 and check.count >= 100 for check in checks)
+
+    def test_an_engine_that_holds_another_mass_fails_the_step_response(self, bench: Bench) -> None:
+        """M of the law is the world's: files of another world move otherwise."""
+        world = bench.allowed(driven(chain(HINGES)))
+        if world is None or bench.lacks("contact_off"):
+            return
+        heavy = world.bodies[-1]
+        inertial = dataclasses.replace(heavy.inertial, mass=heavy.inertial.mass * 1.001)
+        other = dataclasses.replace(world, bodies=(*world.bodies[:-1], dataclasses.replace(heavy, inertial=inertial)))
+        folder = bench.place / "other-mass"
+        write_folder(compile_world(other, [bench.engine])[bench.engine].files, folder)
+        pythons = {} if bench.python is None else {bench.engine: bench.python}
+        proven = verify(world, [bench.engine], artifacts={bench.engine: folder}, pythons=pythons, levels=["L7"])
+        assert [check.passed for check in proven.engines[bench.engine].level("L7")] == [False, False]
+
+    # --- the engine's own controllers -----------------------------------------------------------------------------
+
+    def test_native_controllers_are_declared_alike(self, bench: Bench) -> None:
+        """As a capability of the engine, and as a feature of the language."""
+        supported = bench.support[Feature.CONTROL_NATIVE].level is not Level.UNSUPPORTED
+        assert supported == (not bench.lacks("native_controllers"))
+
+    @pytest.mark.parametrize("limit", [None, 0.4])
+    def test_a_native_controller_settles_at_its_target_without_gravity(self, bench: Bench, limit: float | None) -> None:
+        world = bench.allowed(told(native(wheel(0.02), limit=limit), np.array([0.5])))
+        if world is None:
+            return
+        assert bench.run(world, 6000).arrays["q"][-1, 0] == pytest.approx(0.5, abs=1e-6)
+
+    def test_a_native_controller_is_at_work_only_when_told(self, bench: Bench) -> None:
+        """In the probes of the proof, the files' controllers must not hold the joints."""
+        base = wheel()
+        joint = dataclasses.replace(base.bodies[0].joint, velocity=(1.0,))
+        base = dataclasses.replace(base, bodies=(dataclasses.replace(base.bodies[0], joint=joint),))
+        world = bench.allowed(told(native(base), np.array([0.0])))
+        if world is None:
+            return
+        assert bench.drive(world, (100, None))["velocity"][-1, 0, 5] == pytest.approx(1.0, abs=1e-13)
+        assert abs(bench.run(world, 100).arrays["v"][-1, 0]) < 0.9
+
+    def test_a_joint_without_gains_is_left_alone(self, bench: Bench) -> None:
+        world = bench.allowed(told(native(wheel(), kp=0.0, kd=0.0), np.array([1.0])))
+        if world is None:
+            return
+        assert bench.run(world, 100).arrays["q"][-1, 0] == pytest.approx(0.0, abs=1e-13)
+
+    def test_the_same_native_run_twice_gives_the_same_bits(self, bench: Bench) -> None:
+        world = bench.allowed(told(native(chain(HINGES), kp=200.0, kd=2.0), np.full(len(HINGES), 0.1)))
+        if world is None:
+            return
+        one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
+        assert one.arrays["q"].tobytes() == other.arrays["q"].tobytes()
+
+    def test_the_proof_passes_a_native_world(self, bench: Bench) -> None:
+        world = bench.allowed(told(native(chain(HINGES), kp=200.0, kd=2.0, limit=100.0), np.full(len(HINGES), 0.1)))
+        if world is None:
+            return
+        assert failures(bench.proof(world, "L0", "L1", "L2", "L3", "L6").checks) == []
+
+    def test_feed_forward_is_refused_and_not_lost(self, bench: Bench) -> None:
+        world = told(native(wheel()), np.array([0.5]))
+        assert world.trajectory is not None
+        fed = dataclasses.replace(world, trajectory=dataclasses.replace(world.trajectory, efforts=((0.1,),)))
+        with pytest.raises(UnsupportedError, match=r"feed-forward|control\.native"):
+            bench.compiled(fed)
+
+    def test_motors_under_a_law_reach_what_the_oracle_reaches(self, bench: Bench) -> None:
+        """A whole second of pd on one wheel, against M v̇ = τ."""
+        world = bench.allowed(told(driven(wheel(), "pd"), np.array([1.0])))
+        if world is None:
+            return
+        control = Control(world, reference(world))
+        oracle = OracleJoints(world, control)
+        control.advance(oracle, 0, 1000)
+        assert isinstance(oracle.oracle, Oracle)
+        np.testing.assert_allclose(bench.run(world, 1000).arrays["q"][-1], oracle.q, atol=1e-12)

@@ -1,0 +1,333 @@
+"""The model that an engine holds, its states, its dynamics, contact in general: what every engine must do, the same for all.
+
+What an engine does not support is refused with the error that it declares, which is asserted and never skipped; what it lacks
+(``Engine.LACKS``) is not asked for by the proof, and raises when it is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simspec.contact.rules import combine as combined
+from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import random_states
+from simspec.engines.kit.arrays import CONTACT_FIELDS
+from simspec.engines.kit.process import Answer, Operation
+from simspec.engines.kit.settings import check_settings, idle_settings
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.checks import Check
+from simspec.proof.probes import dynamics_operation, rotation_error
+from simspec.proof.verify import read_back_checks
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
+from simspec.testing import worlds
+from simspec.testing.base import Suite
+from simspec.testing.bench import (
+    OWN,
+    Bench,
+    failures,
+    motion_operation,
+    run_operation,
+    state_error,
+    touching_operation,
+)
+from simspec.world.kinematics import initial_state
+from simspec.world.types import Surface, World
+
+WORLDS: Mapping[str, Callable[[], World]] = {
+    "fall": worlds.fall,
+    "hinges": worlds.hinges,
+    "every joint": worlds.every_joint,
+    "damped springs": worlds.damped_springs,
+    "limits": worlds.limits_and_armature,
+    "shapes": worlds.shapes_world,
+    "spheres": worlds.spheres,
+    "gripper": worlds.gripper,
+}
+"""From little to much: an engine may refuse some, by declaration, but not the first two."""
+MUST_BE_THERE = ("fall", "hinges")
+STEPS = 300
+"""Of the motion of each world."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """One world, and everything that the engine said of it, asked at once; ``q``, ``v`` are the states (k, nq), (k, nv) of the
+    questions, ``effort`` (nv,) that of the motion, which begins in the first."""
+
+    world: World
+    oracle: Oracle
+    q: np.ndarray
+    v: np.ndarray
+    effort: np.ndarray
+    answers: Mapping[str, Answer]
+
+
+def known(bench: Bench, world: World) -> Known:
+    """Ask for all that the engine does not lack."""
+    oracle = Oracle(world)
+    q, v = random_states(world, 3)
+    start, speed = (state[0] for state in random_states(world, 1, seed=5, speed=0.3))
+    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
+        if body.joint.position_limits is not None:
+            start[at] = sum(body.joint.position_limits) / 2
+    q[0], v[0] = start, speed
+    effort = 0.2 * np.diag(oracle.mass_matrix(start))
+    channels = () if bench.lacks("energy") else ("energy",)
+    asked = {
+        "read_back": Operation("read_back", world=world),
+        "kinematics": Operation("kinematics", {}, {"q": q, "v": v}, world),
+        "run": run_operation(world, 20, 10, *channels),
+    }
+    quantities = tuple(name for name in ("mass_matrix", "bias_force") if not bench.lacks(name))
+    if quantities:
+        asked["dynamics"] = dynamics_operation(oracle, q, v, quantities)
+    if not bench.lacks("contact_off"):
+        asked["motion"] = motion_operation(world, start, speed, effort, STEPS, STEPS)
+        asked["motion in parts"] = motion_operation(world, start, speed, effort, STEPS, 5)
+    answers = dict(zip(asked, bench.ask(world, *asked.values()), strict=True))
+    return Known(world, oracle, q, v, effort, answers)
+
+
+class ModelSuite(Suite):
+    """See the module."""
+
+    @pytest.fixture(scope="class", params=WORLDS)
+    @classmethod
+    def known(cls, request: pytest.FixtureRequest, bench: Bench) -> Known | None:
+        """One of the worlds with the engine's answers; None where the engine refuses it, as declared."""
+        world = bench.allowed(WORLDS[request.param]())
+        assert world is not None or request.param not in MUST_BE_THERE, f"{request.param}: no engine may refuse this"
+        return None if world is None else known(bench, world)
+
+    def test_the_engine_holds_the_world(self, bench: Bench, known: Known | None) -> None:
+        if known is None:
+            return
+        held = known.answers["read_back"].held
+        assert held is not None
+        checks: list[Check] = read_back_checks(known.world, bench.kind, held)
+        assert failures(checks) == []
+        assert {"mass", "joint type", "gravity", "timestep"} <= {check.name for check in checks}
+
+    def test_it_starts_in_the_initial_state(self, known: Known | None) -> None:
+        if known is None:
+            return
+        q, v = initial_state(known.world)
+        recorded = known.answers["run"].arrays
+        assert state_error(known.world, recorded["q"][0], q) < 1e-12
+        np.testing.assert_allclose(recorded["v"][0], v, rtol=0, atol=1e-12)
+
+    def test_states_go_in_and_come_out(self, known: Known | None) -> None:
+        if known is None:
+            return
+        given_back = known.answers["kinematics"].arrays
+        for row in range(len(known.q)):
+            assert state_error(known.world, given_back["q"][row], known.q[row]) < 1e-12
+            np.testing.assert_allclose(given_back["v"][row], known.v[row], rtol=0, atol=1e-12)
+
+    def test_poses_and_velocities_are_the_oracle_s(self, known: Known | None) -> None:
+        if known is None:
+            return
+        arrays = known.answers["kinematics"].arrays
+        for row, (q, v) in enumerate(zip(known.q, known.v, strict=True)):
+            expected = known.oracle.body_poses(q)
+            np.testing.assert_allclose(arrays["pose"][row][:, :3], expected[:, :3], rtol=0, atol=1e-11)
+            assert rotation_error(arrays["pose"][row][:, 3:], expected[:, 3:]).max() < 1e-11
+            velocity = known.oracle.body_velocities(q, v)
+            np.testing.assert_allclose(arrays["velocity"][row], velocity, rtol=0, atol=1e-10)
+
+    def test_mass_matrix_and_bias_force_are_the_oracle_s(self, bench: Bench, known: Known | None) -> None:
+        if known is None:
+            return
+        for row, (q, v) in enumerate(zip(known.q, known.v, strict=True)):
+            if not bench.lacks("mass_matrix"):
+                mass = np.concatenate([block.ravel() for block in known.oracle.mass_blocks(q)] or [np.zeros(0)])
+                scale = np.abs(mass).max(initial=0.0)
+                held = known.answers["dynamics"].arrays["mass"][row]
+                np.testing.assert_allclose(held, mass, rtol=0, atol=1e-9 * scale)
+            if not bench.lacks("bias_force"):
+                bias = known.oracle.bias_force(q, v)
+                held = known.answers["dynamics"].arrays["bias_force"][row]
+                np.testing.assert_allclose(held, bias, rtol=0, atol=1e-9 * max(1.0, np.abs(bias).max(initial=0.0)))
+
+    def test_what_is_lacking_raises_when_it_is_asked_for(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.fall())
+        assert world is not None
+        oracle = Oracle(world)
+        q, v = random_states(world, 1)
+        asked = {
+            "mass_matrix": dynamics_operation(oracle, q, v, ("mass_matrix",)),
+            "bias_force": dynamics_operation(oracle, q, v, ("bias_force",)),
+            "pair_detection": touching_operation(world, q),
+            "contact_off": motion_operation(world, q[0], v[0], 0.0 * v[0], 1, 1),
+            "energy": run_operation(world, 1, 1, "energy"),
+        }
+        for capability, operation in asked.items():
+            if bench.lacks(capability):
+                with pytest.raises(EngineError):
+                    bench.ask(world, operation)
+
+    def test_contact_free_motion_is_the_oracle_s(self, bench: Bench, known: Known | None) -> None:
+        if known is None or bench.lacks("contact_off"):
+            return
+        expected_q, expected_v = (
+            states[-1] for states in known.oracle.motion(known.q[0], known.v[0], known.effort, STEPS, STEPS)
+        )
+        moved = known.answers["motion"].arrays
+        assert state_error(known.world, moved["q"][-1], expected_q) < 1e-10
+        np.testing.assert_allclose(moved["v"][-1], expected_v, rtol=0, atol=1e-9)
+
+    def test_steps_in_one_call_and_in_many_are_the_same(self, bench: Bench, known: Known | None) -> None:
+        if known is None or bench.lacks("contact_off"):
+            return
+        at_once, in_parts = (known.answers[name].arrays for name in ("motion", "motion in parts"))
+        assert state_error(known.world, at_once["q"][-1], in_parts["q"][-1]) < 1e-12
+        np.testing.assert_allclose(at_once["v"][-1], in_parts["v"][-1], rtol=0, atol=1e-12)
+
+    def test_energy_is_that_of_the_moving_bodies(self, bench: Bench, known: Known | None) -> None:
+        if known is None or bench.lacks("energy"):
+            return
+        recorded = known.answers["run"].arrays
+        expected = np.array([known.oracle.energy(*state) for state in zip(recorded["q"], recorded["v"], strict=True)])
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(recorded["energy"][:, 0], expected[:, 0], rtol=1e-9, atol=1e-12 * scale)
+        # what is fixed to the world has a constant potential, which an engine may or may not count
+        gained, wanted = recorded["energy"][:, 1] - recorded["energy"][0, 1], expected[:, 1] - expected[0, 1]
+        np.testing.assert_allclose(gained, wanted, rtol=1e-8, atol=1e-9 * scale)
+
+    def test_two_loads_step_alike_to_the_last_bit(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.spheres()) or bench.allowed(worlds.hinges())
+        assert world is not None
+        one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
+        for name in ("q", "v"):
+            assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+
+    # --- contact --------------------------------------------------------------------------------------------------
+
+    def test_a_resting_sphere_is_pressed_up_by_its_weight(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.placed(worlds.spheres(1), 1, (0.3, 0.2, 0.1)))
+        if world is None:
+            return
+        arrays = bench.run(world, 200, 200, "contacts").arrays
+        contacts = {name: arrays[f"contact.{name}"][arrays["contact.row"] == 1] for name in CONTACT_FIELDS}
+        assert {key: value.shape[1:] for key, value in contacts.items()} == dict(CONTACT_FIELDS)
+        assert len(contacts["distance"]) == 1
+        assert sorted(contacts["body"][0]) == [0, 1]
+        up = contacts["normal"][0] * (1.0 if contacts["body"][0][0] == 1 else -1.0)
+        np.testing.assert_allclose(up, (0.0, 0.0, 1.0), atol=1e-9)
+        np.testing.assert_allclose(contacts["position"][0], (0.3, 0.2, 0.0), atol=2e-3)
+        assert -2e-3 < contacts["distance"][0] <= 1e-6
+        assert contacts["normal_force"][0] == pytest.approx(98.1, rel=0.02)
+
+    def test_bodies_in_the_air_touch_nothing(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.spheres())
+        if world is None:
+            return
+        arrays = bench.run(world, 5, 1, "contacts").arrays
+        assert arrays["contact.row"].shape == (0,)
+        assert arrays["contact.body"].shape == (0, 2)
+
+    def test_detection_obeys_the_filters(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.gripper())
+        if world is None or bench.lacks("pair_detection"):
+            return
+        names = [body.name for body in world.bodies]
+        q, _ = initial_state(world)
+        air = q.copy()
+        # the fingers slide to the middle, where they overlap each other, and the bar with both
+        q[1], q[2] = 0.28, -0.28
+        q[3:6] = (0.0, 0.03, -0.3)
+        (answer,) = bench.ask(world, touching_operation(world, np.array([air, q])))
+        touching = {(row, names[a], names[b]) for row, a, b in answer.arrays["touching"]}
+        assert touching == {(1, "left", "bar"), (1, "right", "bar")}
+
+    def test_without_contact_a_sphere_falls_through_the_floor(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.spheres(1))
+        if world is None or bench.lacks("contact_off"):
+            return
+        q, v = initial_state(world)
+        (answer,) = bench.ask(world, motion_operation(world, q, v, 0.0 * v, 1000, 1000))
+        # semi-implicit Euler falls g dt² n (n + 1) / 2
+        assert answer.arrays["q"][-1, 2] == pytest.approx(0.5 - 9.81 * 1e-6 * 1000 * 1001 / 2, abs=1e-9)
+
+    def test_armature_is_in_the_mass_matrix(self, bench: Bench) -> None:
+        world = worlds.limits_and_armature(armature=0.05)
+        bodies = tuple(
+            dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=None))
+            for body in world.bodies
+        )
+        allowed = bench.allowed(dataclasses.replace(world, bodies=bodies))
+        if allowed is None or bench.lacks("mass_matrix"):
+            return
+        oracle = Oracle(allowed)
+        q, v = (state[None] for state in initial_state(allowed))
+        (answer,) = bench.ask(allowed, dynamics_operation(oracle, q, v, ("mass_matrix",)))
+        expected = np.concatenate([block.ravel() for block in oracle.mass_blocks(q[0])])
+        np.testing.assert_allclose(answer.arrays["mass"][0], expected, rtol=0, atol=1e-9)
+
+    # --- what is declared -----------------------------------------------------------------------------------------
+
+    @pytest.mark.parametrize("feature", list(worlds.NEEDING), ids=str)
+    def test_a_gap_raises_the_error_it_declares(self, bench: Bench, feature: Feature) -> None:
+        """Every feature that the engine has only approximately, outside or not at all is refused unless named."""
+        if bench.support[feature].level in OWN:
+            return
+        errors = [gap_error(bench, feature, settings) for settings in settings_of(bench)]
+        assert any(feature.value in error for error in errors), f"{feature} is declared as less, and compiled"
+
+    @pytest.mark.parametrize("feature", [Feature.GRAVITY, Feature.TIMESTEP, Feature.INERTIA], ids=str)
+    def test_the_core_of_the_language_is_exact_everywhere(self, bench: Bench, feature: Feature) -> None:
+        assert bench.support[feature].level in OWN
+
+    def test_every_support_that_is_less_than_exact_says_how(self, bench: Bench) -> None:
+        silent = [
+            feature
+            for feature, support in bench.support.items()
+            if support.level is not Level.EXACT and not support.how
+        ]
+        assert silent == []
+
+    def test_settings_say_what_they_do_and_refuse_what_they_cannot(self, bench: Bench) -> None:
+        kind = bench.kind
+        assert all(setting.meaning for setting in kind.SETTINGS.values())
+        defaults = {key: setting.default for key, setting in kind.SETTINGS.items()}
+        idle = idle_settings(kind, defaults)
+        assert check_settings(kind, [(key, value) for key, value in defaults.items() if key not in idle]) == []
+        (problem,) = check_settings(kind, [("no_such_setting", 1)])
+        assert "no_such_setting" in problem.message
+        half = Surface(0.5, restitution=0.5)
+        assert combined(kind.RULES, half, half)["friction"] > 0
+
+    def test_the_same_world_gives_the_same_bytes(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.shapes_world()) or bench.allowed(worlds.hinges())
+        assert world is not None
+        first, second = (bench.compiled(world) for _ in range(2))
+        assert dict(first.files) == dict(second.files)
+        assert first.sha256 == second.sha256
+        assert all("\r" not in text and text.endswith("\n") for text in first.files.values())
+        assert all(not Path(path).is_absolute() and ".." not in Path(path).parts for path in first.files)
+
+
+def gap_error(bench: Bench, feature: Feature, settings: tuple[tuple[str, object], ...]) -> str:
+    """What compiling says to a world that needs the feature, under these settings and with nothing accepted; "" nothing."""
+    world = worlds.with_options(worlds.NEEDING[feature](), bench.kind.NAME, settings=settings)
+    try:
+        bench.compiled(world)
+    except UnsupportedError as error:
+        return str(error)
+    return ""
+
+
+def settings_of(bench: Bench) -> list[tuple[tuple[str, object], ...]]:
+    """No settings, and each choice of each setting by itself: some gaps are there under one of an engine's methods only."""
+    found: list[tuple[tuple[str, object], ...]] = [()]
+    for name, setting in bench.kind.SETTINGS.items():
+        if setting.needs is None and not setting.only_with:
+            found += [((name, choice),) for choice in setting.choices if choice != setting.default]
+    return found
