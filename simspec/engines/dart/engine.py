@@ -23,12 +23,13 @@ from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
 from simspec.engines.dart.readback import read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
-from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     EXACT,
@@ -124,7 +125,7 @@ def _armature_not_felt(world: World) -> str | None:
     return None
 
 
-class Dart(Engine):
+class Dart(SimulatedEngine[Simulation]):
     """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
 
     NAME: ClassVar[str] = "dart"
@@ -296,41 +297,21 @@ class Dart(Engine):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
 
-    def __init__(self) -> None:
-        self._sim: Simulation | None = None
-
-    @property
-    def _simulation(self) -> Simulation:
-        if self._sim is None:
-            raise RuntimeError("load first")
-        return self._sim
-
     @classmethod
     def prepare(cls) -> None:
         import_dartpy()
 
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self.close()
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         try:
-            told = DartSidecar.of(sidecar)
+            typed = DartSidecar.of(sidecar)
         except ValueError as error:
             raise EngineError(self.NAME, str(error)) from error
-        self._sim = Simulation(folder, told)
+        return Simulation(folder, typed)
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
         return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
-    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        self._simulation.set_state(q, v)
-
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._simulation.coordinates.get_state()
-
-    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
-        sim = self._simulation
-        return restore_velocities(*sim.file_frames(), sim.offsets)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         armature = self._simulation.efforts.armature
@@ -386,9 +367,6 @@ class Dart(Engine):
     def detect_units(self) -> np.ndarray:
         return sorted_pairs(self._simulation.detect_contacts())
 
-    def disable_contact(self) -> None:
-        self._simulation.disable_contact()
-
     def disable_dry_friction(self, v: np.ndarray) -> None:
         sim, rubbing = self._simulation, set(v.tolist())
         for body, place in zip(sim.bodies, sim.coordinates.v_places, strict=True):
@@ -402,9 +380,3 @@ class Dart(Engine):
             kinetic += tree.skeleton.computeKineticEnergy()
             potential += tree.skeleton.computePotentialEnergy()
         return kinetic, potential
-
-    def log(self) -> list[str]:
-        return self._simulation.messages()
-
-    def close(self) -> None:
-        self._sim = None

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import math
-import os
-import re
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +14,7 @@ from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
 from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
+from simspec.engines.kit.captured import captured
 from simspec.errors import EngineError
 from simspec.formats.skel.format import WORLD
 from simspec.formats.skel.reading import without_visual_shapes
@@ -32,31 +28,6 @@ MOST_DETECTED = 1_000_000
 
 ZERO_MASS = "A negative or zero mass [0]"
 """DART warns of bodies without mass, which simspec has only where they cannot move: that is no news."""
-
-_COLOUR = re.compile("\x1b\\[[0-9;]*m")
-
-
-@contextlib.contextmanager
-def captured_errors(lines: list[str]) -> Iterator[None]:
-    """Catch what C++ code prints to standard error meanwhile, and add it to ``lines``."""
-    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
-        yield
-        return
-    flush = ctypes.CDLL(None).fflush
-    sys.stderr.flush()
-    flush(None)
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
-        try:
-            yield
-        finally:
-            flush(None)
-            os.dup2(kept, 2)
-            os.close(kept)
-            file.seek(0)
-            text = _COLOUR.sub("", file.read().decode(errors="replace"))
-            lines.extend(line for line in text.splitlines() if line.strip() and ZERO_MASS not in line)
 
 
 def import_dartpy() -> Any:
@@ -85,7 +56,7 @@ class Simulation:
         self._folder, self._blind = folder, False
         self.world = self._read(folder / WORLD, pictures)
         self._check_detector()
-        with captured_errors(self.log):
+        with captured(sys.stderr, self.log, (ZERO_MASS,)):
             self._set_solver()
         self.timestep: float = self.world.getTimeStep()
         self.nodes = Nodes(self.world, sidecar)
@@ -114,7 +85,7 @@ class Simulation:
         if not pictures:
             text, self._blind = without_visual_shapes(text)
         try:
-            with captured_errors(self.log):
+            with captured(sys.stderr, self.log, (ZERO_MASS,)):
                 world = self.dartpy.utils.SkelParser.readWorldXML(text)
         except (RuntimeError, ValueError) as error:
             raise EngineError(NAME, f"refuses {WORLD}: {error}") from error
@@ -195,6 +166,9 @@ class Simulation:
             add(one, other)
 
     # --- state ------------------------------------------------------------------------------------------------
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.coordinates.get_state()
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         self.coordinates.set_state(q, v)
@@ -348,3 +322,6 @@ class Simulation:
                     f"residual of at most {stats.maxViolation:.2g}"
                 )
         return found
+
+    def close(self) -> None:
+        """Nothing to do: DART's world goes with this object."""

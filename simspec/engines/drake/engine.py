@@ -18,12 +18,12 @@ from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.readback import read_back
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, written_settings
+from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
     EXACT,
     Attempt,
@@ -75,7 +75,7 @@ def _planes_that_crash(world: World) -> str | None:
     return None
 
 
-class Drake(Engine):
+class Drake(SimulatedEngine[Simulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
@@ -205,37 +205,17 @@ class Drake(Engine):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 
-    def __init__(self) -> None:
-        self._sim: Simulation | None = None
-
-    @property
-    def _simulation(self) -> Simulation:
-        if self._sim is None:
-            raise RuntimeError("load first")
-        return self._sim
-
     @classmethod
     def prepare(cls) -> None:
         import_drake()
 
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self.close()
-        self._sim = Simulation(folder, sidecar)
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
+        return Simulation(folder, sidecar)
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
         return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
-    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        self._simulation.set_state(q, v)
-
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._simulation.get_state()
-
-    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
-        sim = self._simulation
-        return restore_velocities(*sim.file_frames(), sim.offsets)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         return pick_blocks(blocks, self._simulation.mass_parts())
@@ -271,14 +251,5 @@ class Drake(Engine):
     def detect_units(self) -> np.ndarray:
         return sorted_pairs(self._simulation.touching())
 
-    def disable_contact(self) -> None:
-        self._simulation.disable_contact()
-
     def energy(self) -> tuple[float, float]:
         return self._simulation.energy()
-
-    def log(self) -> list[str]:
-        return list(self._simulation.log)
-
-    def close(self) -> None:
-        self._sim = None

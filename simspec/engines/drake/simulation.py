@@ -231,6 +231,13 @@ class Simulation:
             geometry.CollisionFilterDeclaration().ExcludeWithin(every)
         )
 
+    def messages(self) -> list[str]:
+        """What Drake said while loading."""
+        return list(self.log)
+
+    def close(self) -> None:
+        """Nothing to do: Drake's diagram goes with this object."""
+
 
 def _into(position: Any, vector: Any) -> list[float]:
     """A vector in the axes of a free body."""

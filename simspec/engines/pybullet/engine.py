@@ -21,11 +21,12 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
-from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, restore_velocities, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet.efforts import Efforts
@@ -84,7 +85,7 @@ def _armature_not_felt(world: World) -> str | None:
     return None
 
 
-class PyBullet(Engine):
+class PyBullet(SimulatedEngine[Simulation]):
     """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
 
     NAME: ClassVar[str] = "pybullet"
@@ -247,7 +248,7 @@ class PyBullet(Engine):
         return found | expected_labels(cls, world)
 
     def __init__(self) -> None:
-        self._sim: Simulation | None = None
+        super().__init__()
         self._efforts: Efforts | None = None
         self._probe: tuple[Simulation, Probe] | None = None
         self._source: tuple[Path, PybulletSidecar] | None = None
@@ -256,12 +257,6 @@ class PyBullet(Engine):
     def client(self) -> int:
         """The number of PyBullet's physics client."""
         return self._simulation.client
-
-    @property
-    def _simulation(self) -> Simulation:
-        if self._sim is None:
-            raise RuntimeError("load first")
-        return self._sim
 
     @property
     def _outside(self) -> Efforts:
@@ -292,16 +287,6 @@ class PyBullet(Engine):
             inventory=inventory(sim),
             neutral=neutral(sim),
         )
-
-    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        self._simulation.set_state(q, v)
-
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._simulation.get_state()
-
-    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
-        sim = self._simulation
-        return restore_velocities(*sim.file_frames(), sim.offsets)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         q, _ = self._simulation.get_state()
@@ -367,9 +352,6 @@ class PyBullet(Engine):
         }
         return sorted_pairs(np.array(sorted(found), dtype=np.int64))
 
-    def disable_contact(self) -> None:
-        self._simulation.disable_contact()
-
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(set(v.tolist()))
 
@@ -378,12 +360,8 @@ class PyBullet(Engine):
         more_kinetic, more_potential = self._outside.energy()
         return kinetic + more_kinetic, potential + more_potential
 
-    def log(self) -> list[str]:
-        return list(self._simulation.log)
-
     def close(self) -> None:
         if self._probe is not None:
             self._probe[0].close()
-        if self._sim is not None:
-            self._sim.close()
-        self._sim = self._efforts = self._probe = None
+        super().close()
+        self._efforts = self._probe = None

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import os
 import sys
-import tempfile
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.pybullet.sidecar import CollisionFilter, Instance, PybulletSidecar
+from simspec.engines.kit.captured import captured
 from simspec.engines.kit.vectors import cross
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
@@ -28,6 +25,8 @@ JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
 """PyBullet's JOINT_ numbers."""
 UNCLAMPED = 1e30
 """For PyBullet's velocity clamp (100 by default) and for limits that must never act."""
+GREETING = "build time"
+"""PyBullet prints when it was built; that is no news."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,29 +55,6 @@ class Tree:
     """Links that only carry shapes: (link, index of the body in the world), in the sidecar's order."""
 
 
-@contextlib.contextmanager
-def captured_output(lines: list[str]) -> Iterator[None]:
-    """Catch what C code prints to standard output meanwhile, and add it to ``lines``."""
-    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
-        yield
-        return
-    flush = ctypes.CDLL(None).fflush
-    sys.stdout.flush()
-    flush(None)
-    kept = os.dup(1)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 1)
-        try:
-            yield
-        finally:
-            flush(None)
-            os.dup2(kept, 1)
-            os.close(kept)
-            file.seek(0)
-            text = file.read().decode(errors="replace")
-            lines.extend(line for line in text.splitlines() if line.strip() and "build time" not in line)
-
-
 def import_pybullet() -> Any:
     """PyBullet's module. Raises EngineError where it is not installed."""
     try:
@@ -97,7 +73,7 @@ class Simulation:
         """What PyBullet was told while loading."""
         self.client = -1
         try:
-            with captured_output(self.log):
+            with captured(sys.stdout, self.log, (GREETING,)):
                 module = self._connect()
                 self.bullet = recording = Recording(module)
                 self._load(folder, sidecar)
@@ -482,6 +458,10 @@ class Simulation:
         local = rotate(conjugate(turn), angular)
         kinetic = 0.5 * float(np.sum(self.mass * np.sum(linear**2, axis=1)) + np.sum(self.moments * local**2))
         return kinetic, -float(np.sum(self.mass * (at @ np.array(self.sidecar.gravity))))
+
+    def messages(self) -> list[str]:
+        """What PyBullet said while loading."""
+        return list(self.log)
 
     def close(self) -> None:
         if self.client >= 0:

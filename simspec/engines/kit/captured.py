@@ -1,0 +1,41 @@
+"""What the native code of an engine prints, caught."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from typing import TextIO
+
+_COLOUR = re.compile("\x1b\\[[0-9;]*m")
+
+
+@contextlib.contextmanager
+def captured(stream: TextIO, lines: list[str], known: Sequence[str] = ()) -> Iterator[None]:
+    """Catch what native code of this process prints meanwhile to ``sys.stdout`` or ``sys.stderr``, and add it to ``lines``.
+
+    Blank lines, colours and lines with one of the ``known`` texts are left out.
+    """
+    if os.name != "posix":  # the C library's buffers cannot be flushed from here; nothing is caught
+        yield
+        return
+    descriptor = 2 if stream is sys.stderr else 1
+    flush = ctypes.CDLL(None).fflush
+    stream.flush()
+    flush(None)
+    original = os.dup(descriptor)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), descriptor)
+        try:
+            yield
+        finally:
+            flush(None)
+            os.dup2(original, descriptor)
+            os.close(original)
+            file.seek(0)
+            printed = _COLOUR.sub("", file.read().decode(errors="replace")).splitlines()
+            lines.extend(line for line in printed if line.strip() and not any(text in line for text in known))
