@@ -134,6 +134,51 @@ def test_data_goes_one_way(path):
         assert ORDER.index(other) <= ORDER.index(own), f"{name} imports from {other}, which stands after {own}"
 
 
+def imported_modules(tree: ast.Module) -> set[str]:
+    """The modules of simspec that a module imports when it is imported itself, not inside functions or for types alone."""
+    imported = set()
+    waiting: list[ast.stmt] = list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import):
+            imported.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            imported.update({str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)})
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
+            waiting += [*node.body, *node.orelse]
+        elif isinstance(node, ast.Try):
+            waiting += [*node.body, *node.orelse, *node.finalbody]
+    return imported
+
+
+def circle(imports: dict[str, set[str]]) -> list[str]:
+    """Modules that import each other in a circle, by name; [] when there is none."""
+    left = {name: {other for other in others if other in imports} - {name} for name, others in imports.items()}
+    while True:
+        free = [name for name, others in left.items() if not others]
+        if not free:
+            return sorted(left)
+        left = {name: others - set(free) for name, others in left.items() if name not in free}
+        if not left:
+            return []
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    imports = {}
+    for path in MODULES:
+        name = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+        imports[name] = imported_modules(ast.parse(path.read_text(encoding="utf-8")))
+    assert not circle(imports)
+
+
+def test_a_circle_is_seen():
+    assert circle({"a": {"b"}, "b": {"c", "d"}, "c": {"a"}, "d": set()}) == ["a", "b", "c"]
+    assert circle({"a": {"b", "x"}, "b": set()}) == []
+    text = "import simspec.a\nif TYPE_CHECKING:\n    import simspec.b\ndef f():\n    import simspec.c\n"
+    text += "try:\n    from simspec import d\nfinally:\n    pass"
+    assert imported_modules(ast.parse(text)) == {"simspec.a", "simspec", "simspec.d"}
+
+
 def words(tree: ast.Module) -> list[tuple[int, str]]:
     """Every identifier and text of a module but its docstrings, in lower case, with its line."""
     docstrings = set()
