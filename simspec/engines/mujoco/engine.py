@@ -18,7 +18,7 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
 from simspec.dialects.mujoco.choices import FLAGS
-from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, NATIVE, file_name
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, file_name
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
@@ -32,6 +32,7 @@ from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
+from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never, via_api
@@ -81,148 +82,7 @@ class MuJoCo(Engine):
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
     }
-    SETTINGS: ClassVar[Mapping[str, Setting]] = {
-        "solver": Setting(
-            "newton",
-            "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg and pgs "
-            "approach it.",
-            ("newton", "cg", "pgs"),
-        ),
-        "iterations": Setting(
-            100, "Most iterations of the solver in a step; Newton stays far below. MuJoCo's own number.", minimum=1
-        ),
-        "ls_iterations": Setting(
-            50,
-            "Most iterations of the solver's line search. MuJoCo's own number.",
-            minimum=1,
-            needs=("solver", ("newton", "cg")),
-        ),
-        "tolerance": Setting(
-            1e-8, "The solver ends when it improves by less than this. MuJoCo's own number.", minimum=0.0
-        ),
-        "ls_tolerance": Setting(
-            0.01,
-            "The line search ends below this part of the gradient. MuJoCo's own number.",
-            minimum=0.0,
-            needs=("solver", ("newton", "cg")),
-        ),
-        "friction": Setting(
-            NATIVE,
-            "native: MuJoCo's own friction, which slides, holds and rolls right but leaves out most of the friction of an "
-            "impact (80 to 90 % at 1 ms): slip is taken back at friction_rate, and an impact lasts one step. To be accepted by "
-            "name (contact.friction.impact). coulomb: impacts too, within 2 %, by a short loop around MuJoCo's solver; "
-            "nothing hops, and nothing lies on a cushion. It costs 16 µs a step of a body at rest, 29 of one that slides, "
-            "1.5 to 2.2 times MuJoCo's own time in towers, 3.4 to 4.6 times in a pile of 216 spheres. Of such a pile's steps "
-            "0.1 % end unconverged at μ = 0.3, 5 % at 0.5 (a contact's normal speed then off by up to 0.02 m/s), 35 % at 1 "
-            "(0.3 m/s), which the run counts and says (measured, 1 ms: docs/contact.md). friction_rate, friction_share and "
-            "friction_cushion are native's.",
-            (NATIVE, COULOMB),
-        ),
-        "impratio": Setting(
-            1000.0,
-            "How much harder friction is than the normal direction, which friction_cushion makes soft. A box at 60 % of the "
-            "limit creeps 1.7e-6 m/s (measured, 1 ms), at MuJoCo's own 1 a thousand times as fast.",
-            minimum=1e-6,
-        ),
-        "high_impratio": Setting(
-            1e7,
-            "impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: MuJoCo "
-            "makes friction as soft as its contact, and moments softer by (μ/c)². At an impratio of 10 a box on springs "
-            "creeps 8e-3 m/s at 60 % of the limit, at 1e7 7e-6; at 1000 a ball of μ = 1 and c = 0.33 mm stops rolling 57 % "
-            "late at 0.5 ms, at 1e5 and 1e7 within 2 % (measured). Not for all worlds: heaps then jitter at 2e-4 m/s.",
-            minimum=1e-6,
-        ),
-        "noslip_iterations": Setting(
-            0,
-            "Sweeps after the solver that take away slow slip. None: the creep left is 1e-6 m/s, and the sweeps break the "
-            "solver's own optimum.",
-            minimum=0,
-        ),
-        "multiccd": Setting(
-            True, "Several contact points between shapes that meet in a face (MuJoCo 4's own choice, off in MuJoCo 3)."
-        ),
-        "warmstart": Setting(True, "Begin each solve at the last step's solution."),
-        "island": Setting(
-            False,
-            "Solve groups of bodies that do not touch each other apart. Off: MuJoCo versions differ in what they make of it.",
-            needs=("sleeping", (False,)),
-        ),
-        "sleeping": Setting(
-            False,
-            "Take free rigid bodies that rest out of the simulation until something touches them (MuJoCo 4; switches island "
-            "on).",
-            only_with="sleeping",
-        ),
-        "sleep_tolerance": Setting(
-            1e-5,
-            "With sleeping: the speed (m/s, angular times length) below which a body falls asleep after ten steps.",
-            minimum=0.0,
-            only_with="sleeping",
-            needs=("sleeping", (True,)),
-        ),
-        "contact_error_reduction": Setting(
-            0.01,
-            "Share β of an overlap that is taken back in each step: the law that the core engines can share. Higher values "
-            "throw overlapping bodies apart at β times overlap over timestep.",
-            minimum=0.0,
-            maximum=1.0,
-        ),
-        "contact_impedance": Setting(
-            0.999,
-            "Share of its reference acceleration that a contact reaches; 0.999 leaves a cube at rest 0.25 µm deep at 1 ms "
-            "(measured), and higher ones solve worse.",
-            minimum=1e-4,
-            maximum=0.9999,
-        ),
-        "friction_rate": Setting(
-            100.0,
-            "Rate (1/s) at which friction takes back slip that it could stop at once, at most friction_share a step. Higher: "
-            "sliders are thrown up (at μ = 1 and 5 m/s by 3.6 mm at 100, 29 mm at 300; 1 ms); lower: they stop too late (at "
-            "30 by 13 % of a 50 mm slide; at 100 by 1 %).",
-            minimum=1e-3,
-            needs=("friction", (NATIVE,)),
-        ),
-        "friction_share": Setting(
-            0.3,
-            "Most of a slip that friction takes back in one step. MuJoCo's cone is associated: where friction cannot stop a "
-            "slip, the normal velocity rises by μ times what was asked for. At 1, which stops a slip at once, a box of μ = 1 "
-            "that slides at 5 m/s hops 319 mm; at 0.3, 29 mm; at 0.1, 3.6 mm. What is held and carried, and never slides, "
-            "slips the less the higher it is: a hand that turns asks for a new direction in every step (measured).",
-            minimum=1e-3,
-            maximum=1.0,
-            needs=("friction", (NATIVE,)),
-        ),
-        "friction_cushion": Setting(
-            1e-4,
-            "Depth (m) over which a frictional contact that does not bounce becomes rigid. MuJoCo's friction lifts what "
-            "slides; on a cushion the lift finds its balance: to 1 m/s and μ = 0.5 nothing hops and pushing gives μ within "
-            "0.02 %; without, a box hops every 10 ms and the friction of 60 ms is up to 10 % off (measured, 1 ms). Price: "
-            "what rests is 70 to 100 µm deep, not 0.3. 0: none.",
-            minimum=0.0,
-            maximum=0.1,
-            needs=("friction", (NATIVE,)),
-        ),
-        "explicit_pairs_limit": Setting(
-            5000,
-            "Pairs of shapes with friction that are listed one by one, which alone have a friction_rate. 5000 are 100 bodies, "
-            "and cost 20 % of a step (measured); beyond the limit no pair is listed, and sliding bodies hop.",
-            minimum=0,
-        ),
-        "limit_error_reduction": Setting(
-            0.01,
-            "Share of a passed joint limit that is taken back in each step; as for contact, so that a stop does not bounce.",
-            minimum=0.0,
-            maximum=1.0,
-        ),
-        "limit_impedance": Setting(0.999, "As contact_impedance, for joint limits.", minimum=1e-4, maximum=0.9999),
-        "dry_friction_impedance": Setting(
-            0.9999,
-            "As contact_impedance, for dry friction in joints, which creeps the less the higher it is: 9e-8 m/s at 90 % of "
-            "its limit, 1 kg and 1 ms (measured; 9e-7 at 0.999).",
-            minimum=1e-4,
-            maximum=0.9999,
-        ),
-    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
     # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)

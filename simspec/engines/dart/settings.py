@@ -1,0 +1,65 @@
+"""DART's solver settings, each with the reason for its default. Facts marked *measured* as in ``engine.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from simspec.engines.kit.settings import Setting
+
+SETTINGS: Mapping[str, Setting] = {
+    "contact_solver": Setting(
+        "auto",
+        "auto: nsgs for the elliptic cone, which Dantzig's solver does not have; dantzig for the circumscribed "
+        "pyramid, where it is exact and stacks best. dantzig under the elliptic cone must be accepted, by "
+        "contact.cone.elliptic.",
+        ("auto", "nsgs", "dantzig"),
+    ),
+    "collision_detector": Setting(
+        "auto",
+        "auto: the first of dart, ode, fcl that gets the fewest pairs of shapes wrong that may touch in this world: "
+        "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet has at most four "
+        "points a pair where ode has eight to twelve, which makes stacks of cylinders a quarter cheaper, and rounds edges.",
+        ("auto", "dart", "ode", "bullet", "fcl"),
+    ),
+    "iterations": Setting(
+        300,
+        "Most sweeps of the NSGS solver in a step. Seven cylinders on one another (detector ode, up to 12 contacts for "
+        "each pair) fall within 2 s at 4 ms with DART's own 100, and stand 10 s with 300; what is solved sooner costs "
+        "no more.",
+        minimum=1,
+        needs=("contact_solver", ("auto", "nsgs")),
+    ),
+    "tolerance": Setting(
+        1e-5,
+        "The NSGS solver stops below this residual; DART's default. With 1e-4 such a tower drifts up to 2 mm, not 1.2, "
+        "at the same speed.",
+        minimum=0.0,
+        needs=("contact_solver", ("auto", "nsgs")),
+    ),
+    "dry_friction_tolerance": Setting(
+        1e-8,
+        "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
+        "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
+        minimum=0.0,
+        needs=("contact_solver", ("auto", "nsgs")),
+    ),
+    "contact_overflow": Setting(
+        "error",
+        "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
+        "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
+        ("error", "log"),
+    ),
+    "sleeping": Setting(
+        False,
+        "Take bodies that rest out of the simulation until something disturbs them (DART's deactivation): what is slower "
+        "than 0.01 m/s, but for the step's fall, and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move "
+        "freely, and what bears them, stay awake (measured).",
+        only_with="sleeping",
+    ),
+    "exact_rotation": Setting(
+        "auto",
+        "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "
+        "where no moving body has a collision shape; elsewhere it would cost more time than it is worth.",
+        ("auto", "always", "never"),
+    ),
+}

@@ -1,0 +1,71 @@
+"""PyBullet's solver settings, each with the reason for its default. Facts marked *measured* as in ``engine.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from simspec.engines.kit.settings import Setting
+
+SETTINGS: Mapping[str, Setting] = {
+    "iterations": Setting(
+        200,
+        "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
+        "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19.",
+        minimum=1,
+    ),
+    "residual_threshold": Setting(
+        0.0,
+        "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 a body at "
+        "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
+        "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0.",
+        minimum=0.0,
+    ),
+    "contact_erp": Setting(
+        0.01,
+        "Share of an overlap of two bodies that is taken back in each step; 0.01 is what all core engines can do.",
+        minimum=0.0,
+        maximum=1.0,
+    ),
+    "friction_erp": Setting(
+        0.0,
+        "Share of a slip that friction takes back by position in each step (Bullet's frictionERP, with frictionAnchor, "
+        "which PyBullet takes for base links only (measured)); 0: none, friction at the velocity level alone, as the law "
+        "has it. What is carried slips by a little in every step, and the anchor takes that back: at 16 ms a stack of "
+        "cylinders ends 1 mm off, not 10 (measured).",
+        minimum=0.0,
+        maximum=1.0,
+    ),
+    "joint_erp": Setting(
+        0.01,
+        "Share of a passed joint limit that is taken back in each step. The speed gained by that stays, so that a stop "
+        "rebounds by as much (measured); PyBullet's own 0.2 would make 20 %.",
+        minimum=0.0,
+        maximum=1.0,
+    ),
+    "contact_slop": Setting(0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0),
+    "contact_processing_threshold": Setting(
+        0.0,
+        "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
+        "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
+        "off each other as they should all the same.",
+        minimum=0.0,
+    ),
+    "contact_breaking_threshold": Setting(
+        0.02, "Contact points are kept up to this gap (m); PyBullet's default.", minimum=0.0
+    ),
+    "collision_margin": Setting(
+        0.0,
+        "Added around convex shapes (m); PyBullet's own 0.001 makes meshes bigger. PyBullet takes it for base links only "
+        "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
+        minimum=0.0,
+    ),
+    "sleeping": Setting(
+        False,
+        "Take free rigid bodies that rest (below 1 mm/s for PyBullet's 2 s) out of the simulation until something moving "
+        "touches them.",
+        only_with="sleeping",
+    ),
+    "deterministic_pairs": Setting(
+        True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
+    ),
+}
