@@ -251,6 +251,39 @@ def _link_dropped(file: str, name: str):
     return _xml(file, change)
 
 
+# --- Drake --------------------------------------------------------------------------------------------------------
+
+
+def _world_json(change: Callable[[dict], None]) -> Callable[[Files], dict[str, bytes]]:
+    def plant(files: Files) -> dict[str, bytes]:
+        content = json.loads(files["world.json"])
+        change(content)
+        text = sidecar_text(content).encode()
+        assert text != files["world.json"]
+        return {**files, "world.json": text}
+
+    return plant
+
+
+def _apart(key: str, change: Callable[[list], None]):
+    return _world_json(lambda content: change(content["apart"][key]))
+
+
+def _of_drake(name: str, change: Callable[[dict], None]):
+    """A change of one shape."""
+
+    def edit(content: dict) -> None:
+        change(next(shape for body in content["bodies"] for shape in body["shapes"] if shape["name"] == name))
+
+    return _world_json(edit)
+
+
+def _in_group(name: str, group: str):
+    return _world_json(
+        lambda content: next(body for body in content["bodies"] if body["name"] == name).update(group=group)
+    )
+
+
 DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
     "mujoco": {
         "group filter dropped": _xml("model.xml", _no_masks),
@@ -290,6 +323,21 @@ DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
         "exclusion too many": _pair("excluded", lambda pairs: pairs.append(["ground", "tool"])),
         "exclusion too many in the arm": _pair("excluded", lambda pairs: pairs.append(["hand", "upper"])),
         "third shape not solid": _no_longer_solid("brick_ice_too"),
+    },
+    "drake": {
+        "group filter dropped": _apart("groups", lambda pairs: pairs.clear()),
+        "a group has lost a body": _in_group("upper", "default"),
+        "a group has one body more": _in_group("hand", "arm"),
+        "exclusion dropped": _apart("bodies", lambda pairs: pairs.remove(["brick", "ground"])),
+        "exclusion in the arm dropped": _apart("bodies", lambda pairs: pairs.remove(["fore", "upper"])),
+        "exclusion too many": _apart("bodies", lambda pairs: pairs.append(["ground", "tool"])),
+        "exclusion too many in the arm": _apart("bodies", lambda pairs: pairs.append(["hand", "upper"])),
+        "a pair of materials meets no longer": _world_json(lambda content: content["meets"].pop(0)),
+        "a pair of materials meets in another layer": _world_json(
+            lambda content: content["meets"][2].__setitem__(2, 7)
+        ),
+        "a copy is not there": _of_drake("pad", lambda shape: shape["copies"].pop()),
+        "third shape not solid": _of_drake("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
     },
 }
 """Of every engine the defects by name, from files to files."""
