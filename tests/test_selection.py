@@ -100,7 +100,7 @@ def test_run_compares_at_least_two(place, capsys):
     found = answer(capsys, "run", "ball.yaml", "--all-engines", code=2)["error"]["problems"]
     assert "at least 2 engines must support this world, and mujoco does" in found[-1]["message"]
     assert found[-1]["hint"] == "run it alone: --engine mujoco"
-    assert {problem["message"].split()[0] for problem in found[:-1]} >= {"drake", "dart"}
+    assert {problem["message"].split()[0] for problem in found[:-1]} >= {"Drake", "DART"}
     # a proof of one engine is a proof
     assert list(answer(capsys, "verify", "ball.yaml")["certificate"]["engines"]) == ["mujoco"]
 

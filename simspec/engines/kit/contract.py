@@ -49,6 +49,8 @@ class Engine:
     """Whether pairs that no numbers give are had by copies of shapes in layers (see ``contact/plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
+    PROBED_TOGETHER: ClassVar[int | None] = None
+    """Moving bodies of a contact probe in one world, where a step's time grows faster than their number; None: all."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
     """Speed (m/s, rad/s) of a joint with dry friction that its solver may leave or miss, whatever the friction is."""
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {}

@@ -29,6 +29,7 @@ from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
 from simspec.proof.contact.held import Held, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
@@ -54,13 +55,14 @@ class _Job:
     probe: Probe | None
     compiled: tuple[Compiled, ...]
     operations: tuple[Operation, ...]
-    trials: tuple[tuple[World, Trial], ...] = ()
+    worlds: tuple[tuple[World, ...], ...] = ()
+    """Of each trial the worlds that it is driven in, in the order of the operations."""
     sizes: size.SizeTrial | None = None
     known: tuple[Figure, ...] | None = None
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
         """What the scenario sets in the engine."""
-        return dict(self.trials[0][0].options(engine.NAME).settings) if self.trials else {}
+        return dict(self.worlds[0][0].options(engine.NAME).settings) if self.worlds else {}
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,15 @@ def measure(
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool) -> _Job:
     one = of_pair(whole, law.pair.first, law.pair.second)
-    trials, compiled, operations = [], [], []
+    worlds: list[tuple[World, ...]] = []
+    compiled: list[Compiled] = []
+    operations: list[Operation] = []
     for trial in probe.trials(law):
-        world = _world(one, law, trial)
-        trials.append((world, trial))
-        compiled.append(compile_world(world, [engine.NAME], plans={engine.NAME: one.plan})[engine.NAME])
-        operations.append(_drive(world, trial))
+        parts = split(trial, engine.PROBED_TOGETHER)
+        worlds.append(tuple(_world(one, law, part) for part in parts))
+        for world, part in zip(worlds[-1], parts, strict=True):
+            compiled.append(compile_world(world, [engine.NAME], plans={engine.NAME: one.plan})[engine.NAME])
+            operations.append(_drive(world, part))
     name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
     return _Job(
@@ -181,7 +186,7 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
         probe,
         tuple(compiled),
         tuple(operations),
-        tuple(trials),
+        tuple(worlds),
         known=None if known is None else tuple(known),
     )
 
@@ -245,13 +250,16 @@ def _figures(job: _Job, answers: Sequence[Answer]) -> Sequence[Figure]:
         return size.size_figures(job.sizes, answers[0].arrays["touching"])
     if job.probe is None or job.law is None:
         raise ValueError("a job is a probe of a law, or of sizes")
-    motions = []
-    for (world, _), answer in zip(job.trials, answers, strict=True):
-        arrays = answer.arrays
-        pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
-        velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
-        motions.append(Motion(arrays["time"], pose, velocity))
+    answer = iter(answers)
+    motions = [joined([_motion(world, next(answer)) for world in worlds]) for worlds in job.worlds]
     return job.probe.figures(job.law, motions)
+
+
+def _motion(world: World, answer: Answer) -> Motion:
+    arrays = answer.arrays
+    pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
+    velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
+    return Motion(arrays["time"], pose, velocity)
 
 
 def _failed(job: _Job, error: EngineError) -> Figure:
