@@ -56,6 +56,8 @@ class Tree:
     def __init__(self, world: World):
         import pinocchio
 
+        if world.constraints:
+            raise ValueError(f"the oracle has no constraints outside the tree, as {world.constraints[0].name!r} is")
         self.pin: Any = pinocchio
         self.world = world
         self.layout = layout_of(world)

@@ -42,6 +42,8 @@ class Attempt(StrEnum):
     """The world is loaded and read back; it works when what the engine says it holds has the law of every pair."""
     OWN_CONTROLLER = "own-controller"
     """The engine's own controller is told to drive a joint; it works when no error is raised."""
+    CONSTRAINED_MOTION = "constrained-motion"
+    """The world moves without contact; it works when the motion keeps the constraint."""
 
 
 _LEVELS = list(Level)
@@ -174,6 +176,13 @@ def not_yet(why: str, attempt: Attempt) -> Support:
 
 
 Table = Mapping[Feature, Support]
+
+
+NO_CONSTRAINTS_YET: Mapping[Feature, Support] = dict.fromkeys(
+    (Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+    not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
+)
+"""For dialects and engines that nobody has told ``World.constraints``."""
 
 
 def check_total(owner: str, table: Table) -> None:

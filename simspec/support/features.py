@@ -57,6 +57,8 @@ class Feature(StrEnum):
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
     COLLISION_GROUPS = "contact.groups"
     EXCLUDED_PAIRS = "contact.exclude"
+    CONSTRAINT_LOOP = "constraint.loop"
+    CONSTRAINT_COUPLING = "constraint.coupling"
     CONTROL = "control"
     CONTROL_NATIVE = "control.native"
     GRAVITY = "physics.gravity"
@@ -112,6 +114,8 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
     Feature.COLLISION_GROUPS: "collision groups that ignore each other",
     Feature.EXCLUDED_PAIRS: "pairs of bodies that do not touch",
+    Feature.CONSTRAINT_LOOP: "two bodies held together outside the tree, at a point or rigidly",
+    Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
     Feature.CONTROL: "control laws, written once and given as efforts",
     Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",
     Feature.GRAVITY: "gravity, any direction",

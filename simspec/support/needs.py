@@ -39,6 +39,13 @@ _CONTACT_FEATURES = (
 )
 
 
+_CONSTRAINT_FEATURES = {
+    "connect": Feature.CONSTRAINT_LOOP,
+    "weld": Feature.CONSTRAINT_LOOP,
+    "follow": Feature.CONSTRAINT_COUPLING,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Need:
     """A feature that a world uses, and the places that use it (``bodies.NAME.joint.damping``; the first is shown)."""
@@ -92,6 +99,8 @@ def needs(world: World) -> list[Need]:
     for root, bodies in trees(world).items():
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")
+    for constraint in world.constraints:
+        note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
     for controller in world.controllers:
         note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
     _contact_needs(world, note)

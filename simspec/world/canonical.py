@@ -27,12 +27,23 @@ def to_plain(value: Any) -> Any:
         return [to_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
-    return {name: to_plain(getattr(value, name)) for name in _field_names(type(value))}
+    kind = type(value)
+    plain = {name: to_plain(getattr(value, name)) for name in _field_names(kind)}
+    for name in _left_out(kind):
+        if not plain[name]:
+            del plain[name]
+    return plain
 
 
 @functools.cache
 def _field_names(cls: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
+
+
+@functools.cache
+def _left_out(cls: type) -> tuple[str, ...]:
+    """The fields that are left out while they are empty."""
+    return tuple(field.name for field in dataclasses.fields(cls) if field.metadata.get("left_out"))
 
 
 @functools.cache
@@ -50,7 +61,8 @@ def from_plain(kind: Any, value: Any) -> Any:
         unknown = set(value) - set(_field_names(kind))
         if unknown:
             raise KeyError(f"{kind.__name__} has no field {sorted(unknown)}")
-        return kind(**{name: from_plain(hint, value[name]) for name, hint in _field_types(kind)})
+        missing = [name for name in _left_out(kind) if name not in value]
+        return kind(**{name: from_plain(hint, value[name]) for name, hint in _field_types(kind) if name not in missing})
     origin = typing.get_origin(kind)
     if origin is tuple:
         items = typing.get_args(kind)
@@ -63,6 +75,10 @@ def from_plain(kind: Any, value: Any) -> Any:
         return dict(value)
     if origin in (typing.Union, types.UnionType):
         return _from_union(typing.get_args(kind), value)
+    if origin is typing.Literal:
+        if value not in typing.get_args(kind):
+            raise TypeError(f"expected one of {typing.get_args(kind)}, found {value!r}")
+        return value
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, kind):
@@ -83,9 +99,13 @@ def _from_union(kinds: tuple[Any, ...], value: Any) -> Any:
 
 
 def _structured(kind: Any, value: Any) -> bool:
-    """Whether a list or a dict may stand for a tuple or a dataclass; of several tuples the first item tells which."""
+    """Whether a list or a dict may stand for a tuple or a dataclass; of several tuples the first item tells which, of several
+    dataclasses the field ``kind`` where it is a literal."""
     if isinstance(value, dict):
-        return dataclasses.is_dataclass(kind)
+        if not isinstance(kind, type) or not dataclasses.is_dataclass(kind):
+            return False
+        annotation = dict(_field_types(kind)).get("kind")
+        return typing.get_origin(annotation) is not typing.Literal or value.get("kind") in typing.get_args(annotation)
     if not isinstance(value, list) or typing.get_origin(kind) is not tuple:
         return False
     items = typing.get_args(kind)

@@ -12,18 +12,21 @@ The read-back of an engine uses the same types, so that one comparator holds one
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
 from simspec.world.control import Controller, Trajectory
-
-Vector3 = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
 VELOCITY_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}
 """Numbers in a joint's velocity: ball = angular velocity; free = linear, then angular."""
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+LEFT_OUT = {"left_out": True}
+"""Metadata of a field that canonical JSON leaves out while it is empty: younger than worlds whose hashes must stay."""
 
 HeldValue = bool | int | float | str | tuple[bool | int | float | str, ...]
 """A plain value that an engine holds under a name of its own."""
@@ -166,6 +169,47 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
+class Connect:
+    """A loop closed at a point: ``first_point`` of the body ``first`` is where ``second_point`` of ``second`` is; each in its
+    body's frame (m)."""
+
+    name: str
+    first: str
+    second: str
+    first_point: Vector3
+    second_point: Vector3
+    kind: Literal["connect"] = "connect"
+
+
+@dataclass(frozen=True, slots=True)
+class Weld:
+    """A loop closed rigidly: the frame of the body ``second`` is at ``pose`` in that of ``first``."""
+
+    name: str
+    first: str
+    second: str
+    pose: Pose
+    kind: Literal["weld"] = "weld"
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """A coupling of two hinges or slides: q of ``joint`` is ``ratio`` times q of ``leader`` plus ``offset`` (rad, m)."""
+
+    name: str
+    joint: str
+    leader: str
+    ratio: float
+    offset: float = 0.0
+    kind: Literal["follow"] = "follow"
+
+
+Constraint = Connect | Weld | Follow
+"""What holds bodies and joints together outside the tree, by the law J v⁺ = −β φ/dt with β = 1: in every step the impulse that
+makes the violation φ vanish."""
+
+
+@dataclass(frozen=True, slots=True)
 class Material:
     """A surface, by its contact with itself; the fields are those of :class:`PairContact`."""
 
@@ -271,6 +315,8 @@ class World:
     engines: tuple[EngineOptions, ...] = ()
     controllers: tuple[Controller, ...] = ()
     trajectory: Trajectory | None = None
+    constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
+    """What holds bodies and joints together outside the tree, sorted by name."""
 
     def __repr__(self) -> str:
         return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"

@@ -24,7 +24,7 @@ from simspec.support.features import Feature
 from simspec.testing.driving import wheel
 from simspec.world.control import Controller
 from simspec.world.types import Hardness, World
-from tests import worlds
+from tests import constrained, worlds
 
 NOT_YET = [
     (name, feature, support.attempt)
@@ -47,6 +47,10 @@ def world_of(feature: Feature) -> World:
         first, *others = world.contact.pairs
         pairs = (dataclasses.replace(first, hardness=soft), *others)
         return dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+    if feature is Feature.CONSTRAINT_COUPLING:
+        return constrained.follower()
+    if feature is Feature.CONSTRAINT_LOOP:
+        return constrained.closed_loop()
     return worlds.one_law(**worlds.CONTACT_GAPS[feature])
 
 
@@ -97,10 +101,22 @@ def own_controller_drives(name: str, world: World, folder: Path) -> bool:
     return True
 
 
+def constraint_is_kept(name: str, world: World, folder: Path) -> bool:
+    engine = load(name, world, folder)
+    try:
+        engine.disable_contact()
+        engine.step(200)
+        q, _ = engine.get_state()
+    finally:
+        engine.close()
+    return constrained.violation(world, q) < 1e-3
+
+
 ATTEMPTS: Mapping[Attempt, Callable[[str, World, Path], bool]] = {
     Attempt.CONTACT_PROBES: probes_agree,
     Attempt.READ_BACK: laws_are_held,
     Attempt.OWN_CONTROLLER: own_controller_drives,
+    Attempt.CONSTRAINED_MOTION: constraint_is_kept,
 }
 """Whether a feature works, in a world that needs it, compiled as if it were declared exact."""
 

@@ -32,7 +32,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
-from simspec.support.declarations import EXACT, Level, Support, Table, never, via_api
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -83,6 +83,7 @@ class DartDialect(Dialect):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+        **NO_CONSTRAINTS_YET,
     }
 
     SIDECAR: ClassVar[type[Sidecar] | None] = DartSidecar

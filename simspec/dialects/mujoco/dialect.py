@@ -39,7 +39,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Key, Model
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, approximate, never
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, Surface, World
 
@@ -73,6 +73,7 @@ class MujocoDialect(Dialect):
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+        **NO_CONSTRAINTS_YET,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

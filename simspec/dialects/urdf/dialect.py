@@ -32,7 +32,7 @@ from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_ro
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
-from simspec.support.declarations import EXACT, Support, Table, never, via_api
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Support, Table, never, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
@@ -71,6 +71,7 @@ class UrdfDialect(Dialect):
         **dict.fromkeys(_BY_NAME, via_api(_SIDECAR)),
         **dict.fromkeys(_NOT_OF_FILES, Support(EXACT.level)),
         **dict.fromkeys((Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING), never(_NO_BALL)),
+        **NO_CONSTRAINTS_YET,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

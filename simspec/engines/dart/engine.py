@@ -34,6 +34,7 @@ from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     EXACT,
+    NO_CONSTRAINTS_YET,
     Level,
     Refinement,
     Support,
@@ -203,6 +204,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
         Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
+        **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (

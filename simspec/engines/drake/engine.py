@@ -26,6 +26,7 @@ from simspec.engines.kit.settings import Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
     EXACT,
+    NO_CONSTRAINTS_YET,
     Attempt,
     Level,
     Refinement,
@@ -139,6 +140,7 @@ class Drake(SimulatedEngine[Simulation]):
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: not_yet(_NOT_YET, Attempt.OWN_CONTROLLER),
+        **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(

@@ -35,7 +35,7 @@ from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
-from simspec.support.declarations import EXACT, Level, Support, Table, approximate, never, via_api
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, approximate, never, via_api
 from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
@@ -81,6 +81,7 @@ class MuJoCo(Engine):
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
+        **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS

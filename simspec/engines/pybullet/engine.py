@@ -39,6 +39,7 @@ from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     EXACT,
+    NO_CONSTRAINTS_YET,
     Level,
     Refinement,
     Support,
@@ -170,6 +171,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
+        **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS = CONTACT_DEVIATIONS

@@ -11,7 +11,7 @@ from simspec.formats.kit.text import environment
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.reading import read_document
 from simspec.formats.mjcf.tree import Body, Model
-from simspec.support.declarations import EXACT, Level, Support, Table, never, outside
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, outside
 from simspec.support.features import Feature
 
 MODEL: Final = "model.xml"
@@ -31,6 +31,7 @@ class Mjcf(Format):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MJCF has the elliptic cone and the inscribed pyramid only"),
         Feature.CONTROL: outside("MJCF has actuators, and no control laws"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
+        **NO_CONSTRAINTS_YET,
     }
 
     def write(self, tree: Any) -> dict[str, str]:

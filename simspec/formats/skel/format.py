@@ -91,6 +91,8 @@ class Skel(Format):
         Feature.PASSING_PAIRS: never(_FILTER),
         Feature.COLLISION_GROUPS: never(_FILTER),
         Feature.EXCLUDED_PAIRS: never(_FILTER),
+        Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
+        Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
         Feature.CONTROL: outside(".skel has no control laws"),
         Feature.CONTROL_NATIVE: never(".skel has no gains of controllers"),
     }

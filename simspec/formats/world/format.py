@@ -13,7 +13,7 @@ from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, 
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import EXACT, Attempt, Table, not_yet
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Attempt, Table, not_yet
 from simspec.support.features import Feature
 from simspec.world.types import SHAPE_SIZE_NAMES
 
@@ -28,6 +28,7 @@ class WorldJson(Format):
     NAME: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
         Feature.CONTROL_NATIVE: not_yet("world.json has no gains of controllers", Attempt.OWN_CONTROLLER),
+        **NO_CONSTRAINTS_YET,
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
 

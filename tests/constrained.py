@@ -1,0 +1,55 @@
+"""Worlds with constraints outside the tree, and how far those are from holding."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from simspec.world import frames
+from simspec.world.kinematics import layout_of, poses
+from simspec.world.types import Connect, Follow, Pose, World
+from tests import worlds
+
+
+def hinges() -> World:
+    """A chain of three hinges on a fixed base."""
+    return worlds.world(worlds.tree(["fixed", "hinge", "hinge", "hinge"], 7), "hinges")
+
+
+def follower() -> World:
+    """Two hinges in a chain that falls, of which the second follows the first, and begins where the coupling wants it."""
+    base = hinges()
+    leader, joint = (body.joint for body in base.bodies[1:3])
+    offset = joint.position[0] + leader.position[0]
+    return dataclasses.replace(base, constraints=(Follow("mirror", joint.name, leader.name, -1.0, offset),))
+
+
+def closed_loop() -> World:
+    """The same chain with its last body held where it is in its root's."""
+    base = hinges()
+    root, last = base.bodies[0].name, base.bodies[-1].name
+    place = poses(base)
+    point = frames.compose(frames.inverse(place[root]), place[last]).position
+    return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.0, 0.0, 0.0)),))
+
+
+def violation(base: World, q: np.ndarray) -> float:
+    """How far the constraints of :func:`follower` and :func:`closed_loop` are from holding in the state ``q`` (rad, m)."""
+    (constraint,) = base.constraints
+    at = {body.joint.name: q[place] for body, place in zip(base.bodies, layout_of(base).position, strict=True)}
+    if isinstance(constraint, Follow):
+        wanted = constraint.ratio * at[constraint.leader] + constraint.offset
+        return float(np.abs(at[constraint.joint] - wanted).max())
+    assert isinstance(constraint, Connect)
+    moved = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=tuple(at[body.joint.name].tolist())))
+        for body in base.bodies
+    )
+    place = poses(dataclasses.replace(base, bodies=moved))
+    ends = (
+        frames.compose(place[constraint.first], Pose(constraint.first_point)).position,
+        frames.compose(place[constraint.second], Pose(constraint.second_point)).position,
+    )
+    return math.dist(*ends)
