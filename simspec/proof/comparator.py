@@ -18,6 +18,7 @@ from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
+from simspec.world.shapes import SHAPES, Round
 from simspec.world.types import (
     Body,
     Hardness,
@@ -385,14 +386,16 @@ def _unlike(shape: Shape, other: Shape) -> float:
 
 def _pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
     """Metres and radians between two shapes' poses, without what the shape's symmetry makes meaningless."""
-    if shape.kind in ("sphere", "box", "ellipsoid"):
-        turned = 0.0 if shape.kind == "sphere" else turn_between(shape.pose.quaternion, other.pose.quaternion)
+    kind = SHAPES[shape.kind]
+    if kind.round is not Round.AXIS:
+        turned = 0.0 if kind.round is Round.EVERY else turn_between(shape.pose.quaternion, other.pose.quaternion)
         return distance(shape.pose.position, other.pose.position), turned
     axis, other_axis = (frames.rotate(one.pose.quaternion, (0.0, 0.0, 1.0)) for one in (shape, other))
     turned = distance(axis, other_axis)
-    if shape.kind != "plane":
-        flipped = distance(axis, tuple(-x for x in other_axis))
-        return distance(shape.pose.position, other.pose.position), min(turned, flipped)
+    if kind.upside_down:
+        turned = min(turned, distance(axis, tuple(-x for x in other_axis)))
+    if not kind.endless:
+        return distance(shape.pose.position, other.pose.position), turned
     apart = frames.subtract(other.pose.position, shape.pose.position)
     return abs(frames.dot(axis, apart)), turned
 

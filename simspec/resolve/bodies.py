@@ -20,6 +20,7 @@ from simspec.language.trees import Bodies
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.resolve.poses import direction, layout, orientation, pose
 from simspec.world import frames, mass
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
 
 DEFAULT_MATERIAL = "default"
@@ -155,24 +156,20 @@ def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Co
 def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
     kind = next(kind for kind in SHAPE_KINDS if getattr(spec, kind) is not None)
     solid = getattr(spec, kind)
-    if kind == "box":
-        size = solid.size
-    elif kind == "ellipsoid":
-        size = solid.radii
-    else:
-        size = tuple(solid.__dict__.values())
+    values = solid.__dict__.values()
+    size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
     material = spec.material or (only if spec.collision else None) or ""
     colour = (*spec.colour, 1.0) if len(spec.colour) == 3 else spec.colour
     return Shape(spec.name or name, kind, size, pose(spec.pose), material, spec.collision, spec.visual, colour)
 
 
 def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
-    solid = [(one, shape) for one, shape in zip(spec.shapes, shapes, strict=True) if shape.kind != "plane"]
+    solid = [(one, shape) for one, shape in zip(spec.shapes, shapes, strict=True) if not SHAPES[shape.kind].endless]
     dense = [(one.density, shape) for one, shape in solid if one.density]
     if dense:
         return mass.combined(
             [
-                mass.part(shape.kind, shape.size, shape.pose, density * mass.volume(shape.kind, shape.size))
+                mass.part(shape.kind, shape.size, shape.pose, density * SHAPES[shape.kind].volume(shape.size))
                 for density, shape in dense
             ]
         )
@@ -187,7 +184,7 @@ def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
     filled = [shape for _, shape in solid if shape.collision] or [shape for _, shape in solid]
     if not filled:
         return Inertial(spec.mass)
-    volumes = [mass.volume(shape.kind, shape.size) for shape in filled]
+    volumes = [SHAPES[shape.kind].volume(shape.size) for shape in filled]
     total = 0.0
     for one in volumes:
         total += one

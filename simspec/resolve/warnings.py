@@ -17,9 +17,9 @@ from simspec.language.problems import in_order
 from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
-from simspec.world.extents import outer_radius
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps
+from simspec.world.shapes import SHAPES
 from simspec.world.types import World
 
 MOST_WARNINGS = 50
@@ -157,7 +157,7 @@ def _sizes(spec: Spec, world: World) -> Warned:
             hint = "a bare number is in kg"
             yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, spec.locate(path), hint=hint)
         for index, shape in enumerate(body.shapes):
-            size = outer_radius(shape.kind, shape.size)
+            size = SHAPES[shape.kind].outer_radius(shape.size)
             if LARGEST_MOVING < size < math.inf:
                 path = f"bodies.{body.name}.shapes.{index}"
                 message = f"a moving body with a {shape.kind} that reaches {size:.4g} m from its centre"

@@ -1,63 +1,15 @@
-"""Mass properties of solid shapes, and of bodies made of them; plain floats, the same bits on every machine.
-
-Formulas: any table of moments of inertia of homogeneous solids; the capsule is a cylinder and two half balls, whose own
-centres are 3/8 of the radius beyond the cylinder's ends.
-"""
+"""Mass properties of bodies made of solid shapes (``world/shapes.py``); plain floats, the same bits on every machine."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from simspec.world import frames
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Inertial, Pose, Vector3
 
 Inertia6 = tuple[float, float, float, float, float, float]
-
-
-def volume(kind: str, size: Sequence[float]) -> float:
-    """The volume (m³) of a shape of :data:`simspec.world.types.SHAPE_KINDS`; 0 for a plane."""
-    if kind == "sphere":
-        return 4.0 / 3.0 * math.pi * size[0] * size[0] * size[0]
-    if kind == "box":
-        return size[0] * size[1] * size[2]
-    if kind == "cylinder":
-        return math.pi * size[0] * size[0] * size[1]
-    if kind == "capsule":
-        return math.pi * size[0] * size[0] * size[1] + 4.0 / 3.0 * math.pi * size[0] * size[0] * size[0]
-    if kind == "ellipsoid":
-        return 4.0 / 3.0 * math.pi * size[0] * size[1] * size[2]
-    if kind == "plane":
-        return 0.0
-    raise ValueError(f"no shape of kind {kind!r}")
-
-
-def moments(kind: str, size: Sequence[float], mass: float) -> Vector3:
-    """The principal moments (kg m²) of a solid shape of ``mass`` about its centre, about the shape's own x, y, z axes."""
-    if kind == "sphere":
-        moment = 0.4 * mass * size[0] * size[0]
-        return (moment, moment, moment)
-    if kind == "box":
-        xx, yy, zz = (edge * edge for edge in size)
-        return (mass * (yy + zz) / 12.0, mass * (xx + zz) / 12.0, mass * (xx + yy) / 12.0)
-    if kind == "cylinder":
-        radius, length = size
-        across = mass * (3.0 * radius * radius + length * length) / 12.0
-        return (across, across, 0.5 * mass * radius * radius)
-    if kind == "capsule":
-        radius, length = size
-        # shares of the volume, divided by π r²: the cylinder has L, the two half balls together 4/3 r
-        tube = mass * length / (length + 4.0 / 3.0 * radius)
-        ends = mass - tube
-        across = tube * (3.0 * radius * radius + length * length) / 12.0 + ends * (
-            0.4 * radius * radius + 0.25 * length * length + 0.375 * length * radius
-        )
-        return (across, across, 0.5 * tube * radius * radius + 0.4 * ends * radius * radius)
-    if kind == "ellipsoid":
-        xx, yy, zz = (axis * axis for axis in size)
-        return (mass * (yy + zz) / 5.0, mass * (xx + zz) / 5.0, mass * (xx + yy) / 5.0)
-    raise ValueError(f"a shape of kind {kind!r} has no moments")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +23,7 @@ class Part:
 
 def part(kind: str, size: Sequence[float], pose: Pose, mass: float) -> Part:
     """A shape of ``mass`` at ``pose`` in the body frame."""
-    return Part(mass, pose, moments(kind, size, mass))
+    return Part(mass, pose, SHAPES[kind].moments(size, mass))
 
 
 def turned(principal: Vector3, turn: frames.Quaternion) -> Inertia6:

@@ -1,8 +1,8 @@
 """Which solid shapes overlap deeply at the start: geometry of the world alone, no engine and no collision library.
 
-All solid shapes but planes are convex and symmetric about their centres. Two such shapes, their centres d apart, overlap along
-a direction n by h₁(n) + h₂(n) − d·n, with h the support function (how far a shape reaches along n from its centre); the depth
-is the least of that over all n. A direction along which it is small proves that they do not overlap deeply, which most pairs
+All solid shapes but planes are convex. Two such shapes, their centres d apart, overlap along a direction n by
+h₁(n) + h₂(−n) − d·n, with h the support function (how far a shape reaches along n from its centre); the depth is the least of
+that over all n. A direction along which it is small proves that they do not overlap deeply, which most pairs
 show at once; for the others the least is sought from many directions, and then around the best.
 """
 
@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.extents import inner_radius, outer_radius
 from simspec.world.kinematics import CollisionFilter, poses
+from simspec.world.shapes import SHAPES, Round, ShapeKind
 from simspec.world.types import Shape, World
 
 DEEP = 0.1
@@ -56,21 +56,17 @@ class _Solid:
     axes: np.ndarray
     """Rows: the shape's own x, y, z axes in the world."""
 
+    @property
+    def kind(self) -> ShapeKind:
+        return SHAPES[self.shape.kind]
 
-def support(kind: str, size: tuple[float, ...], local: np.ndarray) -> np.ndarray:
-    """How far (m) (n,) a shape reaches from its centre along unit vectors (n, 3) in its own frame."""
-    if kind == "sphere":
-        return np.full(len(local), size[0])
-    if kind == "box":
-        return np.abs(local) @ (0.5 * np.array(size))
-    if kind == "ellipsoid":
-        return np.linalg.norm(local * np.array(size), axis=1)
-    along = np.abs(local[:, 2]) * 0.5 * size[1]
-    if kind == "capsule":
-        return along + size[0]
-    if kind == "cylinder":
-        return along + size[0] * np.hypot(local[:, 0], local[:, 1])
-    raise ValueError(f"no support function of a {kind!r}")
+    @property
+    def inner(self) -> float:
+        return self.kind.inner_radius(self.shape.size)
+
+    def reach(self, directions: np.ndarray) -> np.ndarray:
+        """How far (m) (n,) it reaches from its centre along unit vectors (n, 3) of the world."""
+        return self.kind.support(self.shape.size, directions @ self.axes.T)
 
 
 def deep_overlaps(world: World) -> list[Overlap]:
@@ -116,19 +112,19 @@ def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
 def _near(solids: list[_Solid]) -> Iterator[tuple[_Solid, _Solid]]:
     """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``."""
     left = MOST_PAIRS
-    planes = [one for one in solids if one.shape.kind == "plane"]
-    others = [one for one in solids if one.shape.kind != "plane"]
+    planes = [one for one in solids if one.kind.endless]
+    others = [one for one in solids if not one.kind.endless]
     if not others:
         return
     centre = np.array([one.centre for one in others])
-    radius = np.array([outer_radius(one.shape.kind, one.shape.size) for one in others])
+    radius = np.array([one.kind.outer_radius(one.shape.size) for one in others])
     for plane in planes:
         below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius)
         for index in below[:left]:
             yield plane, others[index]
         left -= len(below[:left])
     pairs = _meeting(centre, radius)
-    inner = np.array([inner_radius(one.shape.kind, one.shape.size) for one in others])
+    inner = np.array([one.inner for one in others])
     apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
     nearest = np.argsort(apart / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
     for first, second in pairs[nearest[:left]]:
@@ -176,19 +172,17 @@ SPREAD = _sphere_of_directions()
 def _depth(one: _Solid, other: _Solid) -> float:
     """The depth (m) of a deep overlap; 0 when there is none."""
     apart = other.centre - one.centre
-    if one.shape.kind == "plane":
-        limit = DEEP * inner_radius(other.shape.kind, other.shape.size)
-        local = (other.axes @ one.axes[2])[None]
-        depth = float(support(other.shape.kind, other.shape.size, local)[0] - apart @ one.axes[2])
+    if one.kind.endless:
+        limit = DEEP * other.inner
+        depth = float(other.reach(-one.axes[2][None])[0] - apart @ one.axes[2])
         return depth if depth > limit else 0.0
-    if one.shape.kind == other.shape.kind == "sphere":
-        depth = one.shape.size[0] + other.shape.size[0] - float(np.linalg.norm(apart))
-        return depth if depth > DEEP * min(one.shape.size[0], other.shape.size[0]) else 0.0
-    limit = DEEP * min(inner_radius(solid.shape.kind, solid.shape.size) for solid in (one, other))
+    limit = DEEP * min(one.inner, other.inner)
+    if one.kind.round is other.kind.round is Round.EVERY:
+        depth = one.inner + other.inner - float(np.linalg.norm(apart))
+        return depth if depth > limit else 0.0
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
-        reach = sum(support(s.shape.kind, s.shape.size, directions @ s.axes.T) for s in (one, other))
-        overlap = reach - directions @ apart
+        overlap = one.reach(directions) + other.reach(-directions) - directions @ apart
         best = int(overlap.argmin())
         return float(overlap[best]), directions[best]
 

@@ -31,17 +31,6 @@ LEFT_OUT = {"left_out": True}
 HeldValue = bool | int | float | str | tuple[bool | int | float | str, ...]
 """A plain value that an engine holds under a name of its own."""
 
-SHAPE_SIZE_NAMES = {
-    "sphere": ("radius",),
-    "box": ("x", "y", "z"),
-    "cylinder": ("radius", "length"),
-    "capsule": ("radius", "length"),
-    "ellipsoid": ("x", "y", "z"),
-    "plane": (),
-}
-"""What ``Shape.size`` holds: box full edge lengths; ellipsoid semi-axes; cylinder along z, length between its flat
-ends; capsule along z, length of its cylindrical part; plane the x-y plane of the shape's frame, solid below."""
-
 
 @dataclass(frozen=True, slots=True)
 class Pose:

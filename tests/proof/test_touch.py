@@ -13,11 +13,12 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof.touch import free, mechanisms, plan
-from simspec.proof.touch.geometry import Solid, gap, inner_radius, outer_radius, transform, transforms, wanted_depth
+from simspec.proof.touch.geometry import Solid, gap, transform, transforms, wanted_depth
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.place import POSES, Overlaps
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
 from tests import worlds
 
@@ -26,7 +27,8 @@ KINDS = tuple(worlds.SIZES)
 
 def solid(kind: str, size: tuple[float, ...] | None = None, number: int = 0) -> Solid:
     shape = Shape(f"{kind}_{number}", kind, worlds.SIZES[kind] if size is None else size)
-    return Solid(number, number, shape, (number, ""), inner_radius(shape), outer_radius(shape))
+    kind = SHAPES[shape.kind]
+    return Solid(number, number, shape, (number, ""), kind.inner_radius(shape.size), kind.outer_radius(shape.size))
 
 
 def at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn=frames.IDENTITY) -> np.ndarray:

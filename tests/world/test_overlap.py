@@ -11,8 +11,8 @@ import pytest
 
 from simspec.language.load import Spec
 from simspec.world import frames, overlap
-from simspec.world.extents import inner_radius, outer_radius
 from simspec.world.overlap import deep_overlaps
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Body as WorldBody
 from simspec.world.types import Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 
@@ -105,7 +105,7 @@ def test_depths_are_those_of_an_independent_library(first, second):
         (a, place_a), (b, place_b) = library(one), library(other)
         truth = -coal.distance(a, place_a, b, place_b, request, result)
         found = depth(one, other)
-        limit = overlap.DEEP * min(inner_radius(shape.kind, shape.size) for shape in (one, other))
+        limit = overlap.DEEP * min(SHAPES[shape.kind].inner_radius(shape.size) for shape in (one, other))
         if found:
             told += 1
             # the overlap along any direction is at least the depth: the smaller of two answers is the better one, and this
@@ -161,12 +161,3 @@ def test_a_heap_in_one_place_is_bounded(monkeypatch):
     monkeypatch.setattr(overlap, "MOST_PAIRS", 100)
     found = deep_overlaps(crowd(4, 1e-6))
     assert 0 < len(found) <= 100
-
-
-@pytest.mark.parametrize(("kind", "size"), SIZES.items())
-def test_radii_are_those_of_the_support_function(kind, size):
-    reach = overlap.support(kind, size, overlap.SPREAD)
-    assert inner_radius(kind, size) <= reach.min() * 1.001
-    assert reach.max() <= outer_radius(kind, size)
-    assert reach.max() == pytest.approx(outer_radius(kind, size), rel=0.03)
-    assert reach.min() == pytest.approx(inner_radius(kind, size), rel=0.15)

@@ -13,11 +13,12 @@ from typing import Final
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import HARDNESS_KINDS
-from simspec.world.types import POSITION_SIZE, SHAPE_SIZE_NAMES, VELOCITY_SIZE, Hardness, PairContact, Pose, Vector3
+from simspec.world.shapes import SHAPES
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Hardness, PairContact, Pose, Vector3
 
 UNIT: Final = 1e-9
 """How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""
-BESIDE: Final = tuple(kind for kind in SHAPE_SIZE_NAMES if kind not in ("sphere", "box", "cylinder"))
+BESIDE: Final = tuple(kind for kind in SHAPES if kind not in ("sphere", "box", "cylinder"))
 """The kinds of shapes that URDF lacks, which stand in the sidecar."""
 
 
@@ -178,7 +179,7 @@ class UrdfSidecar(Sidecar):
             check_known((entry.kind,), BESIDE, at)
             if own.get(entry.shape) != entry.body:
                 raise ValueError(f"{at}: body {entry.body!r} has no shape {entry.shape!r}")
-            if len(entry.size) != len(SHAPE_SIZE_NAMES[entry.kind]):
+            if len(entry.size) != len(SHAPES[entry.kind].sizes):
                 raise ValueError(f"{at}.size has {len(entry.size)} numbers")
 
 

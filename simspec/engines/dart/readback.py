@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,15 @@ from simspec.formats.kit.passes import restore_frames
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
-SHAPE_KINDS = {
-    "SphereShape": "sphere",
-    "BoxShape": "box",
-    "CylinderShape": "cylinder",
-    "CapsuleShape": "capsule",
-    "EllipsoidShape": "ellipsoid",
-    "PlaneShape": "plane",
+SHAPE_KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
+    "SphereShape": ("sphere", lambda shape: (shape.getRadius(),)),
+    "BoxShape": ("box", lambda shape: _vector(shape.getSize())),
+    "CylinderShape": ("cylinder", lambda shape: (shape.getRadius(), shape.getHeight())),
+    "CapsuleShape": ("capsule", lambda shape: (shape.getRadius(), shape.getHeight())),
+    "EllipsoidShape": ("ellipsoid", lambda shape: _vector(shape.getRadii())),
+    "PlaneShape": ("plane", lambda shape: ()),
 }
-"""DART's shape types."""
+"""DART's shape types, and what gives the size of each."""
 
 COPY_TOLERANCE = 1e-12
 """How far a node may be from the one it is welded to: the tolerance of text, proof level L0. DART computes the weld's place
@@ -133,27 +134,15 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     )
 
 
-def _size(kind: str, shape: Any) -> tuple[float, ...]:
-    if kind == "sphere":
-        return (shape.getRadius(),)
-    if kind == "box":
-        return _vector(shape.getSize())
-    if kind == "ellipsoid":
-        return _vector(shape.getRadii())
-    if kind == "plane":
-        return ()
-    return (shape.getRadius(), shape.getHeight())
-
-
 def _shape(node: Any) -> Shape:
     held = node.getShape()
-    kind = SHAPE_KINDS.get(held.getType())
-    if kind is None:
+    if held.getType() not in SHAPE_KINDS:
         raise EngineError(NAME, f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
+    kind, size_of = SHAPE_KINDS[held.getType()]
     pose = _pose(node.getRelativeTransform())
     if kind == "plane" and (_vector(held.getNormal()) != (0.0, 0.0, 1.0) or held.getOffset() != 0.0):
         raise EngineError(NAME, f"the plane {node.getName()!r} is not the x-y plane of its frame")
-    shape = Shape("", kind, _size(kind, held), pose, collision=False, visual=False)
+    shape = Shape("", kind, size_of(held), pose, collision=False, visual=False)
     if node.hasVisualAspect():
         colour = node.getVisualAspect().getRGBA().tolist()
         shape = dataclasses.replace(shape, visual=True, colour=tuple(colour))

@@ -15,7 +15,7 @@ from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Attempt, Table, not_yet
 from simspec.support.features import Feature
-from simspec.world.types import SHAPE_SIZE_NAMES
+from simspec.world.shapes import SHAPES
 
 WORLD = "world.json"
 UNIT = 1e-12
@@ -102,8 +102,8 @@ def _check_joint(joint: Joint, at: str) -> None:
 
 
 def _check_shape(shape: Shape, at: str) -> None:
-    check_known((shape.kind,), SHAPE_SIZE_NAMES, f"{at}.kind")
-    count = len(SHAPE_SIZE_NAMES[shape.kind])
+    check_known((shape.kind,), SHAPES, f"{at}.kind")
+    count = len(SHAPES[shape.kind].sizes)
     if len(shape.size) != count:
         raise ValueError(f"{at}.size has {len(shape.size)} entries, should have {count}")
     _check_unit(shape.pose.quaternion, f"{at}.pose.quaternion")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose, Shape, World
 
 DIP = 0.5
@@ -39,6 +40,11 @@ class Solid:
     def name(self) -> str:
         return self.shape.name
 
+    @property
+    def endless(self) -> bool:
+        """Whether it is a plane."""
+        return SHAPES[self.shape.kind].endless
+
     @functools.cached_property
     def thing(self) -> Any:
         """coal's geometry."""
@@ -57,32 +63,10 @@ def solids(world: World) -> tuple[Solid, ...]:
         for shape in body.shapes:
             if shape.collision:
                 part = (index, shape.material)
-                found.append(Solid(len(found), index, shape, part, inner_radius(shape), outer_radius(shape)))
+                kind = SHAPES[shape.kind]
+                inner, outer = kind.inner_radius(shape.size), kind.outer_radius(shape.size)
+                found.append(Solid(len(found), index, shape, part, inner, outer))
     return tuple(found)
-
-
-def inner_radius(shape: Shape) -> float:
-    """The radius of the largest sphere about the shape's centre inside it (m); infinite for a plane."""
-    if shape.kind == "plane":
-        return math.inf
-    if shape.kind in ("sphere", "capsule"):
-        return shape.size[0]
-    if shape.kind == "cylinder":
-        return min(shape.size[0], shape.size[1] / 2.0)
-    return min(shape.size) / (2.0 if shape.kind == "box" else 1.0)
-
-
-def outer_radius(shape: Shape) -> float:
-    """The radius of the smallest sphere about the shape's centre around it (m); infinite for a plane."""
-    if shape.kind == "plane":
-        return math.inf
-    if shape.kind == "box":
-        return math.hypot(*shape.size) / 2.0
-    if shape.kind == "cylinder":
-        return math.hypot(shape.size[0], shape.size[1] / 2.0)
-    if shape.kind == "capsule":
-        return shape.size[0] + shape.size[1] / 2.0
-    return max(shape.size)
 
 
 def transform(pose: Pose) -> np.ndarray:
@@ -150,7 +134,7 @@ def gap(one: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
     What coal cannot tell (a distance that is no number) counts as apart: only an overlap that was seen is one.
     """
     nowhere = np.zeros(3)
-    if one.shape.kind == other.shape.kind == "plane":
+    if one.endless and other.endless:
         return Gap(math.inf, nowhere, nowhere, nowhere)
     coal = _coal()
     result = coal.DistanceResult()

@@ -55,7 +55,7 @@ class JointPairs:
         held = []
         for pair in pairs:
             (one, at), (other, other_at) = ((scene.solids[k], scene.at[k][:3, 3]) for k in pair)
-            if one.shape.kind == other.shape.kind == "plane" or reach.apart(one, at, other, other_at):
+            if (one.endless and other.endless) or reach.apart(one, at, other, other_at):
                 self.apart.append(pair)
             else:
                 held.append(pair)

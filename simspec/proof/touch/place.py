@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,21 +108,43 @@ class Overlaps:
                 point[across] = shares * [max(0.0, size[k] / 2.0 - base.inner) for k in across]
             point[axis], normal[axis] = side * half, side
             return point, normal
-        turn = _GOLDEN * (place + 3 * pose)
-        if kind == "cylinder" and size[0] > size[1] / 2.0:
-            return np.array([0.0, 0.0, size[1] / 2.0 * (-1) ** place]), np.array([0.0, 0.0, (-1.0) ** place])
-        if kind in ("cylinder", "capsule"):
-            normal = np.array([math.cos(turn), math.sin(turn), 0.0])
-            return size[0] * normal, normal
-        if kind == "ellipsoid":
-            thin = int(np.argmin(size))
-            normal = np.zeros(3)
-            normal[thin] = (-1.0) ** place
-            return normal * size[thin], normal
-        height = 0.9 - 1.8 * ((place + 3 * pose) * 0.381966 % 1.0)
-        flat = math.sqrt(1.0 - height * height)
-        normal = np.array([flat * math.cos(turn), flat * math.sin(turn), height])
-        return size[0] * normal, normal
+        return _SURFACE[kind](size, place, pose)
+
+
+def _on_ball(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    turn = _GOLDEN * (place + 3 * pose)
+    height = 0.9 - 1.8 * ((place + 3 * pose) * 0.381966 % 1.0)
+    flat = math.sqrt(1.0 - height * height)
+    normal = np.array([flat * math.cos(turn), flat * math.sin(turn), height])
+    return size[0] * normal, normal
+
+
+def _on_side(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    turn = _GOLDEN * (place + 3 * pose)
+    normal = np.array([math.cos(turn), math.sin(turn), 0.0])
+    return size[0] * normal, normal
+
+
+def _on_cylinder(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    if size[0] <= size[1] / 2.0:
+        return _on_side(size, place, pose)
+    return np.array([0.0, 0.0, size[1] / 2.0 * (-1) ** place]), np.array([0.0, 0.0, (-1.0) ** place])
+
+
+def _on_ellipsoid(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    thin = int(np.argmin(size))
+    normal = np.zeros(3)
+    normal[thin] = (-1.0) ** place
+    return normal * size[thin], normal
+
+
+_SURFACE: Mapping[str, Callable[[Sequence[float], int, int], tuple[np.ndarray, np.ndarray]]] = {
+    "sphere": _on_ball,
+    "cylinder": _on_cylinder,
+    "capsule": _on_side,
+    "ellipsoid": _on_ellipsoid,
+}
+"""For each kind without flat faces of its own a point of the surface and its normal, by the place's number and the pose."""
 
 
 def _thin(base: Solid) -> int:

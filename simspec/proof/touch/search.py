@@ -176,9 +176,7 @@ def nearest(
     i, j = (np.array([solid.number for solid in some], dtype=int) for some in (firsts, seconds))
     radii = np.array([0.0 if math.isinf(a.outer) else a.outer for a in firsts])
     radii += np.array([0.0 if math.isinf(b.outer) else b.outer for b in seconds])
-    flat = np.array(
-        [(a.shape.kind == "plane") - (b.shape.kind == "plane") for a, b in zip(firsts, seconds, strict=True)]
-    )
+    flat = np.array([a.endless - b.endless for a, b in zip(firsts, seconds, strict=True)])
     for row, poses in zip(gaps, sampled, strict=True):
         apart = poses[j, :3, 3] - poses[i, :3, 3]
         height = np.einsum("nk,nk->n", np.where(flat[:, None] > 0, poses[i, :3, 2], -poses[j, :3, 2]), apart)

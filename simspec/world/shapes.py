@@ -1,0 +1,187 @@
+"""The kinds of shapes: one row for each, with all that follows from a kind and its size alone.
+
+Sizes are those of ``Shape.size``, in metres, named by ``sizes``. Every kind but the plane is convex; its frame's origin is its
+centre of mass. Volume and moments are plain floats, the same bits on every machine. Formulas: any table of moments of inertia
+of homogeneous solids; the capsule is a cylinder and two half balls, whose own centres are 3/8 of the radius beyond the
+cylinder's ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Size = Sequence[float]
+Moments = tuple[float, float, float]
+
+
+class Round(StrEnum):
+    """The turns that change nothing of a shape."""
+
+    EVERY = "every turn about its centre"
+    AXIS = "every turn about its z axis"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeKind:
+    """What all shapes of one kind have.
+
+    sizes         what the numbers of a size are
+    volume        (size) -> m³; 0 for a plane
+    moments       (size, mass) -> principal moments (kg m²) about the centre and the shape's own x, y, z axes
+    inner_radius  (size) -> radius (m) of the largest sphere about the centre inside it
+    outer_radius  (size) -> radius (m) of the smallest sphere about the centre that holds it
+    support       (size, unit vectors (n, 3) in the shape's frame) -> how far (m) (n,) it reaches along each from its centre
+    round         the turns that change nothing
+    upside_down   whether turning it upside down (z to −z) changes nothing
+    endless       whether it has no end: an infinite plane, solid below
+    """
+
+    sizes: tuple[str, ...]
+    volume: Callable[[Size], float]
+    moments: Callable[[Size, float], Moments]
+    inner_radius: Callable[[Size], float]
+    outer_radius: Callable[[Size], float]
+    support: Callable[[Size, Array], Array]
+    round: Round = Round.NONE
+    upside_down: bool = True
+    endless: bool = False
+
+
+# --- moments --------------------------------------------------------------------------------------------------
+
+
+def _sphere_moments(size: Size, mass: float) -> Moments:
+    moment = 0.4 * mass * size[0] * size[0]
+    return (moment, moment, moment)
+
+
+def _box_moments(size: Size, mass: float) -> Moments:
+    xx, yy, zz = (edge * edge for edge in size)
+    return (mass * (yy + zz) / 12.0, mass * (xx + zz) / 12.0, mass * (xx + yy) / 12.0)
+
+
+def _cylinder_moments(size: Size, mass: float) -> Moments:
+    radius, length = size
+    across = mass * (3.0 * radius * radius + length * length) / 12.0
+    return (across, across, 0.5 * mass * radius * radius)
+
+
+def _capsule_moments(size: Size, mass: float) -> Moments:
+    radius, length = size
+    # shares of the volume, divided by π r²: the cylinder has L, the two half balls together 4/3 r
+    tube = mass * length / (length + 4.0 / 3.0 * radius)
+    ends = mass - tube
+    across = tube * (3.0 * radius * radius + length * length) / 12.0 + ends * (
+        0.4 * radius * radius + 0.25 * length * length + 0.375 * length * radius
+    )
+    return (across, across, 0.5 * tube * radius * radius + 0.4 * ends * radius * radius)
+
+
+def _ellipsoid_moments(size: Size, mass: float) -> Moments:
+    xx, yy, zz = (axis * axis for axis in size)
+    return (mass * (yy + zz) / 5.0, mass * (xx + zz) / 5.0, mass * (xx + yy) / 5.0)
+
+
+def _no_moments(size: Size, mass: float) -> Moments:
+    raise ValueError("a plane has no moments")
+
+
+# --- support functions ----------------------------------------------------------------------------------------
+
+
+def _sphere_support(size: Size, local: Array) -> Array:
+    return np.full(len(local), size[0])
+
+
+def _box_support(size: Size, local: Array) -> Array:
+    reach: Array = np.abs(local) @ (0.5 * np.array(size))
+    return reach
+
+
+def _cylinder_support(size: Size, local: Array) -> Array:
+    reach: Array = np.abs(local[:, 2]) * 0.5 * size[1] + size[0] * np.hypot(local[:, 0], local[:, 1])
+    return reach
+
+
+def _capsule_support(size: Size, local: Array) -> Array:
+    reach: Array = np.abs(local[:, 2]) * 0.5 * size[1] + size[0]
+    return reach
+
+
+def _ellipsoid_support(size: Size, local: Array) -> Array:
+    reach: Array = np.linalg.norm(local * np.array(size), axis=1)
+    return reach
+
+
+def _no_support(size: Size, local: Array) -> Array:
+    raise ValueError("a plane has no support function")
+
+
+# --- the table ------------------------------------------------------------------------------------------------
+
+SHAPES: Mapping[str, ShapeKind] = {
+    "sphere": ShapeKind(
+        ("radius",),
+        volume=lambda size: 4.0 / 3.0 * math.pi * size[0] * size[0] * size[0],
+        moments=_sphere_moments,
+        inner_radius=lambda size: size[0],
+        outer_radius=lambda size: size[0],
+        support=_sphere_support,
+        round=Round.EVERY,
+    ),
+    "box": ShapeKind(
+        ("x", "y", "z"),
+        volume=lambda size: size[0] * size[1] * size[2],
+        moments=_box_moments,
+        inner_radius=lambda size: 0.5 * min(size),
+        outer_radius=lambda size: 0.5 * math.hypot(*size),
+        support=_box_support,
+    ),
+    "cylinder": ShapeKind(
+        ("radius", "length"),
+        volume=lambda size: math.pi * size[0] * size[0] * size[1],
+        moments=_cylinder_moments,
+        inner_radius=lambda size: min(size[0], 0.5 * size[1]),
+        outer_radius=lambda size: math.hypot(size[0], 0.5 * size[1]),
+        support=_cylinder_support,
+        round=Round.AXIS,
+    ),
+    "capsule": ShapeKind(
+        ("radius", "length"),
+        volume=lambda size: (math.pi * size[0] * size[0] * size[1] + 4.0 / 3.0 * math.pi * size[0] * size[0] * size[0]),
+        moments=_capsule_moments,
+        inner_radius=lambda size: size[0],
+        outer_radius=lambda size: size[0] + 0.5 * size[1],
+        support=_capsule_support,
+        round=Round.AXIS,
+    ),
+    "ellipsoid": ShapeKind(
+        ("x", "y", "z"),
+        volume=lambda size: 4.0 / 3.0 * math.pi * size[0] * size[1] * size[2],
+        moments=_ellipsoid_moments,
+        inner_radius=min,
+        outer_radius=max,
+        support=_ellipsoid_support,
+    ),
+    "plane": ShapeKind(
+        (),
+        volume=lambda size: 0.0,
+        moments=_no_moments,
+        inner_radius=lambda size: math.inf,
+        outer_radius=lambda size: math.inf,
+        support=_no_support,
+        round=Round.AXIS,
+        upside_down=False,
+        endless=True,
+    ),
+}
+"""By the words of ``SHAPE_KINDS``. Of a box the sizes are full edge lengths, of an ellipsoid semi-axes; cylinder and capsule
+stand along z, and a capsule's length is that of its cylindrical part; a plane is the x-y plane of its frame, solid below."""
