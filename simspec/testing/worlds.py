@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from simspec.compiler import missing_options
+from simspec.language.vocabulary import JOINT_KINDS
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
@@ -352,7 +353,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
         Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
         for kind in ("ellipsoid", "capsule", "cylinder", "box", "sphere")
     },
-    **{Feature(f"joint.{kind}"): partial(_jointed, kind) for kind in ("fixed", "hinge", "slide", "ball", "free")},
+    **{Feature(f"joint.{kind}"): partial(_jointed, kind) for kind in JOINT_KINDS},
     **{
         feature: partial(with_cone, feature.value.removeprefix("contact.cone."))
         for feature in Feature

@@ -34,7 +34,7 @@ def repeated(tree: ast.AST) -> list[str]:
     for node in ast.walk(tree):
         if isinstance(node, (ast.Tuple, ast.List, ast.Set)):
             words = [word.value for word in node.elts if isinstance(word, ast.Constant) and isinstance(word.value, str)]
-            if len(words) == len(node.elts) >= LEAST:
+            if len(set(words)) == len(node.elts) >= LEAST:
                 lists += [name for name, known in LISTS.items() if known == frozenset(words)]
     return lists
 
