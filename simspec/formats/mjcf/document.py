@@ -40,8 +40,7 @@ class Item:
 
     @property
     def values(self) -> Mapping[str, str]:
-        """All its attributes: its own before those of its class. Two ways of saying one thing (``quat`` and ``euler``) may both
-        be there."""
+        """All its attributes: its own before those of its class."""
         return {**self.defaults, **self.element.attributes} if self.defaults else self.element.attributes
 
     def refused(self, why: str) -> ValueError:

@@ -54,8 +54,10 @@ class Mjcf(Format):
 def _events(bodies: tuple[Body, ...]) -> Iterator[tuple[str, Body | None]]:
     """Opening and closing of bodies, in the order of the file: (indent, body), or (indent, None) to close."""
     indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
+    if not bodies:
+        return
     following = [body.depth for body in bodies[1:]] + [0]
-    if bodies and bodies[0].depth != 0:
+    if bodies[0].depth != 0:
         raise ValueError(f"the body {bodies[0].name!r} is the first and stands in another")
     for body, after in zip(bodies, following, strict=True):
         if not 0 <= after <= body.depth + 1:

@@ -13,7 +13,7 @@ def _words(text: str) -> frozenset[str]:
 _IN_FRAMES: Final = _words(
     "body frame replicate joint freejoint geom site camera light attach composite flexcomp plugin"
 )
-_ACTUATORS: Final = _words(
+ACTUATORS: Final = _words(
     "general motor position velocity intvelocity damper cylinder muscle adhesion dcmotor orientation pid"
 )
 _SENSORS: Final = _words(
@@ -33,7 +33,7 @@ CHILDREN: Final[Mapping[str, frozenset[str]]] = {
     "compiler": _words("lengthrange"),
     "option": _words("flag"),
     "visual": _words("global quality headlight map scale rgba"),
-    "default": _ACTUATORS | _words("default joint geom site camera light pair equality tendon mesh texture material"),
+    "default": ACTUATORS | _words("default joint geom site camera light pair equality tendon mesh texture material"),
     "extension": _words("plugin"),
     "plugin": _words("instance config"),
     "instance": _words("config"),
@@ -57,12 +57,21 @@ CHILDREN: Final[Mapping[str, frozenset[str]]] = {
     "spatial": _words("site geom pulley"),
     "fixed": _words("joint"),
     "equality": _words("connect weld joint tendon flex flexvert flexstrain"),
-    "actuator": _ACTUATORS | {"plugin"},
+    "actuator": ACTUATORS | {"plugin"},
     "sensor": _SENSORS,
     "keyframe": _words("key"),
 }
 """What may stand in each element, ``include`` aside, which may stand anywhere. Elements that are not here hold none."""
 
+ACTUATOR: Final = "actuator"
+"""In a class of defaults: what all actuators share, of whichever kind it was said."""
+ACTUATOR_ATTRIBUTES: Final = _words(
+    "group nsample interp delay ctrllimited forcelimited actlimited ctrlrange forcerange actrange lengthrange gear "
+    "cranklength user joint jointinparent tendon cranksite slidersite site refsite body armature damping"
+)
+"""Attributes of actuators of every kind; a class states them once for all kinds, and the last one said holds."""
+ORIENTATIONS: Final = _words("quat axisangle xyaxes zaxis euler")
+"""Attributes that say the same in other words: of an element's own and its class's only the element's own holds."""
 HOLDERS: Final = _words("worldbody body frame replicate")
 """Elements in which bodies stand. The two last only place, and repeat, what is in them."""
 
@@ -72,7 +81,7 @@ def defaults_of(section: str, tag: str) -> tuple[str, ...]:
     if section == "worldbody":
         return (tag,) if tag in ("joint", "geom", "site", "camera", "light") else ()
     if section == "actuator":
-        return tuple(dict.fromkeys(("general", tag))) if tag in _ACTUATORS else ()
+        return (ACTUATOR, tag) if tag in ACTUATORS else ()
     if section in ("equality", "tendon"):
         return (section,)
     if (section, tag) in (("contact", "pair"), ("asset", "mesh"), ("asset", "material"), ("asset", "texture")):
