@@ -24,7 +24,8 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
-from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable, mutations
+from simspec.dialects.kit.mutating import mutations
+from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine

@@ -7,7 +7,8 @@ from collections import Counter
 
 import pytest
 
-from simspec.dialects.kit.mutations import KINDS, Addition, Inert, MutationTable, mutations
+from simspec.dialects.kit.mutating import mutations
+from simspec.dialects.kit.mutations import KINDS, Addition, Inert, MutationTable
 
 XML = '<root name="r"><a name="one" size="1 0" on="true"/><a name="two" size="1 2" on="true"/><m> 3 </m></root>'
 SIDE = {"flag": True, "list": [1.5, 2.5], "word": "x", "empty": None, "count": 0}
