@@ -27,7 +27,8 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def exponential(vectors: np.ndarray) -> np.ndarray:
     """Quaternions (n, 4) of rotation vectors (n, 3)."""
     half = 0.5 * np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1)
+    made: np.ndarray = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1)
+    return made
 
 
 def logarithm(turns: np.ndarray) -> np.ndarray:
@@ -41,7 +42,8 @@ def logarithm(turns: np.ndarray) -> np.ndarray:
 def rotate(turns: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by quaternions (n, 4)."""
     across = np.cross(turns[:, 1:], vectors)
-    return vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across))
+    turned: np.ndarray = vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across))
+    return turned
 
 
 def conjugate(turns: np.ndarray) -> np.ndarray:

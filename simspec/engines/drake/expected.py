@@ -6,20 +6,31 @@ Runs outside the engine's process, without Drake.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.engines.drake.building import ERROR_REDUCTION
-from simspec.engines.drake.corners import corners
+from simspec.engines.drake.corners import Part, corners
 from simspec.engines.drake.inventory import finite
-from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
+from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed, named_set
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World
 
 APPROXIMATIONS = {"sap": "kSap", "tamsi": "kTamsi"}
+PROPERTIES = {
+    "material.coulomb_friction",
+    "material.hunt_crossley_dissipation",
+    "material.point_contact_stiffness",
+    "material.relaxation_time",
+    # which the scene's defaults add to every geometry, and point contact does not use
+    "hydroelastic.compliance_type",
+    "hydroelastic.hydroelastic_modulus",
+    "hydroelastic.resolution_hint",
+}
+"""What is said of every collision geometry."""
 Settings = Mapping[str, bool | int | float | str]
 
 
@@ -40,6 +51,10 @@ def expected(
         "contact.near_rigid_threshold": 0.0,
         "contact.adjacent_filter": False,
         "sampled_outputs": False,
+        "update.period": world.physics.timestep,
+        "update.offset": 0.0,
+        "count.abstract_states": 0,
+        "ports": listed(["geometry_query", "applied_generalized_force"]),
         "stiction_tolerance": settings["stiction_tolerance"],
         "sidecar.bodies": listed([body.name for body in world.bodies]),
         "port.actuation": False,
@@ -109,7 +124,7 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
 
 
 def _surface(
-    name: str, shape: Shape, balls: list, friction: float, settings: Settings, timestep: float
+    name: str, shape: Shape, balls: Sequence[Part], friction: float, settings: Settings, timestep: float
 ) -> dict[str, HeldValue]:
     numbers = {
         "static_friction": friction,
@@ -121,6 +136,7 @@ def _surface(
     parts = ("shape", *(f"corner{index}" for index in range(len(balls))))
     found: dict[str, HeldValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
     found[f"surface.{name}.parts"] = parts
+    found[f"surface.{name}.properties"] = named_set(PROPERTIES)
     for index, (kind, size, centre) in enumerate(balls):
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
         found[f"surface.{name}.corner{index}"] = (kind, *place, *size)

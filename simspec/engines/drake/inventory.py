@@ -16,6 +16,7 @@ from simspec.engines.drake.readback import (
     geometries_of,
     inertial,
     joint_of,
+    properties,
     seen_of,
     surface,
 )
@@ -43,6 +44,8 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found["stiction_tolerance"] = sim.settings["stiction_tolerance"]
     found |= sidecar_labels(sim.sidecar)
     found["sidecar.bodies"] = listed([body.name() for body in sim.built.bodies])
+    every = [sim.plant.get_input_port(index) for index in range(sim.plant.num_input_ports())]
+    found["ports"] = listed([port.get_name() for port in every if port.HasValue(sim.context)])
     found["port.actuation"] = bool(sim.plant.get_actuation_input_port().HasValue(sim.context))
     found["port.wrenches"] = bool(sim.plant.get_applied_spatial_force_input_port().HasValue(sim.context))
     groups: dict[str, dict[str, Any]] = {}
@@ -65,6 +68,7 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
 
 def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
     """A plant's own numbers."""
+    update = plant.GetUniquePeriodicDiscreteUpdateAttribute()
     frames = [plant.get_frame(drake.tree.FrameIndex(index)) for index in range(plant.num_frames())]
     found: dict[str, HeldValue] = {
         "contact.model": plant.get_contact_model().name,
@@ -74,6 +78,14 @@ def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
         "contact.representation": plant.get_contact_surface_representation().name,
         "contact.adjacent_filter": plant.get_adjacent_bodies_collision_filters(),
         "sampled_outputs": plant.has_sampled_output_ports(),
+        "update.period": "none" if update is None else update.period_sec(),
+        "update.offset": "none" if update is None else update.offset_sec(),
+        "count.continuous_states": plant.num_continuous_states(),
+        "count.abstract_states": plant.num_abstract_states(),
+        "count.deformable_bodies": plant.deformable_model().num_bodies(),
+        "scene.sources": scene.model_inspector().num_sources(),
+        "scene.deformable_geometries": len(scene.model_inspector().GetAllDeformableGeometryIds()),
+        "scene.renderers": scene.RendererCount(),
         "count.bodies": plant.num_bodies() - 1,
         "count.joints": plant.num_joints(),
         "count.actuators": plant.num_actuators(),
@@ -128,6 +140,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
         f"surface.{name}.{key}": tuple(held[key] for held in numbers.values()) for key in numbers[SHAPE]
     }
     found[f"surface.{name}.parts"] = tuple(parts)
+    found[f"surface.{name}.properties"] = named_set({word for one in parts.values() for word in properties(sim, one)})
     for part, one in parts.items():
         if part != SHAPE:
             place, shape = inspector.GetPoseInFrame(one).translation().tolist(), inspector.GetShape(one)

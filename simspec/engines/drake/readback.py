@@ -179,6 +179,12 @@ def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
     }
 
 
+def properties(sim: Simulation, geometry: Any) -> list[str]:
+    """The names of everything that is said of a geometry's contact, as ``group.name``."""
+    told = sim.query().inspector().GetProximityProperties(geometry)
+    return sorted(f"{group}.{name}" for group in told.GetGroupNames() for name in told.GetPropertiesInGroup(group))
+
+
 def _shape(sim: Simulation, held: Any, name: str, geometry: Any) -> Shape:
     """A geometry as a shape that is neither seen nor solid."""
     shape = sim.query().inspector().GetShape(geometry)

@@ -178,7 +178,8 @@ class Simulation:
         nothing = self.built.drake.tree.MultibodyForces(self.plant)
 
         def force(acceleration: np.ndarray) -> np.ndarray:
-            return self.plant.CalcInverseDynamics(self.context, acceleration, nothing)
+            held: np.ndarray = self.plant.CalcInverseDynamics(self.context, acceleration, nothing)
+            return held
 
         still = force(np.zeros(self.coordinates.nv))
         for column in range(max(len(tree) for tree in places)):
