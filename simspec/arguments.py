@@ -28,8 +28,12 @@ Engines = Annotated[
         "--engine",
         "-e",
         metavar="NAME",
-        help="An engine, or a format (all engines that read it). NAME@VERSION=PYTHON: in another interpreter. Repeatable.",
+        help="An engine. NAME@VERSION=PYTHON: in another interpreter. Repeatable.",
     ),
+]
+FormatName = Annotated[
+    str | None,
+    typer.Option("--format", metavar="NAME", help="Write plain files of this format, for any tool, and for no engine."),
 ]
 Outside = Annotated[
     bool, typer.Option("--allow-outside", help="Allow `use:` to read files outside the project folder.")
@@ -113,18 +117,22 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
 
 
 def engine_names(words: list[str]) -> list[str]:
-    """The engines asked for, by label; a format stands for its engines."""
+    """The engines asked for, by label."""
     from simspec.engines.kit.identity import parse
-    from simspec.engines.kit.registry import engines, find_engine, format_of
+    from simspec.engines.kit.registry import find_engine
+    from simspec.formats.kit.contract import formats
 
-    known = engines()
     labels: dict[str, None] = {}
     for word in words:
-        readers = [name for name, engine in known.items() if word not in known and word == format_of(engine)]
-        given = parse(word)
-        if not readers:
-            find_engine(given.name)
-        labels.update(dict.fromkeys(readers or [given.label]))
+        engine = parse(word)
+        try:
+            find_engine(engine.name)
+        except EngineError as error:
+            if engine.name in formats():
+                hint = f"--engine ENGINE; plain files: simspec compile SPEC --format {engine.name}"
+                raise SpecError([Problem(f"{engine.name!r} is a format, not an engine", hint=hint)]) from error
+            raise
+        labels[engine.label] = None
     return list(labels)
 
 

@@ -13,6 +13,7 @@ from simspec.arguments import (
     AsJson,
     Deadline,
     Engines,
+    FormatName,
     Outside,
     Pythons,
     SchemaName,
@@ -163,6 +164,7 @@ def schema_command(
 def compile_command(
     specs: SpecNames = None,
     engine: Engines = None,
+    format_name: FormatName = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Output folder (default generated/NAME); with several specs, DIR/NAME."),
@@ -191,12 +193,17 @@ def compile_command(
     simspec compile robot.yaml --engine ENGINE --out build/robot
     simspec compile --check                 in CI: is generated/ current?
     simspec compile robot.yaml --explain
+    simspec compile robot.yaml --format FORMAT      plain files for any tool: plain/NAME/FORMAT/
+
+    With --format, what the files do not carry is listed, and written to losses.json. --strict makes what is lost
+    of the bodies an error; nothing is written then.
     """
     from simspec.commands.compile import compile_specs
 
     return compile_specs(
         specs,
         engine,
+        format_name,
         out,
         check=check,
         explain=explain,

@@ -19,7 +19,6 @@ from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
-from simspec.formats.kit.contract import formats
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate
@@ -65,14 +64,16 @@ def compile_world(
 ) -> dict[str, Compiled]:
     """Compile ``world`` for each target, in order; the result is keyed by engine.
 
-    A target is an engine's name, or a format's name, which stands for every engine that reads it. ``locate`` gives the place
-    in the spec of a dotted path, for errors. ``plans`` gives, by engine, numbers of materials to use instead of those that
+    A target is an engine's name or label. ``locate`` gives the place in the spec of a dotted path, for errors. ``plans``
+    gives, by engine, numbers of materials to use instead of those that
     the world asks for: contact probes have the numbers of the scenario that they stand for.
     Raises UnsupportedError with every problem of every target together.
     """
     found: dict[str, Compiled] = {}
     problems: list[Problem] = [*check_options(world, locate), *check_control(world, locate)]
-    names = _engine_names(targets)
+    names = list(dict.fromkeys(targets))
+    for name in names:
+        find_engine(name)
     decisions: dict[str, tuple[Decision, ...]] = {}
     for name in names:
         try:
@@ -101,17 +102,6 @@ def _located(error: UnsupportedError, locate: Callable[[str], Location | None]) 
         problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
         for problem in error.problems
     ]
-
-
-def _engine_names(targets: Iterable[str]) -> list[str]:
-    names: dict[str, None] = {}
-    for target in targets:
-        if target in formats() and target not in engines():
-            names.update(dict.fromkeys(name for name, engine in engines().items() if target == format_of(engine)))
-        else:
-            find_engine(target)
-            names[target] = None
-    return list(names)
 
 
 def _negotiate(

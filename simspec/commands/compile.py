@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 def compile_specs(
     specs: list[str] | None,
     engine: list[str] | None,
+    format_name: str | None,
     out: Path | None,
     *,
     check: bool,
@@ -36,7 +37,11 @@ def compile_specs(
     strict: bool,
     as_json: bool,
 ) -> int:
-    """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``."""
+    """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``, or to plain files of the
+    format ``format_name``."""
+    if format_name is not None and (engine or explain):
+        other = "--engine" if engine else "--explain"
+        raise SpecError([Problem(f"--format writes plain files for any tool, {other} is about those of engines")])
     names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
         raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
@@ -51,6 +56,10 @@ def compile_specs(
         warned.extend(warnings)
         return spec, world
 
+    if format_name is not None:
+        from simspec.commands.plain import write_plain
+
+        return write_plain(names, load, format_name, out, check=check, strict=strict, as_json=as_json, warnings=warned)
     return compile_all(
         names, load, engines_for_files(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
     )

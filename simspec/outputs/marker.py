@@ -22,6 +22,8 @@ LARGEST_MARKER = 64 * 2**20
 
 COMPILED = "compiled"
 """world.json, one folder of artifacts for each engine, certificate.json."""
+PLAIN = "plain"
+"""Plain files of one world in one format, for any tool, and the list of what they do not carry."""
 RUN = "run"
 """What one engine made of one world: tables, world.json, provenance.json."""
 STUDY = "study"

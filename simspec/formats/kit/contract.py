@@ -7,13 +7,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.plain import Plain
 from simspec.plugins import Offered, offered
+from simspec.support.declarations import Table, check_total
+from simspec.world.types import World
 
 
 class Format:
     """A language of files. Subclasses are in ``formats/<name>/format.py``."""
 
     NAME: ClassVar[str]
+    SUPPORT: ClassVar[Table]
+    """What files of the language carry of each feature, whoever reads them. ``via_api`` = it stands beside them, in a file of
+    simspec's own. For plain files; dialects have tables of their own."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        if hasattr(cls, "SUPPORT"):
+            check_total(f"format {cls.NAME}", cls.SUPPORT)
 
     def write(self, tree: Any) -> dict[str, str]:
         """The files of ``tree``, the format's own tree of plain values (its module ``tree.py``), as {relative path: text}."""
@@ -23,6 +35,13 @@ class Format:
         """The format's own document (its module ``document.py``) of the files in ``folder``, by a parser that is neither the
         writer's nor an engine's. Raises ValueError, which names the place, for what is not of the language."""
         raise NotImplementedError
+
+    def plain(self, world: World) -> Plain:
+        """``world`` in plain files for any tool, with all that they do not carry. Raises UnsupportedError where this format
+        does not write plain files."""
+        raise UnsupportedError(
+            [Problem(f"{self.NAME} does not support plain files yet", hint="simspec compile --engine")]
+        )
 
 
 @functools.cache

@@ -6,9 +6,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.urdf.document import Document
+from simspec.formats.urdf.plain import PLACEMENT, SUPPORT, placeholders, robots_and_placement
 from simspec.formats.urdf.tree import Robots
+from simspec.support.declarations import Table
+from simspec.world.types import World
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 """The attributes of an ``inertia``, in the order of :class:`simspec.formats.urdf.tree.Inertial`."""
@@ -18,10 +22,16 @@ class Urdf(Format):
     """Files of the format ``urdf``: NAME.urdf for each distinct tree."""
 
     NAME: ClassVar[str] = "urdf"
+    SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: Robots) -> dict[str, str]:
         template = environment().get_template("urdf/model.urdf.j2")
         return {name: template.render(robot=robot, inertia=INERTIA) for name, robot in tree.items()}
+
+    def plain(self, world: World) -> Plain:
+        """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
+        robots, placement = robots_and_placement(world)
+        return Plain({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
 
     def read(self, folder: Path) -> Document:
         from simspec.formats.urdf.reading import read_folder

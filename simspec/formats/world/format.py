@@ -8,6 +8,7 @@ from typing import ClassVar
 from simspec.errors import SpecError
 from simspec.formats.kit.contract import Format
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
+from simspec.formats.kit.plain import Plain
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, FreeJoint, Joint, Shape, parent_of
 from simspec.language.vocabulary import FRICTION_CONES
@@ -15,7 +16,9 @@ from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Attempt, Table, not_yet
 from simspec.support.features import Feature
+from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
+from simspec.world.types import World
 
 WORLD = "world.json"
 UNIT = 1e-12
@@ -35,6 +38,10 @@ class WorldJson(Format):
     def write(self, tree: Document) -> dict[str, str]:
         """``world.json``."""
         return {WORLD: json_text(plain(tree))}
+
+    def plain(self, world: World) -> Plain:
+        """The resolved world itself, as canonical JSON; nothing of it is lost."""
+        return Plain({WORLD: canonical_json(world) + "\n"}, ())
 
     def read(self, folder: Path) -> Document:
         """The document in ``folder``, checked: its form, and that its names fit together, so that an engine need not.

@@ -1,0 +1,119 @@
+"""A world as plain URDF for any tool: one file for each distinct tree, and where the trees stand in a file beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from simspec.formats.kit.plain import Fate, Loss
+from simspec.formats.kit.text import json_text
+from simspec.formats.urdf.from_world import UNLIMITED, Files
+from simspec.formats.urdf.standard import standard_robot
+from simspec.formats.urdf.tree import Robots
+from simspec.support.declarations import EXACT, Table, approximate, never, via_api
+from simspec.support.features import Feature
+from simspec.world.kinematics import trees
+from simspec.world.types import Body, World
+
+PLACEMENT: Final = "placement.json"
+PLACEMENT_SCHEMA: Final = 1
+
+_NO_CONTACT = "URDF has no numbers of contact"
+_IN_PLACEMENT = f"in {PLACEMENT}"
+
+SUPPORT: Final[Table] = dict.fromkeys(Feature, EXACT) | {
+    Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
+    Feature.INITIAL_POSITION: via_api(_IN_PLACEMENT),
+    Feature.INITIAL_VELOCITY: via_api(_IN_PLACEMENT),
+    Feature.JOINT_BALL: approximate(
+        "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
+    ),
+    Feature.BALL_DAMPING: approximate("the same damping at each of three hinges"),
+    Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
+    Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
+    Feature.SHAPE_ELLIPSOID: never("URDF has no ellipsoid"),
+    Feature.ARMATURE: never("URDF has no armature"),
+    Feature.SPRING: never("URDF has no springs"),
+    Feature.BALL_SPRING: never("URDF has no springs"),
+    **dict.fromkeys(
+        (
+            *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
+            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+            *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
+            *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+        ),
+        never(_NO_CONTACT),
+    ),
+    **dict.fromkeys(
+        (Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+        never("URDF does not say what touches what"),
+    ),
+    Feature.CONTROL: never("URDF has no control laws"),
+    Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),
+    Feature.GRAVITY: never("URDF has no gravity"),
+    Feature.TIMESTEP: never("URDF has no timestep"),
+}
+"""What plain URDF carries of each feature."""
+
+
+def robots_and_placement(world: World) -> tuple[Robots, str]:
+    """The robots by file, and the text of ``placement.json``: of each tree the file, whether its root is free, how it begins,
+    and its own names of links and joints beside those in the file, which equal trees share."""
+    files = Files({PLACEMENT})
+    first: dict[str, tuple[Body, ...]] = {}
+    placed = []
+    for bodies in trees(world).values():
+        file = files.add(standard_robot(bodies))
+        placed.append(_placed(file, first.setdefault(file, bodies), bodies))
+    return files.robots, json_text({"schema": PLACEMENT_SCHEMA, "trees": placed})
+
+
+def _placed(file: str, first: tuple[Body, ...], bodies: tuple[Body, ...]) -> dict[str, Any]:
+    """``first``: the bodies whose names the file has. Positions and velocities are those of ``world/types.py``."""
+    root = bodies[0].joint
+    joints = [
+        {
+            "name": body.joint.name,
+            "in_file": in_file.joint.name,
+            "kind": body.joint.kind,
+            "position": body.joint.position,
+            "velocity": body.joint.velocity,
+        }
+        for in_file, body in zip(first, bodies, strict=True)
+        if body.joint.kind in ("hinge", "slide", "ball")
+    ]
+    start = {
+        "position": root.position[:3],
+        "quaternion": root.position[3:7],
+        "linear_velocity": root.velocity[:3],
+        "angular_velocity": root.velocity[3:],
+    }
+    return {
+        "file": file,
+        "name": bodies[0].model,
+        "free": root.kind == "free",
+        "links": [{"name": body.name, "in_file": in_file.name} for in_file, body in zip(first, bodies, strict=True)],
+        "joints": joints,
+        **(start if root.kind == "free" else {}),
+    }
+
+
+def placeholders(world: World) -> Iterator[Loss]:
+    """The limits that URDF demands and the world does not have."""
+    without: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
+    for body in world.bodies:
+        joint = body.joint
+        limited = joint.kind == "slide" or (joint.kind == "hinge" and joint.position_limits is not None)
+        rated = joint.kind == "hinge" and (joint.velocity_limit is not None or joint.effort_limit is not None)
+        if joint.kind == "slide" and joint.position_limits is None:
+            without["position"].append(body.name)
+        if limited or rated:
+            for name, value in (("velocity", joint.velocity_limit), ("effort", joint.effort_limit)):
+                if value is None:
+                    without[name].append(body.name)
+    for name, bodies in without.items():
+        if bodies:
+            feature = Feature(f"joint.limits.{name}").value
+            how = f"none in the spec, and URDF demands one: {UNLIMITED:g} stands for none"
+            yield Loss(feature, Fate.PLACEHOLDER, how, tuple(f"bodies.{body}.joint" for body in bodies))
