@@ -10,7 +10,7 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
-from simspec.support.declarations import EXACT, Table, approximate, never, via_api
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Table, approximate, never, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -21,7 +21,18 @@ PLACEMENT_SCHEMA: Final = 1
 _NO_CONTACT = "URDF has no numbers of contact"
 _IN_PLACEMENT = f"in {PLACEMENT}"
 
-SUPPORT: Final[Table] = dict.fromkeys(Feature, EXACT) | {
+SUPPORT: Final[Table] = {
+    **dict.fromkeys(
+        (
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING, Feature.DRY_FRICTION),
+            *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_VISUAL),
+            Feature.SHAPES_PER_BODY,
+        ),
+        EXACT,
+    ),
+    **NO_CONSTRAINTS_YET,
     Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
     Feature.INITIAL_POSITION: via_api(_IN_PLACEMENT),
     Feature.INITIAL_VELOCITY: via_api(_IN_PLACEMENT),
@@ -32,6 +43,7 @@ SUPPORT: Final[Table] = dict.fromkeys(Feature, EXACT) | {
     Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.SHAPE_ELLIPSOID: never("URDF has no ellipsoid"),
+    Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),
     Feature.BALL_SPRING: never("URDF has no springs"),

@@ -31,6 +31,8 @@ PLANE_EDGE: Final = 200.0
 PLANE_DEPTH: Final = 1.0
 LANGUAGE_KINDS: Final = ("sphere", "box", "cylinder")
 """The kinds of shapes that the language has."""
+NOT_PUT: Final = ("ellipsoid",)
+"""The kinds for which nothing stands."""
 AXES: Final[tuple[tuple[str, Vector3], ...]] = (
     ("x", (1.0, 0.0, 0.0)),
     ("y", (0.0, 1.0, 0.0)),
@@ -89,7 +91,9 @@ def parts_of(shape: Shape) -> tuple[Shape, ...]:
                 for name, height in ends
             ),
         )
-    return ()
+    if shape.kind in NOT_PUT:
+        return ()
+    raise KeyError(f"URDF has no {shape.kind}, and nothing is said to stand for it")
 
 
 def _visual(shape: Shape) -> Visual:
