@@ -8,8 +8,10 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.mujoco import mutations as module
+from simspec.dialects.mujoco import mutation_additions as additions
+from simspec.dialects.mujoco.mutation_inert import INERT
 from simspec.errors import UnsupportedError
+from simspec.formats.mjcf.schema import CHILDREN
 from simspec.proof.mutation_worlds import WORLDS
 
 mujoco = pytest.importorskip("mujoco")
@@ -54,23 +56,39 @@ def test_every_attribute_of_what_is_written_is_written_or_added():
     known, there = schema(SECTIONS - {"actuator"}), written()
     assert {"option", "flag", "joint", "geom", "pair", "body", "position", "velocity", "key"} <= there.keys()
     for tag in there.keys() - {"worldbody", "contact", "keyframe", "velocity"}:
-        added = set(module.ATTRIBUTES.get(tag, {}))
+        added = set(additions.ATTRIBUTES.get(tag, {}))
         assert known[tag] - there[tag] - added == set(), tag
-    added = set(module.ATTRIBUTES["position"]) - set(module.NOT_OF_VELOCITY)
+    added = set(additions.ATTRIBUTES["position"]) - set(additions.NOT_OF_VELOCITY)
     assert known["velocity"] - there["velocity"] - added == set()
 
 
 def test_every_element_that_is_not_written_is_added_or_left_out_by_name():
     planted = set()
-    for row in module.ELEMENTS:
+    for row in additions.ELEMENTS:
         names = {tag: ["one", "two", "three"] for tag in ("joint", "body", "geom")}
         root = ElementTree.fromstring(f"<all>{row.value.format_map(names)}</all>")
         planted |= {element.tag for element in root.iter()}
     # a plugin's name is all that can be said without one that is installed
-    left = schema().keys() - written().keys() - planted - VIEWERS - SECTIONS - module.NOT_PLANTED.keys()
+    left = schema().keys() - written().keys() - planted - VIEWERS - SECTIONS - additions.NOT_PLANTED.keys()
     assert left == set()
 
 
+def test_the_format_knows_every_element_of_the_installed_schema():
+    known, parents = set(), {}
+    for line in mujoco.mj_printSchema(False, False).splitlines():
+        match = LINE.match(line.rstrip())
+        if match:
+            tag, depth = match[2].removeprefix("(world)"), len(match[1])
+            parents[depth] = tag
+            above = [parents[other] for other in sorted(parents) if other < depth]
+            if above:
+                known.add((above[-1], tag))
+            parents = {other: name for other, name in parents.items() if other <= depth}
+    known = {(parent, "worldbody" if (parent, tag) == ("mujoco", "body") else tag) for parent, tag in known}
+    assert len(known) > 150
+    assert {(parent, tag) for parent, tag in known if tag not in CHILDREN.get(parent, frozenset())} == set()
+
+
 def test_every_declaration_gives_a_reason():
-    assert all(row.why and row.site for row in module.INERT)
-    assert all(module.NOT_PLANTED.values())
+    assert all(row.why and row.site for row in INERT)
+    assert all(additions.NOT_PLANTED.values())
