@@ -5,10 +5,11 @@ Every dialect and every engine declares every feature (a missing declaration is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.support.features import Feature
 from simspec.support.versions import earlier, later, out_of_bounds, release
 from simspec.world.types import World
@@ -176,6 +177,15 @@ def not_yet(why: str, attempt: Attempt) -> Support:
 
 
 Table = Mapping[Feature, Support]
+
+
+def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
+    """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: a new kind is refused by
+    name where nobody has written it."""
+    known = frozenset(known)
+    return {
+        Feature(f"shape.{kind}"): EXACT if kind in known else never(f"{owner} has no {kind}") for kind in SHAPE_KINDS
+    }
 
 
 NO_CONSTRAINTS_YET: Mapping[Feature, Support] = dict.fromkeys(

@@ -6,6 +6,7 @@ import pytest
 
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import engines
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.support.declarations import (
     EXACT,
     Absence,
@@ -20,6 +21,7 @@ from simspec.support.declarations import (
     not_here,
     not_yet,
     outside,
+    shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
@@ -146,3 +148,10 @@ def test_bounds_of_both_sides_hold():
         assert said in late.how
     none = combine(file, TABLE | {Feature.SPRING: never("no")})[Feature.SPRING]
     assert (none.since, none.until) == ("", "")
+
+
+def test_a_kind_of_shape_that_a_table_lacks_is_refused_by_name():
+    rows = shape_kinds("Engine", ("sphere", "plane"))
+    assert {feature.value for feature in rows} == {f"shape.{kind}" for kind in SHAPE_KINDS}
+    assert rows[Feature.SHAPE_SPHERE] is EXACT
+    assert (rows[Feature.SHAPE_BOX].absence, rows[Feature.SHAPE_BOX].how) == (Absence.NEVER, "Engine has no box")

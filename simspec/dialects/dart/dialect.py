@@ -32,7 +32,8 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, via_api
+from simspec.formats.skel.format import GEOMETRY
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, shape_kinds, via_api
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -63,6 +64,7 @@ class DartDialect(Dialect):
     NAME: ClassVar[str] = "dart"
     FORMAT: ClassVar[str] = "skel"
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        **shape_kinds("DART", ("plane", *GEOMETRY)),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
         Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
         Feature.LIMIT_EFFORT: via_api(_SIDECAR),

@@ -21,6 +21,7 @@ from simspec.dialects.mujoco.choices import (
     OPTION,
     SETTINGS,
     SIZE,
+    SIZES,
     SOLVERS,
 )
 from simspec.dialects.mujoco.contact import (
@@ -39,7 +40,16 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Key, Model
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, approximate, never
+from simspec.support.declarations import (
+    EXACT,
+    NO_CONSTRAINTS_YET,
+    Level,
+    Support,
+    Table,
+    approximate,
+    never,
+    shape_kinds,
+)
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, Surface, World
 
@@ -64,6 +74,7 @@ class MujocoDialect(Dialect):
     SIDECAR: ClassVar[type[Sidecar] | None] = MujocoSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = SETTINGS
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        **shape_kinds("MuJoCo", ("plane", *SIZES)),
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),

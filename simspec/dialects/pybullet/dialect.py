@@ -22,14 +22,14 @@ from simspec.dialects.pybullet.contact import (
     restitution_threshold,
     split,
 )
-from simspec.dialects.pybullet.raising import raised
+from simspec.dialects.pybullet.raising import OWN_GEOMETRIES, raised
 from simspec.dialects.pybullet.sidecar import Armature, PybulletSidecar, Spring
 from simspec.dialects.pybullet.trees import instance_of, robot_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.from_world import Files
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Support, Table, never, via_api
+from simspec.formats.urdf.from_world import GEOMETRY, Files
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Support, Table, never, shape_kinds, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import free_rigid, trees
 from simspec.world.types import POSITION_SIZE, ReadBack, World
@@ -75,11 +75,8 @@ class PybulletDialect(Dialect):
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
         Feature.TREE_SIZE: never("PyBullet holds at most 127 links besides the base in one tree"),
         Feature.TREE_DEPTH: never("PyBullet holds at most 127 links besides the base in one tree"),
-        Feature.SHAPE_SPHERE: EXACT,
-        Feature.SHAPE_BOX: EXACT,
-        Feature.SHAPE_CYLINDER: EXACT,
+        **shape_kinds("PyBullet", (*GEOMETRY, *OWN_GEOMETRIES)),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
-        Feature.SHAPE_ELLIPSOID: never("neither URDF nor PyBullet has an ellipsoid"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,

@@ -41,7 +41,8 @@ _SIDECAR = "in the sidecar, for the engine's own calls"
 _NO_BALL = "URDF has no ball joint"
 _BY_NAME = (
     *(Feature.ARMATURE, Feature.SPRING, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-    *(Feature.SHAPE_CAPSULE, Feature.SHAPE_ELLIPSOID, Feature.SHAPE_PLANE, Feature.MATERIALS_PER_BODY),
+    *(Feature(f"shape.{kind}") for kind in BESIDE),
+    Feature.MATERIALS_PER_BODY,
     *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
     *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
     *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE),

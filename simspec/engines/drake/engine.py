@@ -16,7 +16,7 @@ from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
-from simspec.engines.drake.readback import read_back
+from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
@@ -36,6 +36,7 @@ from simspec.support.declarations import (
     never,
     not_here,
     not_yet,
+    shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
@@ -92,6 +93,7 @@ class Drake(SimulatedEngine[Simulation]):
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(
             Level.EXACT,

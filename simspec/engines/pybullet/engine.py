@@ -33,7 +33,7 @@ from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.probe import Probe
-from simspec.engines.pybullet.readback import read_back
+from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
 from simspec.engines.pybullet.settings import SETTINGS
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
@@ -48,6 +48,7 @@ from simspec.support.declarations import (
     never,
     not_here,
     outside,
+    shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
@@ -127,15 +128,12 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.INERTIA_FULL: EXACT,
         Feature.TREE_SIZE: never(_NO_LINKS),
         Feature.TREE_DEPTH: never(_NO_LINKS),
-        Feature.SHAPE_SPHERE: EXACT,
-        Feature.SHAPE_BOX: EXACT,
+        **shape_kinds("PyBullet", SHAPE_KINDS.values()),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
         ),
-        Feature.SHAPE_CAPSULE: EXACT,
-        Feature.SHAPE_ELLIPSOID: never("PyBullet has no ellipsoid"),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
         ),

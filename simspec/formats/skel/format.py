@@ -14,7 +14,7 @@ from simspec.formats.kit.contract import Format
 from simspec.formats.kit.text import environment
 from simspec.formats.skel.document import Document
 from simspec.formats.skel.tree import Body, Joint, Shape, World
-from simspec.support.declarations import EXACT, Level, Support, Table, never, outside
+from simspec.support.declarations import EXACT, Level, Support, Table, never, outside, shape_kinds
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import Pose
@@ -52,6 +52,7 @@ class Skel(Format):
 
     NAME: ClassVar[str] = "skel"
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+        **shape_kinds(".skel", ("plane", *GEOMETRY)),
         Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
         Feature.LIMIT_POSITION: never(".skel has limits, but not whether they are enforced"),
         Feature.LIMIT_VELOCITY: never(".skel has limits of velocity that are enforced, and no ratings"),
