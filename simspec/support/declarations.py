@@ -180,8 +180,8 @@ Table = Mapping[Feature, Support]
 
 
 def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
-    """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: so a new kind is refused
-    by name where nobody has written it."""
+    """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: a new kind is
+    refused by name where nobody has written it."""
 
     known = frozenset(known)
     return {
