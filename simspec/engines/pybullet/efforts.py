@@ -132,6 +132,6 @@ class Efforts:
         q, v = self._sim.get_state()
         potential = 0.0
         for _, link, stiffness, rest in self._springs:
-            away = rotation_vector(q[link.q]) if link.kind == "ball" else q[link.q] - rest
+            away = rotation_vector(q[link.q].tolist()) if link.kind == "ball" else q[link.q] - rest
             potential += 0.5 * stiffness * float(away @ away)
         return 0.5 * float(np.sum(self.armature * v**2)), potential

@@ -187,7 +187,12 @@ def _link(
 
 def _empty(name: str) -> dict[str, HeldValue]:
     """A link without mass, its inertial frame its own."""
-    held = {"mass": 0.0, "inertia": (0.0, 0.0, 0.0), "place": (0.0, 0.0, 0.0), "turn": (0.0, 0.0, 0.0, 1.0)}
+    held: Mapping[str, HeldValue] = {
+        "mass": 0.0,
+        "inertia": (0.0, 0.0, 0.0),
+        "place": (0.0, 0.0, 0.0),
+        "turn": (0.0, 0.0, 0.0, 1.0),
+    }
     return {f"link.{name}.{key}": value for key, value in held.items()}
 
 

@@ -60,7 +60,8 @@ class Probe:
             # ω is given in the axes after the step; the gain is wanted in those before it: d(Rᵀω)/dt = Rᵀ dω/dt
             world = frames.rotate(tuple(after_q[link.q][3:].tolist()), tuple(after_v[link.v][3:].tolist()))
             after_v[link.v][3:] = frames.rotate(frames.conjugate(tuple(q[link.q][3:].tolist())), world)
-        return (after_v - v) / PROBE_STEP
+        gain: np.ndarray = (after_v - v) / PROBE_STEP
+        return gain
 
     def _set_gravity(self, on: bool) -> None:
         gravity = self._sim.sidecar.gravity if on else (0.0, 0.0, 0.0)

@@ -16,7 +16,7 @@ from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.world import frames
-from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, ReadBack, Shape, Surface
+from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
 
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
@@ -32,7 +32,7 @@ printed from one, so that only round-off (1e-15) can stand between them."""
 def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     """The model and its present state as PyBullet holds them."""
     q, v = sim.get_state()
-    bodies: list[Body | None] = [None] * len(sim.names)
+    bodies: dict[int, Body] = {}
     for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         frames_in_tree = _inertial_frames(sim, tree)
         by_link = {link.link: link for link in tree.links}
@@ -59,7 +59,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
     return ReadBack(
-        restore_frames(tuple(bodies), offsets),
+        restore_frames(tuple(bodies[index] for index in range(len(sim.names))), offsets),
         tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
         held["fixedTimeStep"],
         sim.sidecar.friction_cone,
@@ -68,13 +68,15 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
 
 def _free_state(joint: Joint, inertial: Pose) -> Joint:
     """From generalised coordinates (centre of mass; ω in body axes) to those of the file's body frame."""
-    turn = joint.position[3:7]
+    x, y, z, *quaternion = joint.position
+    vx, vy, vz, *rates = joint.velocity
+    turn: Quaternion = (quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     lever = frames.rotate(turn, inertial.position)
-    angular = frames.rotate(turn, joint.velocity[3:])
-    linear = frames.subtract(joint.velocity[:3], frames.cross(angular, lever))
+    angular = frames.rotate(turn, (rates[0], rates[1], rates[2]))
+    linear = frames.subtract((vx, vy, vz), frames.cross(angular, lever))
     return dataclasses.replace(
         joint,
-        position=(*frames.subtract(joint.position[:3], lever), *turn),
+        position=(*frames.subtract((x, y, z), lever), *turn),
         velocity=(*linear, *angular),
     )
 

@@ -72,6 +72,7 @@ class Simulation:
         self.calls: list[Called] = []
         """What PyBullet was told while loading."""
         self.client = -1
+        self.bullet: Any = None
         try:
             with captured(sys.stdout, self.log, (GREETING,)):
                 module = self._connect()
@@ -87,7 +88,7 @@ class Simulation:
 
     def _connect(self) -> Any:
         """PyBullet's module, with a client made."""
-        self.bullet: Any = (pybullet := import_pybullet())
+        self.bullet = pybullet = import_pybullet()
         self.client = pybullet.connect(pybullet.DIRECT)
         if self.client < 0:
             raise EngineError("pybullet", "no physics client could be made")
@@ -225,10 +226,10 @@ class Simulation:
         """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
         p, client = self.bullet, self.client
         anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
-        for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
+        for number in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
             p.changeDynamics(
                 tree.uid,
-                link,
+                number,
                 linearDamping=0.0,
                 angularDamping=0.0,
                 maxJointVelocity=UNCLAMPED,

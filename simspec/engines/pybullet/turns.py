@@ -21,7 +21,8 @@ def from_xyzw(q: Sequence[float]) -> Quaternion:
 
 def conjugate(q: np.ndarray) -> np.ndarray:
     """The inverse rotations of unit quaternions (n, 4)."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    inverted: np.ndarray = q * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverted
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -34,4 +35,5 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by unit quaternions (n, 4)."""
     first = cross(q[:, 1:], vectors)
-    return vectors + 2.0 * (q[:, :1] * first + cross(q[:, 1:], first))
+    turned: np.ndarray = vectors + 2.0 * (q[:, :1] * first + cross(q[:, 1:], first))
+    return turned
