@@ -27,8 +27,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def exponential(vectors: np.ndarray) -> np.ndarray:
     """Quaternions (n, 4) of rotation vectors (n, 3)."""
     half = 0.5 * np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
-    made: np.ndarray = np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1)
-    return made
+    return np.asarray(np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1), dtype=float)
 
 
 def logarithm(turns: np.ndarray) -> np.ndarray:
@@ -36,19 +35,18 @@ def logarithm(turns: np.ndarray) -> np.ndarray:
     turns = np.where(turns[:, :1] < 0.0, -turns, turns)
     sine = np.sqrt(np.sum(turns[:, 1:] ** 2, axis=1, keepdims=True))
     angle = 2.0 * np.arctan2(sine, turns[:, :1])
-    return turns[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+    return np.asarray(turns[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0), dtype=float)
 
 
 def rotate(turns: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by quaternions (n, 4)."""
     across = np.cross(turns[:, 1:], vectors)
-    turned: np.ndarray = vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across))
-    return turned
+    return np.asarray(vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across)), dtype=float)
 
 
 def conjugate(turns: np.ndarray) -> np.ndarray:
     """The inverse rotations."""
-    return turns * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(turns * np.array([1.0, -1.0, -1.0, -1.0]), dtype=float)
 
 
 def unit(turns: np.ndarray) -> np.ndarray:
