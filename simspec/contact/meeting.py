@@ -60,7 +60,27 @@ def shape_pairs(world: World, pairs: Iterable[Pair]) -> Iterator[tuple[str, str]
             shapes.setdefault(shape.material, []).append((index, body.name, shape.name))
     allowed = CollisionFilter(world)
     for one, two in pairs:
-        for index, body, name in shapes.get(one, ()):
-            for other_index, other_body, other in shapes.get(two, ()):
-                if (one != two or index < other_index) and allowed.may_touch(body, other_body):
+        for index, owner, name in shapes.get(one, ()):
+            for other_index, other_owner, other in shapes.get(two, ()):
+                if (one != two or index < other_index) and allowed.may_touch(owner, other_owner):
                     yield (min(name, other), max(name, other))
+
+
+@derived
+def excluded_pairs(world: World) -> tuple[Pair, ...]:
+    """Every pair of bodies in the *same rigid group* that moves, and every explicitly excluded pair, sorted: what an engine's
+    filter has to be told.
+
+    Bodies without collision shapes are left out. What both cannot move needs no filter: no engine tests static bodies
+    against each other in a way that moves anything. Collision groups are written apart, by each dialect's own means.
+    """
+    solid = {body.name for body in world.bodies if solid_shapes(body)}
+    pairs = {pair for pair in world.contact.excluded_bodies if pair[0] in solid and pair[1] in solid}
+    members: dict[str, list[str]] = {}
+    for name, group in rigid_groups(world).items():
+        if group != "world" and name in solid:
+            members.setdefault(group, []).append(name)
+    for names in members.values():
+        names.sort()
+        pairs.update((first, second) for index, first in enumerate(names) for second in names[index + 1 :])
+    return tuple(sorted(pairs))

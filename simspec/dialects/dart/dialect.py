@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from simspec.contact.meeting import solid_shapes
+from simspec.contact.meeting import excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.copies import Node, Nodes, class_name
 from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
@@ -21,15 +21,15 @@ from simspec.dialects.dart.sidecar import (
     NodeFilter,
     ShapeCopy,
     ShapeEntry,
-    Spring,
     WeldedNode,
 )
 from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.joints import springs_of
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target, known
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
 from simspec.formats.skel.format import GEOMETRY
@@ -281,14 +281,10 @@ def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Map
         effort_limits=values("effort_limit"),
         damping=values("damping"),
         armature=values("armature"),
-        springs=tuple(
-            Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
-            for body in world.bodies
-            if body.joint.spring_stiffness
-        ),
+        springs=springs_of(world),
         ignored_groups=ignored,
         groups={group: tuple(names) for group, names in sorted(groups.items()) if group in named},
-        excluded=tuple(excluded_pairs_to_write(world)),
+        excluded=excluded_pairs(world),
         copies=tuple(
             WeldedNode(node_name(node), body.name)
             for body in world.bodies

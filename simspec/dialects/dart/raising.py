@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from simspec.dialects.dart.filter import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
+from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.skel import document as skel
 from simspec.world import frames
@@ -36,10 +37,6 @@ BACK = {there: here for here, there in OWN.items()}
 IMPLICIT = ("damping", "spring_stiffness", "spring_rest_position")
 """Of an axis what DART computes in a way of its own: zero in the file."""
 
-UNREADABLE = {
-    "collision_group": "the files carry what touches what, not the names of groups",
-    "control.native": "the engine's own controllers are switched on when a run begins",
-}
 Value = TypeVar("Value")
 
 
@@ -218,8 +215,7 @@ def _complete_joints(bodies: dict[str, Body], sidecar: DartSidecar) -> None:
         change(entry.body, damping=entry.value)
     for entry in sidecar.armature:
         change(entry.body, armature=entry.value)
-    for spring in sidecar.springs:
-        change(spring.body, spring_stiffness=spring.stiffness, spring_rest=spring.rest)
+    add_springs(bodies, sidecar.springs)
     limited = {name for name, body in bodies.items() if body.joint.position_limits is not None}
     if limited != set(sidecar.enforce_limits):
         raise ValueError(f"limits of {sorted(limited ^ set(sidecar.enforce_limits))} are not both given and enforced")

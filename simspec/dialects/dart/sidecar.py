@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from simspec.dialects.kit.joints import OfBody, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 
@@ -36,15 +37,6 @@ class JointValue:
 
     body: str
     value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Spring:
-    """The spring of a body's joint (N m/rad, N/m) and the position in which it rests."""
-
-    body: str
-    stiffness: float
-    rest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +81,14 @@ class DartSidecar(Sidecar):
         bodies = {body.name for body in self.bodies}
         if len(self.models) != len(self.bodies):
             raise ValueError(f"sidecar.models has {len(self.models)} entries for {len(self.bodies)} bodies")
-        of_bodies: Mapping[str, Iterable[JointValue | Spring]] = {
+        lists: Mapping[str, Iterable[OfBody]] = {
             "velocity_limits": self.velocity_limits,
             "effort_limits": self.effort_limits,
             "damping": self.damping,
             "armature": self.armature,
             "springs": self.springs,
         }
-        for name, entries in of_bodies.items():
-            names = [entry.body for entry in entries]
-            check_distinct(names, f"sidecar.{name}")
-            check_known(names, bodies, f"sidecar.{name}")
+        check_of_bodies(lists, bodies)
         check_known(self.enforce_limits, bodies, "sidecar.enforce_limits")
         check_known((name for pair in self.excluded for name in pair), bodies, "sidecar.excluded")
         check_known((name for names in self.groups.values() for name in names), bodies, "sidecar.groups")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from simspec.contact.meeting import solid_shapes
+from simspec.contact.meeting import excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target, known
-from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
 from simspec.support.declarations import Table
@@ -50,7 +50,7 @@ class DrakeDialect(Dialect):
                 if {(material, layer) for material in pair} <= copies
             ),
             apart=tree.Apart(
-                tuple(excluded_pairs_to_write(world)),
+                excluded_pairs(world),
                 tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used),
             ),
         )

@@ -8,12 +8,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simspec.dialects.drake.sidecar import DrakeSidecar
+from simspec.dialects.kit.joints import UNREADABLE
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, ReadBack, Shape, Surface
 
-UNREADABLE = {"control.native": "the engine's own controllers are switched on when a run begins"}
+OWN_CONTROLLERS = "control.native"
 
 
 def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
@@ -24,7 +25,7 @@ def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
         document.gravity,
         document.timestep,
         document.friction_cone,
-        dict(UNREADABLE),
+        {OWN_CONTROLLERS: UNREADABLE[OWN_CONTROLLERS]},
     )
 
 

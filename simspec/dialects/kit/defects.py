@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from typing import Any
 from xml.etree import ElementTree
 
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
@@ -92,7 +93,7 @@ def xml(path: str, change: Callable[[ElementTree.Element], None]) -> Plant:
     return plant
 
 
-def sidecar(change: Callable[[dict], None]) -> Plant:
+def sidecar(change: Callable[[dict[str, Any]], None]) -> Plant:
     """A defect made by changing the sidecar."""
 
     def plant(files: Files) -> dict[str, str]:
@@ -136,7 +137,7 @@ def scaled(text: str | None, index: int = 0, by: float = 1.0 + STEP) -> str:
 def turned_axis(text: str | None) -> str:
     """A unit axis turned a little about x (about y where it is x itself)."""
     axis = tuple(floats(text))
-    about = (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)  # type: ignore[misc]
+    about = (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)
     return numbers(frames.rotate(frames.from_axis_angle(about, STEP), axis))  # type: ignore[arg-type]
 
 

@@ -6,7 +6,7 @@ sidecar's JSON must have (``sidecar_fields.py``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -105,6 +105,7 @@ def sidecar_text(content: Mapping[str, Any]) -> str:
 def flat(content: Any, prefix: str) -> dict[str, Any]:
     """Nested plain data as one level: ``{"settings.solver": ..., "bodies.0.name": ...}`` under ``prefix``; a list of plain
     values is one value, an empty list or dict too. For the inventory of what an engine holds (``ReadBack.inventory``)."""
+    items: Iterable[tuple[Any, Any]]
     if isinstance(content, Mapping) and content:
         items = content.items()
     elif isinstance(content, (list, tuple)) and any(isinstance(item, (Mapping, list, tuple)) for item in content):
@@ -122,7 +123,7 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
     """
     path = folder / SIDECAR
     try:
-        content = parse_json(read_text(path))
+        content: dict[str, Any] = parse_json(read_text(path))
     except SpecError as error:
         raise ValueError(str(error)) from None
     except NotReadableError as error:

@@ -103,7 +103,7 @@ def _siblings(tree: Tree, made: Made) -> Iterator[Mutation]:
             if other is None:
                 continue
             here = f"{tree.place(other)} with {tree.place(element)}"
-            for name in element.attrib.keys() & other.attrib.keys():
+            for name in [name for name in element.attrib if name in other.attrib]:
                 one, two = other.attrib[name], element.attrib[name]
                 other.set(name, two)
                 element.set(name, one)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar
 
+from simspec.contact.meeting import excluded_pairs
 from simspec.control.native import natives
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.settings import NeededSetting
@@ -37,7 +38,7 @@ from simspec.dialects.mujoco.filter import collision_masks
 from simspec.dialects.mujoco.names import KEYFRAME, file_name
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Key, Model
 from simspec.support.declarations import (
@@ -115,7 +116,7 @@ class MujocoDialect(Dialect):
             pairs,
             tuple(
                 Exclude(file_name(first), file_name(second))
-                for first, second in sorted({*excluded_pairs_to_write(moved), *group_excludes})
+                for first, second in sorted({*excluded_pairs(moved), *group_excludes})
             ),
             tuple(actuators(world)),
             (

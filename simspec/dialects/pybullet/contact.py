@@ -10,12 +10,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 
-from simspec.contact.meeting import meeting_laws
+from simspec.contact.meeting import excluded_pairs, meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
 from simspec.errors import Problem
-from simspec.formats.kit.passes import excluded_pairs_to_write
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Hardness, Surface, World
 
@@ -142,7 +141,7 @@ def collision_filter(world: World, plan: ContactPlan) -> CollisionFilter:
 
     excluded = {
         (min(a, b), max(a, b))
-        for first, second in excluded_pairs_to_write(world)
+        for first, second in excluded_pairs(world)
         for a in by_body.get(first, ())
         for b in by_body.get(second, ())
     }

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 from simspec.dialects.kit.defects import (
     Plant,
     flipped_product,
     floats,
-    nudged,
     one,
     scaled,
     sidecar,
     text_of,
-    turned_axis,
     xml,
 )
-from simspec.formats.kit.text import numbers
+from simspec.dialects.urdf.defects import ARM, BALL, HINGE, INERTIAL, LANGUAGE, attribute, sidecar_number
 from simspec.world import frames
 
-ARM, BALL, CUBE, BOB = "base.urdf", "ball.urdf", "cube.urdf", "bob.urdf"
-INERTIAL = "link[@name='lower']/inertial"
-HINGE = "joint[@name='upper_joint']"
-
-
-def _attribute(path: str, name: str, change: Callable[[str], str], file: str = ARM) -> Plant:
-    def edit(root: Element) -> None:
-        for element in root.findall(path):
-            element.set(name, change(element.attrib[name]))
-
-    return xml(file, edit)
+BOB = "bob.urdf"
 
 
 def _flip(root: Element) -> None:
@@ -43,43 +31,11 @@ def _flip(root: Element) -> None:
         inertia.set(name, text_of(value))
 
 
-def _drop_lower(root: Element) -> None:
-    root.remove(one(root, "link[@name='lower']"))
-    root.remove(one(root, "joint[@name='lower_joint']"))
-
-
 def _not_limited(root: Element) -> None:
     joint = one(root, HINGE)
     joint.set("type", "continuous")
     for name in ("lower", "upper"):  # PyBullet keeps the limits of a continuous joint that has some (measured)
         del one(joint, "limit").attrib[name]
-
-
-def _sphere_for_box(root: Element) -> None:
-    for kind in ("visual", "collision"):
-        geometry = one(root, f"link/{kind}/geometry")
-        geometry.remove(one(geometry, "box"))
-        SubElement(geometry, "sphere", {"radius": "0.05"})
-
-
-def _not_solid(root: Element) -> None:
-    link = one(root, "link")
-    link.remove(one(link, "collision"))
-
-
-def _sidecar_number(block: str, key: str, by: float) -> Plant:
-    def edit(content: dict[str, Any]) -> None:
-        content[block][0][key] += by
-
-    return sidecar(edit)
-
-
-def _instance(key: str) -> Plant:
-    def edit(content: dict[str, Any]) -> None:
-        arm = next(instance for instance in content["instances"] if instance["file"] == ARM)
-        arm[key][0] += 1e-3
-
-    return sidecar(edit)
 
 
 def _drop_exclude(content: dict[str, Any]) -> None:
@@ -153,49 +109,26 @@ def halved(text: str | None) -> str:
 
 
 DEFECTS: Mapping[str, Plant | str] = {
-    "mass": _attribute(f"{INERTIAL}/mass", "value", scaled),
-    "centre of mass": _attribute(f"{INERTIAL}/origin", "xyz", nudged),
-    "inertia, diagonal": _attribute(f"{INERTIAL}/inertia", "ixx", scaled),
+    **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),
-    "body dropped": xml(ARM, _drop_lower),
-    "joint type": _attribute(HINGE, "type", lambda _: "prismatic"),
-    "axis": _attribute(f"{HINGE}/axis", "xyz", turned_axis),
-    "axis reversed": _attribute(f"{HINGE}/axis", "xyz", lambda text: numbers(-x for x in floats(text))),
-    "joint origin, position": _attribute("joint[@name='lower_joint']/origin", "xyz", nudged),
-    "joint origin, orientation": _attribute("joint[@name='lower_joint']/origin", "rpy", nudged),
-    "position limit": _attribute(f"{HINGE}/limit", "upper", nudged),
     "position limit dropped": xml(ARM, _not_limited),
-    "velocity limit": _attribute(f"{HINGE}/limit", "velocity", nudged),
-    "effort limit": _attribute(f"{HINGE}/limit", "effort", nudged),
-    "damping": _attribute(f"{HINGE}/dynamics", "damping", scaled),
-    "spring stiffness": _sidecar_number("springs", "stiffness", 1e-3),
-    "spring rest": _sidecar_number("springs", "rest", 1e-3),
-    "dry friction": _attribute(f"{HINGE}/dynamics", "friction", scaled),
-    "armature": _sidecar_number("armature", "armature", 1e-3),
-    "ball damping": _attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
-    "ball spring": _sidecar_number("springs", "stiffness", 1e-3),
-    "initial position": _instance("position"),
-    "initial velocity": _instance("velocity"),
-    "shape type": xml(CUBE, _sphere_for_box),
-    "shape size": _attribute("link/collision/geometry/sphere", "radius", scaled, BALL),
-    "shape position": _attribute("link[@name='lower']/collision/origin", "xyz", nudged),
-    "shape orientation": _attribute("link[@name='lower']/collision/origin", "rpy", nudged),
-    "shape not solid": xml(CUBE, _not_solid),
-    "friction": _attribute("link/contact/lateral_friction", "value", scaled, BALL),
-    "restitution": _attribute("link/contact/restitution", "value", scaled, BALL),
+    "ball damping": attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
+    "ball spring": sidecar_number("springs", "stiffness"),
+    "friction": attribute("link/contact/lateral_friction", "value", scaled, BALL),
+    "restitution": attribute("link/contact/restitution", "value", scaled, BALL),
     "excluded pair dropped": sidecar(_drop_exclude),
     "excluded pair too many": sidecar(_exclude_too_many),
     "collision group": sidecar(_group),
     "excluded pair of a mechanism dropped": sidecar(_drop_linked),
     "excluded pair of a mechanism too many": sidecar(_linked_too_many),
     "group filter dropped": sidecar(_no_groups),
-    "pair value": _attribute("link/contact/lateral_friction", "value", halved, "rubber_cube.urdf"),
+    "pair value": attribute("link/contact/lateral_friction", "value", halved, "rubber_cube.urdf"),
     "cone": sidecar(_cone),
     "hardness": sidecar(_softer),
     "copy filter": sidecar(_copy_filter),
     "passing pair": sidecar(_passing),
-    "torsional friction": _attribute("link/contact/spinning_friction", "value", halved, BALL),
-    "rolling friction": _attribute("link/contact/rolling_friction", "value", halved, BALL),
+    "torsional friction": attribute("link/contact/spinning_friction", "value", halved, BALL),
+    "rolling friction": attribute("link/contact/rolling_friction", "value", halved, BALL),
     "gravity": sidecar(_gravity),
     "timestep": sidecar(_timestep),
 }

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.coordinates import Coordinates
+from simspec.dialects.kit.joints import armature_of, springs_of
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
 from simspec.dialects.kit.target import Target
@@ -23,7 +24,7 @@ from simspec.dialects.pybullet.contact import (
     split,
 )
 from simspec.dialects.pybullet.raising import OWN_GEOMETRIES, raised
-from simspec.dialects.pybullet.sidecar import Armature, PybulletSidecar, Spring
+from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.dialects.pybullet.trees import instance_of, robot_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
@@ -122,12 +123,8 @@ class PybulletDialect(Dialect):
             gravity=world.physics.gravity,
             timestep=world.physics.timestep,
             instances=tuple(instances),
-            springs=tuple(
-                Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
-                for body in world.bodies
-                if body.joint.spring_stiffness
-            ),
-            armature=tuple(Armature(body.name, body.joint.armature) for body in world.bodies if body.joint.armature),
+            springs=springs_of(world),
+            armature=armature_of(world),
             collision_filter=collision_filter(world, target.plan),
             restitution_threshold=restitution_threshold(world),
             native_contact=native_contact(world),

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
@@ -52,10 +53,6 @@ NOTHING: Final = (0.0,)
 NO_LIMITS: Final = (0.0, -1.0)
 """What PyBullet takes for limits that a file does not say: lower > upper is unlimited."""
 
-UNREADABLE: Final = {
-    "collision_group": "the files carry what touches what, not the names of groups",
-    "control.native": "the engine's own controllers are switched on when a run begins",
-}
 
 Layers = list[tuple[int, tuple[Shape, ...]]]
 """Shapes of one body by the layer of the link that carries them."""
@@ -74,20 +71,17 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
         bodies.update((body.name, body) for body in _instance_bodies(file, pattern, instance))
     if unused := files.keys() - first.keys():
         raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
-    for spring in sidecar.springs:
-        body = bodies[spring.body]
-        joint = dataclasses.replace(body.joint, spring_stiffness=spring.stiffness, spring_rest=spring.rest)
-        bodies[spring.body] = dataclasses.replace(body, joint=joint)
-    for entry in sidecar.armature:
-        body = bodies[entry.body]
-        joint = dataclasses.replace(body.joint, armature=entry.armature)
-        bodies[entry.body] = dataclasses.replace(body, joint=joint)
+    add_springs(bodies, sidecar.springs)
+    add_armature(bodies, sidecar.armature)
     ordered = tuple(bodies[body.name] for body in sidecar.bodies)
-    offsets = {body.name: body.frame_offset for body in sidecar.bodies if any(body.frame_offset)}
     if sidecar.native_contact:
         ordered = tuple(_as_native(body) for body in ordered)
     return ReadBack(
-        restore_frames(ordered, offsets), sidecar.gravity, sidecar.timestep, sidecar.friction_cone, dict(UNREADABLE)
+        restore_frames(ordered, sidecar.offsets),
+        sidecar.gravity,
+        sidecar.timestep,
+        sidecar.friction_cone,
+        dict(UNREADABLE),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct, check_known
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Pose, Vector3
@@ -58,23 +59,6 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class Spring:
-    """A joint's spring: stiffness (N m/rad, N/m) and rest (rad, m)."""
-
-    body: str
-    stiffness: float
-    rest: float
-
-
-@dataclass(frozen=True, slots=True)
-class Armature:
-    """A joint's armature (kg m², kg)."""
-
-    body: str
-    armature: float
-
-
-@dataclass(frozen=True, slots=True)
 class FilterClass:
     """Links of one bit and one mask of Bullet's filter."""
 
@@ -121,10 +105,7 @@ class PybulletSidecar(Sidecar):
                 for body, names, places in zip(instance.bodies, instance.shapes, instance.visual_only, strict=True)
                 if len(names) > len(places)
             )
-        for field, entries in (("springs", self.springs), ("armature", self.armature)):
-            names = [entry.body for entry in entries]
-            check_distinct(names, f"sidecar.{field}")
-            check_known(names, kinds, f"sidecar.{field}")
+        check_of_bodies({"springs": self.springs, "armature": self.armature}, kinds)
         _check_classes(self.collision_filter.classes, solid)
         pairs = {name for pair in self.collision_filter.excluded for name in pair}
         check_known(pairs, solid, "sidecar.collision_filter.excluded")

@@ -31,7 +31,9 @@ RUBBER_ON_ICE = (("floor_ice", "rubber_cube_0"), ("floor_rubber", "ice_cube_0"),
 Content = dict[str, Any]
 
 
-def _attribute(path: str, name: str, change: Callable[[str], str], file: str = ARM) -> Plant:
+def attribute(path: str, name: str, change: Callable[[str], str], file: str = ARM) -> Plant:
+    """Change an attribute of every element at ``path``."""
+
     def edit(root: Element) -> None:
         for element in root.findall(path):
             element.set(name, change(element.attrib[name]))
@@ -39,31 +41,38 @@ def _attribute(path: str, name: str, change: Callable[[str], str], file: str = A
     return xml(file, edit)
 
 
-def _drop_lower(root: Element) -> None:
+def drop_lower(root: Element) -> None:
+    """Drop the last body of the arm."""
     root.remove(one(root, "link[@name='lower']"))
     root.remove(one(root, "joint[@name='lower_joint']"))
 
 
-def _sphere_for_box(root: Element) -> None:
+def sphere_for_box(root: Element) -> None:
+    """A sphere instead of the cube's box."""
     for kind in ("visual", "collision"):
         geometry = one(root, f"link/{kind}/geometry")
         geometry.remove(one(geometry, "box"))
         SubElement(geometry, "sphere", {"radius": "0.05"})
 
 
-def _not_solid(root: Element) -> None:
+def not_solid(root: Element) -> None:
+    """Drop a collision shape."""
     link = one(root, "link")
     link.remove(one(link, "collision"))
 
 
-def _number(block: str, key: str, by: float = 1e-3) -> Plant:
+def sidecar_number(block: str, key: str, by: float = 1e-3) -> Plant:
+    """Move a number of the first entry of a list in the sidecar."""
+
     def edit(content: Content) -> None:
         content[block][0][key] += by
 
     return sidecar(edit)
 
 
-def _instance(key: str) -> Plant:
+def instance_number(key: str) -> Plant:
+    """Move the first of an instance's numbers."""
+
     def edit(content: Content) -> None:
         arm = next(instance for instance in content["instances"] if instance["file"] == ARM)
         arm[key][0] += 1e-3
@@ -134,35 +143,40 @@ def _timestep(content: Content) -> None:
     content["timestep"] *= 1.001
 
 
+LANGUAGE: Mapping[str, Plant] = {
+    "mass": attribute(f"{INERTIAL}/mass", "value", scaled),
+    "centre of mass": attribute(f"{INERTIAL}/origin", "xyz", nudged),
+    "inertia, diagonal": attribute(f"{INERTIAL}/inertia", "ixx", scaled),
+    "body dropped": xml(ARM, drop_lower),
+    "joint type": attribute(HINGE, "type", lambda _: "prismatic"),
+    "axis": attribute(f"{HINGE}/axis", "xyz", turned_axis),
+    "axis reversed": attribute(f"{HINGE}/axis", "xyz", lambda text: numbers(-x for x in floats(text))),
+    "joint origin, position": attribute("joint[@name='lower_joint']/origin", "xyz", nudged),
+    "joint origin, orientation": attribute("joint[@name='lower_joint']/origin", "rpy", nudged),
+    "position limit": attribute(f"{HINGE}/limit", "upper", nudged),
+    "velocity limit": attribute(f"{HINGE}/limit", "velocity", nudged),
+    "effort limit": attribute(f"{HINGE}/limit", "effort", nudged),
+    "damping": attribute(f"{HINGE}/dynamics", "damping", scaled),
+    "spring stiffness": sidecar_number("springs", "stiffness"),
+    "spring rest": sidecar_number("springs", "rest"),
+    "dry friction": attribute(f"{HINGE}/dynamics", "friction", scaled),
+    "armature": sidecar_number("armature", "armature"),
+    "initial position": instance_number("position"),
+    "initial velocity": instance_number("velocity"),
+    "shape type": xml(CUBE, sphere_for_box),
+    "shape size": attribute("link/collision/geometry/sphere", "radius", scaled, BALL),
+    "shape position": attribute("link[@name='lower']/collision/origin", "xyz", nudged),
+    "shape orientation": attribute("link[@name='lower']/collision/origin", "rpy", nudged),
+    "shape not solid": xml(CUBE, not_solid),
+}
+"""Defects of every dialect whose files are URDF."""
+
 DEFECTS: Mapping[str, Plant | str] = {
-    "mass": _attribute(f"{INERTIAL}/mass", "value", scaled),
-    "centre of mass": _attribute(f"{INERTIAL}/origin", "xyz", nudged),
-    "inertia, diagonal": _attribute(f"{INERTIAL}/inertia", "ixx", scaled),
-    "inertia, sign of a product": _attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
-    "body dropped": xml(ARM, _drop_lower),
-    "joint type": _attribute(HINGE, "type", lambda _: "prismatic"),
-    "axis": _attribute(f"{HINGE}/axis", "xyz", turned_axis),
-    "axis reversed": _attribute(f"{HINGE}/axis", "xyz", lambda text: numbers(-x for x in floats(text))),
-    "joint origin, position": _attribute("joint[@name='lower_joint']/origin", "xyz", nudged),
-    "joint origin, orientation": _attribute("joint[@name='lower_joint']/origin", "rpy", nudged),
-    "position limit": _attribute(f"{HINGE}/limit", "upper", nudged),
-    "position limit dropped": _attribute(HINGE, "type", lambda _: "continuous"),
-    "velocity limit": _attribute(f"{HINGE}/limit", "velocity", nudged),
-    "effort limit": _attribute(f"{HINGE}/limit", "effort", nudged),
-    "damping": _attribute(f"{HINGE}/dynamics", "damping", scaled),
-    "spring stiffness": _number("springs", "stiffness"),
-    "spring rest": _number("springs", "rest"),
-    "dry friction": _attribute(f"{HINGE}/dynamics", "friction", scaled),
-    "armature": _number("armature", "armature"),
+    **LANGUAGE,
+    "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
+    "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
     "ball damping": NO_BALL,
     "ball spring": NO_BALL,
-    "initial position": _instance("position"),
-    "initial velocity": _instance("velocity"),
-    "shape type": xml(CUBE, _sphere_for_box),
-    "shape size": _attribute("link/collision/geometry/sphere", "radius", scaled, BALL),
-    "shape position": _attribute("link[@name='lower']/collision/origin", "xyz", nudged),
-    "shape orientation": _attribute("link[@name='lower']/collision/origin", "rpy", nudged),
-    "shape not solid": xml(CUBE, _not_solid),
     "friction": _surface("friction", 1.001),
     "restitution": _surface("restitution", 1.001),
     "pair value": sidecar(_rubber_ice),

@@ -10,25 +10,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from simspec.contact.meeting import meeting_laws, shape_pairs
+from simspec.contact.meeting import excluded_pairs, meeting_laws, shape_pairs
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.coordinates import Coordinates
+from simspec.dialects.kit.joints import armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
 from simspec.dialects.kit.target import Target
 from simspec.dialects.urdf.raising import raised
 from simspec.dialects.urdf.sidecar import (
     BESIDE,
-    Armature,
     BesideShape,
     Instance,
     Numbers,
     ShapePair,
-    Spring,
     UrdfSidecar,
 )
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import excluded_pairs_to_write, recentre_free_roots
+from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
@@ -94,18 +93,14 @@ class UrdfDialect(Dialect):
             beside=tuple(
                 _beside(body, shape) for body in moved.bodies for shape in body.shapes if shape.kind in BESIDE
             ),
-            springs=tuple(
-                Spring(body.name, body.joint.spring_stiffness, body.joint.spring_rest)
-                for body in world.bodies
-                if body.joint.spring_stiffness
-            ),
-            armature=tuple(Armature(body.name, body.joint.armature) for body in world.bodies if body.joint.armature),
+            springs=springs_of(world),
+            armature=armature_of(world),
             materials=tuple(_numbers(world, target.plan)),
             pairs=tuple(_pairs(world, target.plan)),
             laws=world.contact.pairs,
             groups=tuple(body.collision_group for body in world.bodies),
             ignored_groups=world.contact.ignored_groups,
-            excluded=tuple(excluded_pairs_to_write(world)),
+            excluded=excluded_pairs(world),
         )
         return Lowered(files.robots, sidecar)
 

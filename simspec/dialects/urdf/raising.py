@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Final
 
+from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
@@ -32,10 +33,6 @@ KINDS: Final[Mapping[str, str]] = {
 """The kind of joint that each type is."""
 NO_LIMIT: Final = 1e9
 """A limit from here on stands for none."""
-UNREADABLE: Final = {
-    "collision_group": "the files carry what touches what, not the names of groups",
-    "control.native": "the engine's own controllers are switched on when a run begins",
-}
 
 
 def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
@@ -57,17 +54,10 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
             bodies[body.name] = body
     if unused := document.robots.keys() - first.keys():
         raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
-    for spring in sidecar.springs:
-        body = bodies[spring.body]
-        joint = dataclasses.replace(body.joint, spring_stiffness=spring.stiffness, spring_rest=spring.rest)
-        bodies[spring.body] = dataclasses.replace(body, joint=joint)
-    for entry in sidecar.armature:
-        body = bodies[entry.body]
-        joint = dataclasses.replace(body.joint, armature=entry.armature)
-        bodies[entry.body] = dataclasses.replace(body, joint=joint)
-    offsets = {body.name: body.frame_offset for body in sidecar.bodies if any(body.frame_offset)}
+    add_springs(bodies, sidecar.springs)
+    add_armature(bodies, sidecar.armature)
     return ReadBack(
-        restore_frames(tuple(bodies[body.name] for body in sidecar.bodies), offsets),
+        restore_frames(tuple(bodies[body.name] for body in sidecar.bodies), sidecar.offsets),
         sidecar.gravity,
         sidecar.timestep,
         sidecar.friction_cone,

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import HARDNESS_KINDS
@@ -65,23 +66,6 @@ class BesideShape:
     collision: bool
     visual: bool
     colour: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Spring:
-    """A joint's spring: effort −k (q − rest), stiffness k (N m/rad, N/m), rest (rad, m)."""
-
-    body: str
-    stiffness: float
-    rest: float
-
-
-@dataclass(frozen=True, slots=True)
-class Armature:
-    """What is added to a joint's diagonal of the mass matrix (kg m², kg)."""
-
-    body: str
-    armature: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,10 +131,7 @@ class UrdfSidecar(Sidecar):
             _check_instance(instance, kinds, f"sidecar.instances.{index}")
         shapes = [name for instance in self.instances for names in instance.shapes for name in names]
         check_distinct(shapes, "sidecar.instances, shapes")
-        for field, entries in (("springs", self.springs), ("armature", self.armature)):
-            names = [entry.body for entry in entries]
-            check_distinct(names, f"sidecar.{field}")
-            check_known(names, kinds, f"sidecar.{field}")
+        check_of_bodies({"springs": self.springs, "armature": self.armature}, kinds)
         self._check_shapes(set(shapes))
         materials = [numbers.material for numbers in self.materials]
         check_distinct(materials, "sidecar.materials")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.dialects.pybullet.sidecar import Armature, Spring
+from simspec.dialects.kit.joints import Armature, Spring
 from simspec.engines.pybullet.simulation import Simulation, Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.world import frames

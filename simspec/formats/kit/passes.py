@@ -9,16 +9,25 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
-from simspec.contact.meeting import solid_shapes
 from simspec.world import frames
-from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 FLAT_MARGIN = 1.0 - 2.0**-40
 """Share of λ1 + λ2 that the largest principal moment may reach. An inertia with λmax > λ1 + λ2, even by round-off, is
 zeroed by PyBullet and refused by MuJoCo (measured: 77 of 200 flat bodies); 2⁻⁴⁰ ≈ 9e-13 is inside the 1e-12 of proof
 level L0."""
+
+
+def _vector(values: Sequence[float]) -> Vector3:
+    x, y, z = values
+    return (x, y, z)
+
+
+def _quaternion(values: Sequence[float]) -> Quaternion:
+    w, x, y, z = values
+    return (w, x, y, z)
 
 
 def recentre_free_roots(world: World) -> tuple[World, dict[str, Vector3]]:
@@ -49,15 +58,15 @@ def recentre_free_roots(world: World) -> tuple[World, dict[str, Vector3]]:
             )
         if body.name in offsets:
             offset = offsets[body.name]
-            lever = frames.rotate(joint.position[3:7], offset)
-            linear = frames.add(joint.velocity[:3], frames.cross(joint.velocity[3:], lever))
+            lever = frames.rotate(_quaternion(joint.position[3:7]), offset)
+            linear = frames.add(_vector(joint.velocity[:3]), frames.cross(_vector(joint.velocity[3:]), lever))
             body = dataclasses.replace(
                 body,
                 inertial=dataclasses.replace(body.inertial, centre_of_mass=(0.0, 0.0, 0.0)),
                 shapes=tuple(dataclasses.replace(shape, pose=moved(shape.pose, offset)) for shape in body.shapes),
                 joint=dataclasses.replace(
                     joint,
-                    position=(*frames.add(joint.position[:3], lever), *joint.position[3:7]),
+                    position=(*frames.add(_vector(joint.position[:3]), lever), *joint.position[3:7]),
                     velocity=(*linear, *joint.velocity[3:]),
                 ),
             )
@@ -95,11 +104,11 @@ def restore_frames(bodies: tuple[Body, ...], offsets: dict[str, Vector3]) -> tup
         if body.name in offsets:
             body = restore_free_root(body, offsets[body.name])
             if joint.kind == "free" and joint.position:
-                lever = frames.rotate(joint.position[3:7], offsets[body.name])
-                position = (*frames.subtract(joint.position[:3], lever), *joint.position[3:7])
+                lever = frames.rotate(_quaternion(joint.position[3:7]), offsets[body.name])
+                position = (*frames.subtract(_vector(joint.position[:3]), lever), *joint.position[3:7])
                 velocity = joint.velocity
                 if velocity:
-                    linear = frames.subtract(velocity[:3], frames.cross(velocity[3:], lever))
+                    linear = frames.subtract(_vector(velocity[:3]), frames.cross(_vector(velocity[3:]), lever))
                     velocity = (*linear, *velocity[3:])
                 body = dataclasses.replace(body, joint=dataclasses.replace(joint, position=position, velocity=velocity))
         restored.append(body)
@@ -163,21 +172,3 @@ def _clip_flat(moments: Vector3) -> Vector3:
 def tensor(moments: Vector3, turn: Quaternion) -> tuple[float, float, float, float, float, float]:
     """The inverse of :func:`principal_axes`: (xx, yy, zz, xy, xz, yz) from principal moments and their axes."""
     return frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
-
-
-def excluded_pairs_to_write(world: World) -> list[tuple[str, str]]:
-    """Every pair of bodies in the *same rigid group* that moves, and every explicitly excluded pair, sorted.
-
-    Bodies without collision shapes are left out. What both cannot move needs no filter: no engine tests static bodies
-    against each other in a way that moves anything. Collision groups are written apart, by each format's own means.
-    """
-    solid = {body.name for body in world.bodies if solid_shapes(body)}
-    pairs = {pair for pair in world.contact.excluded_bodies if pair[0] in solid and pair[1] in solid}
-    members: dict[str, list[str]] = {}
-    for name, group in rigid_groups(world).items():
-        if group != "world" and name in solid:
-            members.setdefault(group, []).append(name)
-    for names in members.values():
-        names.sort()
-        pairs.update((a, b) for i, a in enumerate(names) for b in names[i + 1 :])
-    return sorted(pairs)

@@ -67,11 +67,6 @@ def test_recentring_changes_no_physics_and_can_be_undone():
         np.testing.assert_allclose(other.inertial.centre_of_mass, one.inertial.centre_of_mass, atol=1e-15)
 
 
-def test_excluded_pairs_hold_rigid_groups_and_leave_out_the_shapeless():
-    assert passes.excluded_pairs_to_write(worlds.gripper()) == [("bar", "palm"), ("left", "palm"), ("palm", "right")]
-    assert passes.excluded_pairs_to_write(worlds.every_joint()) == []
-
-
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_numbers_round_trip(value):
     assert float(number(value)) == value

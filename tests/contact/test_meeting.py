@@ -1,0 +1,11 @@
+"""Which bodies a filter keeps apart."""
+
+from __future__ import annotations
+
+from simspec.contact.meeting import excluded_pairs
+from tests import worlds
+
+
+def test_excluded_pairs_hold_rigid_groups_and_leave_out_the_shapeless():
+    assert excluded_pairs(worlds.gripper()) == (("bar", "palm"), ("left", "palm"), ("palm", "right"))
+    assert excluded_pairs(worlds.every_joint()) == ()
