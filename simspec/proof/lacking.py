@@ -64,7 +64,8 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
             continue
         others = [part for part in PARTS if part[0] == level and part[1] and not wanted[part]]
         whole = (level, "") in PARTS and level in WHOLE and all(part in lacking for part in others)
-        found[level if whole else title(level, name)] = why
+        key = level if whole else title(level, name)
+        found[key] = "; ".join(dict.fromkeys([*found[key].split("; "), why])) if key in found else why
     return found
 
 

@@ -12,7 +12,7 @@ from simspec.dialects.kit.defects import NAMES, Plant
 from simspec.engines.kit.process import side_by_side
 from simspec.errors import UnsupportedError
 from simspec.proof.checks import NOTHING
-from simspec.proof.selftest_worlds import WORLDS
+from simspec.proof.selftest_worlds import SMALLER, WORLDS
 from simspec.proof.verify import Probes, prepare, verify
 from simspec.scratch import scratch_folder
 from simspec.world.types import World
@@ -113,6 +113,8 @@ class _Bench:
             compiled = compile_world(world, [self.engine])[self.engine]
         except UnsupportedError as error:
             self._sound[name] = error.problems[0].message
+            if name in SMALLER:
+                self.open(SMALLER[name][0])
             return
         probes = prepare(world)
         certificate = verify(world, [self.engine], probes=probes, pythons=self._pythons, deadline=DEADLINE)
@@ -125,6 +127,9 @@ class _Bench:
 
     def plant(self, defect: str) -> Outcome:
         sound = self._sound[NAMES[defect]]
+        if isinstance(sound, str) and NAMES[defect] in SMALLER:
+            smaller, held = SMALLER[NAMES[defect]]
+            sound = self._sound[smaller] if defect in held else sound
         if isinstance(sound, str):
             return Outcome(self.engine, defect, None, reason=sound)
         world, compiled, probes = sound

@@ -96,6 +96,27 @@ def model(engine: str) -> World:
     )
 
 
+def core(engine: str) -> World:
+    """What is left of :func:`model` for an engine that has hinges and free bodies only: its base, the arm as two hinges, and
+    its free bodies, without shapes, limits, damping and springs."""
+
+    def bare(body: Body) -> Body:
+        joint = body.joint
+        if joint.kind in ("hinge", "slide"):
+            joint = Joint(joint.name, "hinge", joint.parent, joint.origin, joint.axis, position=(0.2,), velocity=(0.1,))
+        return dataclasses.replace(body, joint=joint, shapes=())
+
+    bodies = tuple(bare(body) for body in model(engine).bodies if body.name != "floor")
+    excluded = tuple(
+        sorted(
+            (min(body.name, body.joint.parent), max(body.name, body.joint.parent))
+            for body in bodies
+            if body.joint.parent is not None
+        )
+    )
+    return World("self-test-core", bodies, Contact(excluded_bodies=excluded), PHYSICS, engines=_options(engine))
+
+
 def bench(engine: str, **joint: float) -> World:
     """A fixed base and two hinges that touch nothing."""
     bodies = (
@@ -202,6 +223,7 @@ def rolling(engine: str) -> World:
 
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
+    "core": core,
     "armature": armature,
     "dry friction": dry_friction,
     "ball joint": ball_joint,
@@ -210,3 +232,17 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "rolling": rolling,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
+
+SMALLER: Mapping[str, tuple[str, frozenset[str]]] = {
+    "model": (
+        "core",
+        frozenset(
+            (
+                *("mass", "centre of mass", "inertia, diagonal", "inertia, sign of a product", "body dropped"),
+                *("joint type", "axis", "axis reversed", "joint origin, position", "joint origin, orientation"),
+                *("initial position", "initial velocity", "gravity", "timestep"),
+            )
+        ),
+    )
+}
+"""The world that takes another's place where an engine refuses that one, and the defects that it can hold."""

@@ -1,0 +1,11 @@
+"""All that the repository of an engine needs to be tested by simspec."""
+
+import os
+
+from simspec.testing import EngineSuite
+
+
+class TestToy(EngineSuite):
+    engine = "toy"
+    python = os.environ.get("TOY_PYTHON")
+    defects = ("mass", "joint type", "axis", "gravity")  # a few: Toy is slow
