@@ -50,6 +50,21 @@ class EngineProof:
         """Whether there are checks and all have passed; a check that compared nothing has not."""
         return bool(self.checks) and all(check.passed for check in self.checks)
 
+    @property
+    def unchecked(self) -> dict[str, str]:
+        """The parts of the proof that the engine cannot be asked for, by title, with the reason that it declares."""
+        from simspec.proof.lacking import TITLES
+
+        return {name: why for name, why in self.not_checked.items() if name in TITLES}
+
+    @property
+    def verdict(self) -> str:
+        """In a line: ``valid``, with what was not checked and why, or ``not valid``."""
+        if not self.valid:
+            return "not valid"
+        parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
+        return f"valid; not checked: {parts}" if parts else "valid"
+
     def level(self, name: str) -> list[Check]:
         """The checks of one level."""
         return [check for check in self.checks if check.level == name]

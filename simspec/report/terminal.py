@@ -142,6 +142,7 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
     levels = sorted(
         {check.level for proof in certificate.engines.values() for check in proof.checks}
         | {name for proof in certificate.engines.values() for name in proof.not_compared if " " not in name}
+        | {name for proof in certificate.engines.values() for name in proof.unchecked if " " not in name}
     )
     for level in levels:
         blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
@@ -151,7 +152,10 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         found.add_row(
             f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
             ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if tightest else "–"),
-            *(_level_cell(blocks[name], tightest.get(name)) for name in certificate.engines),
+            *(
+                _level_cell(blocks[name], tightest.get(name), level in proof.unchecked)
+                for name, proof in certificate.engines.items()
+            ),
         )
     counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
     found.add_row("comparisons", "", *(f"{count:,}" for count in counts))
@@ -160,9 +164,11 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
 
 
 def _verdict(proof: EngineProof) -> Text:
-    """Valid or not, and which levels that does not speak of."""
+    """Valid or not, and which parts that does not speak of."""
     levels = [name for name in proof.not_compared if " " not in name]
     more = Text(f"\n{', '.join(levels)} not compared", style="dim") if levels else Text()
+    if proof.unchecked:
+        more += Text(f"\nnot checked: {', '.join(proof.unchecked)}", style="dim")
     return verdict(proof.valid, "valid", "NOT VALID") + more
 
 
@@ -175,12 +181,12 @@ def _strain(check: Check) -> float:
     return math.inf if check.worst else 0.0
 
 
-def _level_cell(checks: list[Check], worst: Check | None) -> Text:
+def _level_cell(checks: list[Check], worst: Check | None, unchecked: bool) -> Text:
     bad = sum(not check.passed for check in checks)
     if bad:
         return Text(f"{bad} FAILED", style="bold red")
     if worst is None:
-        return Text("not compared", style="dim")
+        return Text("not checked" if unchecked else "not compared", style="dim")
     return Text(f"{worst.worst:.1e}" if worst.worst else "equal", style="green")
 
 
@@ -221,8 +227,9 @@ def certificate_notes(certificate: Certificate) -> list[str]:
             if figure.deviation:
                 declared.setdefault(figure.deviation, {})[figure.probe] = None
         notes += [f"{name}: known deviation ({', '.join(of)}): {why}" for why, of in declared.items()]
-        if proof.not_checked:
-            notes.append(f"{name}: not readable back: {', '.join(proof.not_checked)}")
+        notes += [f"{name}: not checked: {part}: {why}" for part, why in proof.unchecked.items()]
+        if fields := [field for field in proof.not_checked if field not in proof.unchecked]:
+            notes.append(f"{name}: not readable back: {', '.join(fields)}")
     if any(figure.deviation for proof in proofs for figure in proof.contact):
         notes.append("measured deviations: docs/contact.md")
     return notes

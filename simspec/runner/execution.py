@@ -16,6 +16,8 @@ from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit import process
 from simspec.engines.kit.answer_forms import Operation
+from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.engines.kit.registry import find_engine
@@ -50,6 +52,19 @@ def compiled_folder(case: Case, artifacts: Path | None = None) -> Iterator[Path]
     yield artifacts
 
 
+CHANNEL_NEEDS: Mapping[str, Capability] = {"energy": Capability.ENERGY}
+"""The capability that a channel takes beside an engine's core."""
+
+
+def unrecordable(channels: Iterable[str], engine: type[Engine]) -> dict[str, str]:
+    """Those of ``channels`` that ``engine`` cannot give, with the reason that it declares."""
+    return {
+        channel: engine.LACKS[CHANNEL_NEEDS[channel]]
+        for channel in channels
+        if channel in CHANNEL_NEEDS and CHANNEL_NEEDS[channel] in engine.LACKS
+    }
+
+
 @contextlib.contextmanager
 def start_case(
     case: Case,
@@ -65,7 +80,9 @@ def start_case(
     """
     world = case.resolved
     record, options = world.record, world.options(engine_name(case.engine))
-    parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": list(record.channels)}
+    not_recorded = unrecordable(record.channels, find_engine(case.engine))
+    channels = [channel for channel in record.channels if channel not in not_recorded]
+    parameters = {"steps": world.physics.steps, "every": record.every_steps, "channels": channels}
     parameters["most"] = RECORDED_BYTES
     parameters["progress"] = {"file": PROGRESS_FILE, "every": 2.0 * process.LOOK_EVERY}
     control, arrays = to_request(world)
@@ -85,7 +102,7 @@ def start_case(
             "settings": resolve_settings(find_engine(case.engine), world),
             "accepted": list(options.accept),
             "outside": list(options.outside),
-            "record": {"every_steps": record.every_steps, "channels": list(record.channels)},
+            "record": {"every_steps": record.every_steps, "channels": channels, "not_recorded": not_recorded},
             "perturb": case.perturb,
             "seed": case.seed,
             "spec": dict(source or {}),

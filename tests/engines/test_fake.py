@@ -55,7 +55,9 @@ def in_its_repository(python: Path, *command: str) -> subprocess.CompletedProces
 
 
 def test_it_has_numpy_and_nothing_of_simspec(python):
-    done = subprocess.run([str(python), "-c", "import numpy, simspec"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(python), "-I", "-c", "import numpy, simspec"], capture_output=True, text=True, check=False
+    )
     assert "No module named 'simspec'" in done.stderr
 
 
