@@ -93,7 +93,8 @@ WRITERS = {
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/kit/request.py": "requests and artifacts into the temporary folder of an engine's process",
-    "engines/kit/recorder.py": "in an engine's process: progress and rows into the process's own temporary folder",
+    "engines/kit/recorder.py": "in an engine's process: progress into the process's own temporary folder",
+    "engines/kit/record_files.py": "in an engine's process: rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "mapped.py": "large arrays, in temporary files that have no name",
 }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from simspec.engines.dart.coordinates import Tree
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
@@ -30,6 +32,16 @@ def no_springs(world: World) -> Refinement | None:
     return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
 
 
+def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[Tree, np.ndarray, np.ndarray]]:
+    """Of each tree its degrees of freedom on the hinges and slides at the places ``v`` (n,), and where these stand in ``v``."""
+    order = {int(place): index for index, place in enumerate(v)}
+    for tree in sim.coordinates.trees:
+        places = [(start, order[place]) for start, place in tree.straight if place in order]
+        if places:
+            dofs, rows = np.array(places, dtype=int).T.copy()
+            yield tree, dofs, rows
+
+
 class JointArrays(Actuation):
     """One call for each skeleton to read positions, velocities, and one to drive. For simulations without efforts of their own
     (damping, springs, armature) and without rotations to be corrected, which need more."""
@@ -37,13 +49,10 @@ class JointArrays(Actuation):
     def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
         super().__init__(engine, q, v)
         self._sim = sim
-        order = {int(place): index for index, place in enumerate(v)}
-        self._trees = []
-        for tree in sim.coordinates.trees:
-            places = [(start, order[place]) for start, place in tree.straight if place in order]
-            if places:
-                dofs, rows = (np.array(part, dtype=int) for part in zip(*places, strict=True))
-                self._trees.append((tree.skeleton, dofs, rows, np.zeros(tree.dofs.stop - tree.dofs.start)))
+        self._trees = [
+            (tree.skeleton, dofs, rows, np.zeros(tree.dofs.stop - tree.dofs.start))
+            for tree, dofs, rows in _driven(sim, v)
+        ]
         self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
 
     @staticmethod
@@ -74,17 +83,12 @@ class JointServos:
     def __init__(self, sim: Simulation, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray):
         self._rate = motor_rate(stiffness, damping, sim.timestep)
         limit = motor_limit(stiffness, damping, limit)
-        order = {int(place): index for index, place in enumerate(v)}
         kind = sim.dartpy.dynamics.ActuatorType.SERVO
         self._trees: list[tuple[Any, list[int], np.ndarray]] = []
-        for tree in sim.coordinates.trees:
-            places = [(start, order[place]) for start, place in tree.straight if place in order]
-            if not places:
-                continue
-            dofs, rows = (np.array(part, dtype=int) for part in zip(*places, strict=True))
+        for tree, dofs, rows in _driven(sim, v):
             every = [tree.skeleton.getJoint(index) for index in range(tree.skeleton.getNumJoints())]
             joints = {joint.getIndexInSkeleton(0): joint for joint in every if joint.getNumDofs() == 1}
-            for dof, row in places:
+            for dof, row in zip(dofs.tolist(), rows.tolist(), strict=True):
                 joint = joints[dof]
                 joint.setActuatorType(kind)
                 joint.setForceLowerLimit(0, -limit[row])

@@ -24,6 +24,7 @@ from simspec.engines.dart.inventory import inventory, neutral
 from simspec.engines.dart.readback import read_back
 from simspec.engines.dart.settings import SETTINGS
 from simspec.engines.dart.simulation import Simulation, import_dartpy
+from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
@@ -41,13 +42,11 @@ from simspec.support.declarations import (
     Table,
     approximate,
     never,
-    not_here,
     outside,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import Body, HeldValue, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
@@ -104,26 +103,13 @@ def _shape(kind: str, how: str = _DETECTORS) -> Support:
 
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where it is not exact."""
-    return not_here(_armature_not_felt(world))
+    return armature_felt(world, Dart.TITLE, _not_felt)
 
 
-def _armature_not_felt(world: World) -> str | None:
-    """Why something would not feel an armature; None where every one sits in a tree where it is exact."""
-    allowed = CollisionFilter(world)
-    groups = rigid_groups(world)
-    for bodies in trees(world).values():
-        armed = [body.name for body in bodies if body.joint.armature]
-        if not armed:
-            continue
-        served = natively_driven(bodies, world)
-        if served:
-            return f"{served[0]!r} has DART's own controller, whose impulses would not feel the armature"
-        for body in bodies:
-            if body.joint.dry_friction or body.joint.position_limits is not None:
-                return f"{body.name!r} has dry friction or position limits, whose impulses would not feel the armature"
-            for other in world.bodies:
-                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return f"{body.name!r} may touch {other.name!r}, and contact would not feel the armature"
+def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
+    for body in bodies:
+        if body.joint.dry_friction or body.joint.position_limits is not None:
+            return f"{body.name!r} has dry friction or position limits, whose impulses would not feel the armature"
     return None
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.native import Servos
 from simspec.control.request import from_request
-from simspec.engines.kit.arrays import CONTACT_FIELDS
 from simspec.engines.kit.contract import Actuation
+from simspec.engines.kit.record_files import Columns, Contacts
 from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
 
@@ -49,110 +49,8 @@ class Stepper:
         self.seconds["cpu"] += time.process_time() - cpu
 
 
-CHUNK_BYTES = 1_000_000
-"""Size of the buffer that rows are collected in before they are written."""
-CONTACT_CHUNK = 20_000
-"""Contacts that are collected before they are written."""
 MOST_BYTES = 16 * 2**30
 """Where a request does not say how much may be recorded."""
-
-
-class _Columns:
-    """Rows of float64 of several channels, side by side in one buffer that is written when it is full: one file for each
-    channel. Memory does not grow with the number of rows."""
-
-    def __init__(self, shapes: dict[str, tuple[int, ...]], place: Path):
-        sizes = {name: int(np.prod(shape, dtype=int)) for name, shape in shapes.items()}
-        width = sum(sizes.values())
-        self._rows = max(1, CHUNK_BYTES // max(1, 8 * width))
-        self._block = np.empty((self._rows, width))
-        self.views: dict[str, np.ndarray] = {}
-        """The buffer of each channel (rows, ...)."""
-        self.ends: dict[str, int] = {}
-        """The column after each channel's last."""
-        self._shapes, self._files = shapes, {}
-        first = 0
-        for name, shape in shapes.items():
-            last = first + sizes[name]
-            self.views[name] = self._block[:, first:last].reshape(self._rows, *shape)
-            self.ends[name] = first = last
-            self._files[name] = open(f"{place}{name}.bin", "wb")  # noqa: SIM115 (closed in close())
-        self.at = 0
-        """The row to be filled."""
-        self._written = 0
-
-    def row(self) -> np.ndarray:
-        """The row that is being filled, all channels."""
-        return self._block[self.at]
-
-    def done(self) -> int:
-        """The row is filled. Returns the bytes that were written because of it."""
-        self.at += 1
-        return self.write() if self.at == self._rows else 0
-
-    def write(self) -> int:
-        """Write what is collected; returns its size in bytes."""
-        for name, file in self._files.items():
-            file.write(np.ascontiguousarray(self.views[name][: self.at], dtype="<f8").data)
-        size = self.at * self._block.shape[1] * 8
-        self._written += self.at
-        self.at = 0
-        return size
-
-    def close(self) -> dict[str, dict[str, Any]]:
-        """Write the rest; returns kind and shape of each channel's array."""
-        self.write()
-        for file in self._files.values():
-            file.close()
-        return {name: {"kind": "f8", "shape": [self._written, *shape]} for name, shape in self._shapes.items()}
-
-
-class _Contacts:
-    """Ragged contacts, written as :class:`_Columns` are."""
-
-    def __init__(self, place: Path):
-        self._shapes = {"row": (), **CONTACT_FIELDS}
-        self._kinds = {name: "i8" if name in ("row", "body") else "f8" for name in self._shapes}
-        self._files = {
-            name: open(f"{place}contact.{name}.bin", "wb")  # noqa: SIM115 (closed in close())
-            for name in self._shapes
-        }
-        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in self._shapes}
-        self._collected = self._written = 0
-
-    def add(self, row: int, found: dict[str, np.ndarray]) -> int:
-        """Add the contacts of a row. Returns the bytes that were written because of it."""
-        count = len(found["distance"])
-        if not count:
-            return 0
-        self._blocks["row"].append(np.full(count, row, dtype=np.int64))
-        for name, shape in CONTACT_FIELDS.items():
-            self._blocks[name].append(np.asarray(found[name]).reshape(count, *shape))
-        self._collected += count
-        return self.write() if self._collected >= CONTACT_CHUNK else 0
-
-    def write(self) -> int:
-        """Write what is collected; returns its size in bytes."""
-        size = 0
-        for name, blocks in self._blocks.items():
-            if blocks:
-                whole = np.ascontiguousarray(np.concatenate(blocks), dtype=f"<{self._kinds[name]}")
-                self._files[name].write(whole.data)
-                size += whole.nbytes
-                blocks.clear()
-        self._written += self._collected
-        self._collected = 0
-        return size
-
-    def close(self) -> dict[str, dict[str, Any]]:
-        """Write the rest; returns kind and shape of each array."""
-        self.write()
-        for file in self._files.values():
-            file.close()
-        return {
-            f"contact.{name}": {"kind": self._kinds[name], "shape": [self._written, *shape]}
-            for name, shape in self._shapes.items()
-        }
 
 
 class Recording:
@@ -165,8 +63,8 @@ class Recording:
         self._session, self._control, self._place = session, control, Path(place)
         channels = frozenset(channels)
         self._energy = "energy" in channels
-        self._contacts = _Contacts(self._place) if "contacts" in channels else None
-        self._columns: _Columns | None = None
+        self._contacts = Contacts(self._place) if "contacts" in channels else None
+        self._columns: Columns | None = None
         self._own: np.ndarray | None = None
         """Columns of efforts that only the engine knows, where it has controllers of its own."""
         self._most, self._bytes = most, 0
@@ -208,8 +106,8 @@ class Recording:
         self.seconds += time.perf_counter() - started
         return self.failed is None
 
-    def _begin(self, row: dict[str, Any]) -> _Columns:
-        columns = _Columns({name: np.shape(value) for name, value in row.items()}, self._place)
+    def _begin(self, row: dict[str, Any]) -> Columns:
+        columns = Columns({name: np.shape(value) for name, value in row.items()}, self._place)
         native = () if self._control is None else self._control.native_places
         if len(native):
             known = np.ones(len(columns.row()), dtype=bool)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from simspec.engines.kit.contract import Actuation, Engine
@@ -27,20 +29,25 @@ def no_dry_friction(world: World) -> Refinement | None:
     )
 
 
+def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[int, list[int], np.ndarray]]:
+    """Of each tree its number, its links on the hinges and slides at the places ``v`` (n,), and where these stand in ``v``."""
+    order = {int(place): index for index, place in enumerate(v)}
+    for tree in sim.trees:
+        links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
+        if links:
+            yield tree.uid, [link.link for link in links], np.array([order[link.v.start] for link in links], dtype=int)
+
+
 class JointArrays(Actuation):
     """One call for each tree to read, and one to drive. For simulations without springs and armature, which need more."""
 
     def __init__(self, engine: Engine, sim: Simulation, q: np.ndarray, v: np.ndarray):
         super().__init__(engine, q, v)
         self._sim = sim
-        order = {int(place): index for index, place in enumerate(v)}
         self._trees = []
-        for tree in sim.trees:
-            links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
-            if links:
-                rows = np.array([order[link.v.start] for link in links], dtype=int)
-                whole = len(links) == len(order) and (np.diff(rows) == 1).all()
-                self._trees.append((tree.uid, [link.link for link in links], None if whole else rows))
+        for uid, links, rows in _driven(sim, v):
+            whole = len(links) == len(v) and (np.diff(rows) == 1).all()
+            self._trees.append((uid, links, None if whole else rows))
         self._positions, self._velocities = np.zeros(len(v)), np.zeros(len(v))
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -70,19 +77,15 @@ class JointServos:
         self._sim = sim
         gain = motor_rate(stiffness, damping, sim.sidecar.timestep) * sim.sidecar.timestep
         limit = np.minimum(motor_limit(stiffness, damping, limit), UNCLAMPED)
-        order = {int(place): index for index, place in enumerate(v)}
         self._trees = []
-        for tree in sim.trees:
-            links = [link for link in tree.movers if link.kind != "ball" and link.v.start in order]
-            if links:
-                rows = np.array([order[link.v.start] for link in links], dtype=int)
-                fixed = {
-                    "positionGains": gain[rows].tolist(),
-                    "velocityGains": [1.0] * len(links),
-                    "forces": limit[rows].tolist(),
-                    "physicsClientId": sim.client,
-                }
-                self._trees.append((tree.uid, [link.link for link in links], rows, fixed))
+        for uid, links, rows in _driven(sim, v):
+            fixed = {
+                "positionGains": gain[rows].tolist(),
+                "velocityGains": [1.0] * len(links),
+                "forces": limit[rows].tolist(),
+                "physicsClientId": sim.client,
+            }
+            self._trees.append((uid, links, rows, fixed))
 
     def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
         p = self._sim.bullet

@@ -21,6 +21,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
+from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
@@ -46,14 +47,12 @@ from simspec.support.declarations import (
     Table,
     approximate,
     never,
-    not_here,
     outside,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import Body, HeldValue, ReadBack, World
 
 _NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
@@ -62,29 +61,14 @@ _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where a computed torque is not exact."""
-    return not_here(_armature_not_felt(world))
+    return armature_felt(world, PyBullet.TITLE, _not_felt)
 
 
-def _armature_not_felt(world: World) -> str | None:
-    """Why something would not feel an armature; None where every one sits in a tree where the torque is exact."""
-    allowed = CollisionFilter(world)
-    groups = rigid_groups(world)
-    for bodies in trees(world).values():
-        armed = [body.name for body in bodies if body.joint.armature]
-        if not armed:
-            continue
-        served = natively_driven(bodies, world)
-        if served:
-            return f"{served[0]!r} has PyBullet's own controller, whose impulses would not feel the armature"
-        kinds = {body.joint.kind for body in bodies}
-        if not kinds <= {"fixed", "hinge", "slide"}:
-            return f"the tree of {armed[0]!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
-        if any(body.joint.dry_friction for body in bodies):
-            return f"the tree of {armed[0]!r} has dry friction, whose impulses would not feel the armature"
-        for body in bodies:
-            for other in world.bodies:
-                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return f"{body.name!r} may touch {other.name!r}, and contact would not feel the armature"
+def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
+    if not {body.joint.kind for body in bodies} <= {"fixed", "hinge", "slide"}:
+        return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
+    if any(body.joint.dry_friction for body in bodies):
+        return f"the tree of {armed!r} has dry friction, whose impulses would not feel the armature"
     return None
 
 
