@@ -12,9 +12,10 @@ import numpy as np
 
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, Reply, call
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.split import joined, split
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.types import (
@@ -37,6 +38,7 @@ ENGINES = tuple(engines())
 RUNS: Mapping[str, tuple[str, Settings]] = {
     **{name: (name, ()) for name in ENGINES},
     "mujoco, coulomb": ("mujoco", (("friction", "coulomb"),)),
+    "drake, sap": ("drake", (("contact_approximation", "sap"),)),
 }
 """What has rows of its own: engine and settings."""
 ACCEPT = tuple(sorted(feature.value for feature in Feature))
@@ -89,13 +91,16 @@ def measure(run: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
     with tempfile.TemporaryDirectory(prefix="simspec-contact-") as name:
         results: list[Result | None] = [None] * len(jobs)
         asked: list[tuple[int, list[World], list[Operation]]] = []
+        parts: dict[int, list[int]] = {}  # of each job, in how many worlds each trial is driven
         for index, (probe, law) in enumerate(jobs):
             if not probe.applies(law):
                 results[index] = Result(refused="the probe has nothing to measure here")
                 continue
             try:
                 worlds, operations = [], []
-                for number, trial in enumerate(probe.trials(law)):
+                trials = [split(trial, find_engine(engine).PROBED_TOGETHER) for trial in probe.trials(law)]
+                parts[index] = [len(some) for some in trials]
+                for number, trial in enumerate(part for some in trials for part in some):
                     world, operation = _prepared(run, law, trial, Path(name) / f"{index}-{number}")
                     worlds.append(world)
                     operations.append(operation)
@@ -107,7 +112,9 @@ def measure(run: str, jobs: Sequence[tuple[Probe, Law]]) -> list[Result]:
             if isinstance(found, str):
                 results[index] = Result(failed=found)
             else:
-                results[index] = Result(tuple(probe.figures(law, found)))
+                rest = iter(found)
+                motions = [joined(list(itertools.islice(rest, count))) for count in parts[index]]
+                results[index] = Result(tuple(probe.figures(law, motions)))
         return [result or Result(failed="not run") for result in results]
 
 

@@ -45,6 +45,10 @@ from simspec.world.types import HeldValue, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
+_PD = (
+    "simspec does not use the PD controllers of Drake's actuators, which take their gains before the plant is finished, and "
+    "work by SAP alone"
+)
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
 _ONE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
@@ -89,7 +93,7 @@ class Drake(SimulatedEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
-        Capability.NATIVE_CONTROLLERS: _NOT_YET,
+        Capability.NATIVE_CONTROLLERS: _PD,
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
@@ -141,7 +145,7 @@ class Drake(SimulatedEngine[Simulation]):
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: not_yet(_NOT_YET, Attempt.OWN_CONTROLLER),
+        Feature.CONTROL_NATIVE: not_yet(_PD, Attempt.OWN_CONTROLLER),
         **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
