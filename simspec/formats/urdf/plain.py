@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.kit.text import json_text
-from simspec.formats.urdf.from_world import UNLIMITED, Files
+from simspec.formats.urdf.from_world import GEOMETRY, UNLIMITED, Files
 from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Table, approximate, never, via_api
+from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Table, approximate, never, shape_kinds, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -27,8 +27,7 @@ SUPPORT: Final[Table] = {
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING, Feature.DRY_FRICTION),
             *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_VISUAL),
-            Feature.SHAPES_PER_BODY,
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
         ),
         EXACT,
     ),
@@ -40,9 +39,9 @@ SUPPORT: Final[Table] = {
         "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
     ),
     Feature.BALL_DAMPING: approximate("the same damping at each of three hinges"),
+    **shape_kinds("URDF", GEOMETRY),
     Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
-    Feature.SHAPE_ELLIPSOID: never("URDF has no ellipsoid"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),

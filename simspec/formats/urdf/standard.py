@@ -23,6 +23,7 @@ from simspec.formats.urdf.from_world import (
     visual_of,
 )
 from simspec.formats.urdf.tree import Collision, Dynamics, Joint, Link, Origin, Robot, Visual
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Pose, Shape, Vector3
 
@@ -31,7 +32,7 @@ PLANE_EDGE: Final = 200.0
 PLANE_DEPTH: Final = 1.0
 LANGUAGE_KINDS: Final = ("sphere", "box", "cylinder")
 """The kinds of shapes that the language has."""
-NOT_PUT: Final = ("ellipsoid",)
+NOT_PUT: Final = tuple(kind for kind in SHAPE_KINDS if kind not in (*LANGUAGE_KINDS, "plane", "capsule"))
 """The kinds for which nothing stands."""
 AXES: Final[tuple[tuple[str, Vector3], ...]] = (
     ("x", (1.0, 0.0, 0.0)),
