@@ -15,7 +15,7 @@ from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, Pybull
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
-from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, pose_of, shapes_of, size_of
+from simspec.formats.urdf.to_world import DEFAULT_AXIS, check_empty, inertial_of, pose_of, shapes_of, size_of
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -164,6 +164,8 @@ def _joint(joint: JointRead) -> Joint:
         raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
     kind = KINDS[joint.type]
     moves = kind in ("hinge", "slide")
+    if (joint.limit is not None and not moves) or (joint.dynamics is not None and kind == "fixed"):
+        raise joint.node.error(f"joint {joint.name!r} of type {joint.type} has limits or dynamics")
     limit = joint.limit if moves else None
     lower, upper = NO_LIMITS
     if limit is not None:
@@ -199,6 +201,8 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
         raise ValueError(f"{instance.file}: the links of copies are not those of the sidecar")
     if len(first.copies) != len(instance.copies) or len(first.bodies) != len(instance.bodies):
         raise ValueError(f"{instance.file}: two instances have other links, or other copies of shapes")
+    if skipped:
+        check_empty(file.links[0])
     copies = _copies(file, carriers, first, instance)
     own_name = dict(zip(first.bodies, instance.bodies, strict=True))
     bodies = []

@@ -11,7 +11,7 @@ from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapeP
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
-from simspec.formats.urdf.to_world import DEFAULT_AXIS, inertial_of, pose_of, shapes_of
+from simspec.formats.urdf.to_world import DEFAULT_AXIS, check_empty, inertial_of, pose_of, shapes_of
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -94,8 +94,8 @@ class _Tree:
             raise ValueError(f"{instance.file}: its root is not the sidecar's")
         if len(first.bodies) != len(instance.bodies):
             raise ValueError(f"{instance.file}: two instances have other links")
-        if not instance.free and robot.links[0].inertial is not None:
-            raise robot.links[0].node.error("the link that stands for the world has a mass")
+        if not instance.free:
+            check_empty(robot.links[0])
         self._links, self._first, self._instance = own, first, instance
         self._joints = {joint.child: joint for joint in robot.joints}
         self._own_name = dict(zip(first.bodies, instance.bodies, strict=True))
@@ -166,6 +166,8 @@ def _joint(joint: JointRead) -> Joint:
     moves = kind in ("hinge", "slide")
     limits = joint.limit if moves else None
     dynamics = joint.dynamics
+    if not moves and (joint.limit is not None or dynamics is not None):
+        raise joint.node.error(f"joint {joint.name!r} of type {joint.type} has limits or dynamics")
     return Joint(
         joint.name,
         kind,

@@ -36,6 +36,12 @@ def inertial_of(inertial: Inertial | None) -> WorldInertial:
     return WorldInertial(inertial.mass, pose.position, frames.turn_inertia(pose.quaternion, tensor))
 
 
+def check_empty(link: Link) -> None:
+    """Raise ValueError where a link that only stands for the world has a mass or shapes."""
+    if inertial_of(link.inertial).mass or link.visuals or link.collisions:
+        raise link.node.error(f"link {link.name!r} stands for the world, and has a mass or shapes")
+
+
 def size_of(geometry: Node) -> Size:
     """The kind and size of a geometry of the language, but a mesh. Raises ValueError for others."""
     if geometry.tag == "box":

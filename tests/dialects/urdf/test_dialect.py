@@ -222,6 +222,7 @@ def test_files_that_do_not_fit_the_sidecar_are_refused(tmp_path):
         ("</robot>", "<gazebo/></robot>", "that simspec does not write"),
         ('<link name="link3"', '<link name="link4"', "a link 'link3', which there is not"),
         ('type="continuous"', 'type="spherical"', "not of the dialect"),
+        ('type="fixed">', 'type="fixed"><limit effort="1"/>', "has limits or dynamics"),
     ):
         assert old in files[name], old
         write({**files, name: files[name].replace(old, new, 1)}, tmp_path)
@@ -236,3 +237,15 @@ def test_hardness_is_carried_by_material():
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
     sidecar = UrdfDialect().lower(world, target(world)).sidecar
     assert {numbers.hardness for numbers in sidecar.materials} == {soft}
+
+
+def test_the_link_that_stands_for_the_world_carries_nothing(tmp_path):
+    files = emit(HELD["hung"]())
+    (name,) = [name for name in files if name.endswith(".urdf")]
+    ball = '<collision name="c"><geometry><sphere radius="1"/></geometry></collision>'
+    heavy = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    for more in (ball, ball.replace("collision", "visual"), heavy):
+        changed = files[name].replace('<link name="world">', f'<link name="world">{more}')
+        assert changed != files[name]
+        with pytest.raises(ValueError, match="stands for the world"):
+            UrdfDialect().read(write({**files, name: changed}, tmp_path))
