@@ -10,7 +10,7 @@ from pydantic import Field
 
 from simspec.language.quantities import Number, Reader, Vector, Whole
 from simspec.language.shapes import Length, Point, Pose, Switch
-from simspec.language.strict import Fault, Strict, fault, show
+from simspec.language.strict import ABSENT, Fault, Strict, fault, show
 
 MOST_ELEMENTS = 100_000
 """Elements of one array, and bodies of one scenario: beyond it a slip of the pen is likelier than a plan."""
@@ -62,10 +62,11 @@ class Jitter(Strict):
     ONE_OF: ClassVar[tuple[str, ...]] = ("uniform", "radial")
 
     uniform: Annotated[float, Number("length", 0)] = Field(
-        None, description="a: each coordinate of each element moves by U(−a, a); three draws per element: x, y, z"
+        ABSENT, description="a: each coordinate of each element moves by U(−a, a); three draws per element: x, y, z"
     )
     radial: Annotated[float, Number("number", 0, 1)] = Field(
-        None, description="a: each element's offset from the array's origin is scaled by U(1 − a, 1 + a); one draw each"
+        ABSENT,
+        description="a: each element's offset from the array's origin is scaled by U(1 − a, 1 + a); one draw each",
     )
     seed: Annotated[int, Whole()] = Field(..., description="Seed of the generator (Python's random.Random)")
 
@@ -84,20 +85,20 @@ class Array(Strict):
     """Fields that belong to one layout, and whether it needs them."""
 
     grid: Annotated[Any, Grid()] = Field(
-        None, description="[nx, ny, nz]: element (i, j, k) at spacing × (i, j, k); k runs fastest"
+        ABSENT, description="[nx, ny, nz]: element (i, j, k) at spacing × (i, j, k); k runs fastest"
     )
     spacing: Annotated[Any, Spacing()] = Field(None, description="Distance of neighbours in a grid, along each axis")
-    line: Annotated[int, Whole(1, MOST_ELEMENTS)] = Field(None, description="n elements, element i at i × `step`")
-    step: Point = Field(None, description="From one element of a line to the next")
+    line: Annotated[int, Whole(1, MOST_ELEMENTS)] = Field(ABSENT, description="n elements, element i at i × `step`")
+    step: Point = Field(ABSENT, description="From one element of a line to the next")
     ring: Annotated[int, Whole(1, MOST_ELEMENTS)] = Field(
-        None, description="n elements on a circle in the x-y plane, element i at the angle 2π i/n from the x axis"
+        ABSENT, description="n elements on a circle in the x-y plane, element i at the angle 2π i/n from the x axis"
     )
-    radius: Length = Field(None, description="Radius of a ring")
+    radius: Length = Field(ABSENT, description="Radius of a ring")
     face: Switch = Field(
         False, description="Whether each element of a ring is turned by its angle, so that its x axis points outwards"
     )
-    poses: list[Pose] = Field(None, description="The elements' poses, one by one")
-    jitter: Jitter = Field(None, description="Perturbation of the elements' positions")
+    poses: list[Pose] = Field(ABSENT, description="The elements' poses, one by one")
+    jitter: Jitter = Field(ABSENT, description="Perturbation of the elements' positions")
 
     def count(self) -> int:
         """How many elements there are."""

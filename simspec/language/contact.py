@@ -12,7 +12,7 @@ from pydantic_core import core_schema
 from simspec.language.document import INVALID
 from simspec.language.quantities import Flag, Name, Number, Reader, Word
 from simspec.language.shapes import NameOf
-from simspec.language.strict import Fault, Faults, Strict, fault, near, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, near, replace_loc, show
 from simspec.language.vocabulary import (
     COMBINATIONS,
     COMBINED_QUANTITIES,
@@ -189,12 +189,12 @@ class Pair(Strict):
     """The contact law of two materials; wins over `combine`, and over the material's own values for a pair with itself."""
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
-    friction: Coefficient = Field(None, description="Sliding friction of the pair; default: by `combine`")
-    restitution: Ratio = Field(None, description="Restitution of the pair; default: by `combine`")
-    torsional_friction: Arm = Field(None, description="Torsional friction of the pair; default: by `combine`")
-    rolling_friction: Arm = Field(None, description="Rolling friction of the pair; default: by `combine`")
-    restitution_threshold: Speed = Field(None, description="Threshold speed of the pair; default: by `combine`")
-    hardness: HardnessValue = Field(None, description="Hardness of the pair; default: that of `contact`")
+    friction: Coefficient = Field(ABSENT, description="Sliding friction of the pair; default: by `combine`")
+    restitution: Ratio = Field(ABSENT, description="Restitution of the pair; default: by `combine`")
+    torsional_friction: Arm = Field(ABSENT, description="Torsional friction of the pair; default: by `combine`")
+    rolling_friction: Arm = Field(ABSENT, description="Rolling friction of the pair; default: by `combine`")
+    restitution_threshold: Speed = Field(ABSENT, description="Threshold speed of the pair; default: by `combine`")
+    hardness: HardnessValue = Field(ABSENT, description="Hardness of the pair; default: that of `contact`")
     collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two pass through each other")
 
     @classmethod
@@ -229,7 +229,9 @@ class Contact(Strict):
         ("common", ()), description="What holds bodies apart, where a pair says nothing else"
     )
     materials: dict[NameOf, Material] = Field({}, description="Materials by name")
-    combine: Combine = Field(None, description="The rule for pairs of different materials, or a rule for each quantity")
+    combine: Combine = Field(
+        ABSENT, description="The rule for pairs of different materials, or a rule for each quantity"
+    )
     pairs: list[Pair] = Field([], description="Laws of pairs of materials")
     groups: dict[NameOf, Group] = Field({}, description="Collision groups by name; symmetric")
     exclude: Annotated[tuple[tuple[str, str], ...], Exclusions()] = Field(

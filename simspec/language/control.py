@@ -12,7 +12,7 @@ from simspec.language.document import INVALID
 from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
 from simspec.language.joints import DIMENSION, check_suits_driven
 from simspec.language.quantities import Flag, Number, Reader, Word
-from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, DRIVEN_KINDS
 
 MOST_CONTROLLERS = 100
@@ -126,7 +126,7 @@ class Controller(Strict):
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
     )
     natural_frequency: Annotated[float, Number("angular velocity", 0, above=True)] = Field(
-        None, description="ω: how fast an error vanishes; computed-torque, required"
+        ABSENT, description="ω: how fast an error vanishes; computed-torque, required"
     )
     damping_ratio: Annotated[float, Number("number", 0)] = Field(
         1.0, description="ζ: 1 comes back without overshoot; computed-torque"
@@ -142,20 +142,20 @@ class Controller(Strict):
         False, description="Whether the effort that holds the joints against gravity at rest is added; pd"
     )
     effort_limit: Annotated[Any, PER_JOINT["effort_limit"]] = Field(
-        None, description="The largest effort of the actuator; the joint's own `limits.effort` holds besides"
+        ABSENT, description="The largest effort of the actuator; the joint's own `limits.effort` holds besides"
     )
     velocity_limit: Annotated[Any, PER_JOINT["velocity_limit"]] = Field(
-        None,
+        ABSENT,
         description="The largest speed of the actuator, which the trajectory must keep to; the joint's own "
         "`limits.velocity` holds besides",
     )
     gear: Annotated[Any, PER_JOINT["gear"]] = Field(
-        None,
+        ABSENT,
         description="g: turns of the actuator per turn of the joint; kp, kd, limits and rotor inertia are the "
         "actuator's; default 1",
     )
     rotor_inertia: Annotated[Any, PER_JOINT["rotor_inertia"]] = Field(
-        None, description="Inertia of the actuator's rotor; g² times as much is added to the joint's `armature`"
+        ABSENT, description="Inertia of the actuator's rotor; g² times as much is added to the joint's `armature`"
     )
 
     @classmethod

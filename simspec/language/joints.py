@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, ValidationError
 from simspec.language.document import INVALID
 from simspec.language.quantities import ByJointType, Direction, Number, Vector, Word
 from simspec.language.shapes import NameOf, Orientation, Pose
-from simspec.language.strict import Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import DRIVEN_KINDS, JOINT_KINDS
 
 DIMENSION: Mapping[str, Mapping[str, str]] = {
@@ -78,13 +78,13 @@ class Limits(Strict):
     """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
 
     position: Annotated[Any, ByJointType("rad or m", 2)] = Field(
-        None, description="[lower, upper]: lower ≤ q ≤ upper, a hard, inelastic stop"
+        ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, a hard, inelastic stop"
     )
     velocity: Annotated[Any, ByJointType("rad/s or m/s")] = Field(
-        None, description="Velocity rating ≥ 0: held, not enforced by the engine"
+        ABSENT, description="Velocity rating ≥ 0: held, not enforced by the engine"
     )
     effort: Annotated[Any, ByJointType("N m or N")] = Field(
-        None, description="Effort rating ≥ 0: held, not enforced by the engine"
+        ABSENT, description="Effort rating ≥ 0: held, not enforced by the engine"
     )
 
 
@@ -94,7 +94,7 @@ class Spring(Strict):
 
     stiffness: Annotated[Any, ByJointType("N m/rad or N/m")] = Field(..., description="Stiffness k ≥ 0")
     rest: Annotated[Any, ByJointType("rad or m")] = Field(
-        None, description="The position without effort; default 0; not at a ball joint"
+        ABSENT, description="The position without effort; default 0; not at a ball joint"
     )
 
 
@@ -103,7 +103,7 @@ class Joint(Strict):
     frame; the body's own frame coincides with it when the joint is at zero."""
 
     name: NameOf = Field(
-        None, description="Name; default `<body>_joint`, with a number behind if that is given to another"
+        ABSENT, description="Name; default `<body>_joint`, with a number behind if that is given to another"
     )
     type: Annotated[str, Word(JOINT_KINDS)] = Field(
         ...,
@@ -111,29 +111,29 @@ class Joint(Strict):
         "free: a root that moves freely",
     )
     origin: Pose = Field(
-        None, description="Pose of the joint's frame in the parent's body frame; default: the same frame"
+        ABSENT, description="Pose of the joint's frame in the parent's body frame; default: the same frame"
     )
     axis: Annotated[tuple[float, float, float], Direction()] = Field(
-        None, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
+        ABSENT, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
     )
-    limits: Limits = Field(None, description="Limits; hinge and slide")
+    limits: Limits = Field(ABSENT, description="Limits; hinge and slide")
     damping: Annotated[Any, ByJointType("N m s/rad or N s/m")] = Field(
-        None, description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; hinge, slide and ball"
+        ABSENT, description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; hinge, slide and ball"
     )
     dry_friction: Annotated[Any, ByJointType("N m or N")] = Field(
-        None, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
+        ABSENT, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
     )
     armature: Annotated[Any, ByJointType("kg m² or kg")] = Field(
-        None,
+        ABSENT,
         description="Inertia ≥ 0 added to this joint's diagonal of the mass matrix (a geared rotor: rotor inertia × "
         "ratio²); default 0; hinge and slide",
     )
-    spring: Spring = Field(None, description="A spring; hinge, slide and ball")
+    spring: Spring = Field(ABSENT, description="A spring; hinge, slide and ball")
     position: Annotated[Any, ByJointType("rad or m", orientation=True)] = Field(
-        None, description="Initial position; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; default 0"
+        ABSENT, description="Initial position; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; default 0"
     )
     velocity: Annotated[Any, ByJointType("rad/s or m/s", orientation=True)] = Field(
-        None,
+        ABSENT,
         description="Initial velocity; at a ball joint three numbers, of the child against the parent in the child's "
         "axes; default 0",
     )

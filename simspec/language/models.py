@@ -19,7 +19,7 @@ from simspec.language.expectations import Expectation
 from simspec.language.joints import Joint
 from simspec.language.quantities import FileName, Name, Number, Reader, Setting, Text, Vector, Word
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
-from simspec.language.strict import Fault, Faults, Strict, fault, misspelt, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, show
 from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS
 
@@ -51,24 +51,25 @@ class Version(Reader):
 class Body(Strict):
     """A rigid body. One without `parent` is a root: free, unless it is `fixed` or has a `joint` to the world."""
 
-    array: Array = Field(None, description="Copies of this root body and all its descendants")
-    parent: NameOf = Field(None, description="The body that this one is joined to; none: a root")
-    fixed: Switch = Field(None, description="A root only: whether it is fixed to the world")
+    array: Array = Field(ABSENT, description="Copies of this root body and all its descendants")
+    parent: NameOf = Field(ABSENT, description="The body that this one is joined to; none: a root")
+    fixed: Switch = Field(ABSENT, description="A root only: whether it is fixed to the world")
     pose: Pose = Field(
-        None, description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin"
+        ABSENT,
+        description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin",
     )
     velocity: Velocity = Field(
-        None, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
+        ABSENT, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
     )
     mass: Mass = Field(
-        None, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
+        ABSENT, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
     )
     centre_of_mass: Point = Field(
-        None, description="Centre of mass in the body frame; with `inertia`; default: its origin"
+        ABSENT, description="Centre of mass in the body frame; with `inertia`; default: its origin"
     )
-    inertia: Inertia = Field(None, description="Moments of inertia about the centre of mass; with `mass`")
+    inertia: Inertia = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
     collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
-    joint: Joint = Field(None, description="Joint to the parent, or of a root to the world")
+    joint: Joint = Field(ABSENT, description="Joint to the parent, or of a root to the world")
     shapes: list[Shape] = Field([], description="Collision and visual shapes")
 
     @classmethod
@@ -143,18 +144,20 @@ class Use(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, FileName()] = Field(None, description="Path of a model file, relative to this file")
-    bodies: dict[NameOf, Body] = Field(None, description="The bodies of a model written here; exactly one root")
+    use: Annotated[str, FileName()] = Field(ABSENT, description="Path of a model file, relative to this file")
+    bodies: dict[NameOf, Body] = Field(ABSENT, description="The bodies of a model written here; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
-    array: Array = Field(None, description="Copies of the whole model")
+    array: Array = Field(ABSENT, description="Copies of the whole model")
     attach: Annotated[str, Name(path=True)] = Field(
-        None,
+        ABSENT,
         description="Full name of another model's body that the root is fixed to; `pose` is then in that body's frame",
     )
-    fixed: Switch = Field(None, description="Whether the root is fixed to the world; default: as the model says")
-    pose: Pose = Field(None, description="Pose of the model in the world; the root's own pose in the model follows it")
+    fixed: Switch = Field(ABSENT, description="Whether the root is fixed to the world; default: as the model says")
+    pose: Pose = Field(
+        ABSENT, description="Pose of the model in the world; the root's own pose in the model follows it"
+    )
     velocity: Velocity = Field(
-        None, description="Initial velocity of a free root, in world axes, instead of the model's own"
+        ABSENT, description="Initial velocity of a free root, in world axes, instead of the model's own"
     )
     positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
     velocities: dict[NameOf, Any] = Field({}, description="Initial joint velocities by the joint's name in the model")
@@ -174,8 +177,8 @@ class Model(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, FileName()] = Field(None, description="Path of another model file, relative to this file")
-    bodies: dict[NameOf, Body] = Field(None, description="The bodies; exactly one root")
+    use: Annotated[str, FileName()] = Field(ABSENT, description="Path of another model file, relative to this file")
+    bodies: dict[NameOf, Body] = Field(ABSENT, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="How the model's hand grasps, by name")
 
 
@@ -231,7 +234,7 @@ class Record(Strict):
     """What a run records."""
 
     every: Annotated[float, Number("time", 0, above=True)] = Field(
-        None, description="Time between two records, a whole number of steps; default: one step"
+        ABSENT, description="Time between two records, a whole number of steps; default: one step"
     )
     channels: list[Annotated[str, Word(CHANNELS)]] = Field(
         list(CHANNELS), description="Poses and velocities of all bodies, contacts, kinetic and potential energy"
@@ -263,10 +266,10 @@ class File(Strict):
     contact: Contact = Field(Contact(), description="Materials, friction cone, collision groups, excluded pairs")
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
-    model: Model = Field(None, description="The model of a model file; excludes `bodies` and `models`")
+    model: Model = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
     trajectory: Trajectory = Field(
-        None, description="What the driven joints should do; none: they stay where they begin"
+        ABSENT, description="What the driven joints should do; none: they stay where they begin"
     )
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Flag, Name, Number, UnitQuaternion, Vector
-from simspec.language.strict import Fault, Faults, Strict
+from simspec.language.strict import ABSENT, Fault, Faults, Strict
 from simspec.language.vocabulary import SHAPE_KINDS
 
 Length = Annotated[float, Number("length", 0, above=True)]
@@ -37,8 +37,8 @@ def excluded(data: Mapping[str, Any], first: str, second: str, why: str) -> Iter
 class Orientation(Strict):
     """A rotation, as `rpy` or as `quat`, never both; neither means none."""
 
-    rpy: Angles = Field(None, description=RPY)
-    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+    rpy: Angles = Field(ABSENT, description=RPY)
+    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -49,8 +49,8 @@ class Pose(Strict):
     """Where a frame is in its parent's frame; `rpy` or `quat`, never both."""
 
     xyz: Point = Field((0.0, 0.0, 0.0), description="Position of the frame's origin")
-    rpy: Angles = Field(None, description=RPY)
-    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+    rpy: Angles = Field(ABSENT, description=RPY)
+    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -107,20 +107,20 @@ class Shape(Strict):
     ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
     name: NameOf = Field(
-        None, description="Name; default `<body>_<index>`, with a number behind if that is given to another"
+        ABSENT, description="Name; default `<body>_<index>`, with a number behind if that is given to another"
     )
-    sphere: Sphere = Field(None, description="A ball")
-    box: Box = Field(None, description="A cuboid")
-    cylinder: Cylinder = Field(None, description="A cylinder along z")
-    capsule: Capsule = Field(None, description="A capsule along z")
-    ellipsoid: Ellipsoid = Field(None, description="An ellipsoid")
-    plane: Plane = Field(None, description="An infinite plane, written `plane: {}`")
-    pose: Pose = Field(None, description="Pose of the shape's frame in the body frame; default: the body frame")
+    sphere: Sphere = Field(ABSENT, description="A ball")
+    box: Box = Field(ABSENT, description="A cuboid")
+    cylinder: Cylinder = Field(ABSENT, description="A cylinder along z")
+    capsule: Capsule = Field(ABSENT, description="A capsule along z")
+    ellipsoid: Ellipsoid = Field(ABSENT, description="An ellipsoid")
+    plane: Plane = Field(ABSENT, description="An infinite plane, written `plane: {}`")
+    pose: Pose = Field(ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame")
     density: Annotated[float, Number("density", 0)] = Field(
-        None, description="Density; the body's mass properties are then the sum over its shapes"
+        ABSENT, description="Density; the body's mass properties are then the sum over its shapes"
     )
     material: NameOf = Field(
-        None, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
+        ABSENT, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
     )
     collision: Switch = Field(True, description="Whether the shape takes part in contact")
     visual: Switch = Field(True, description="Whether the shape is drawn")
@@ -152,10 +152,10 @@ class Inertia(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("tensor", "principal")
 
-    tensor: Tensor = Field(None, description="The tensor in the body's axes")
-    principal: Moments = Field(None, description="Principal moments, about the principal axes x, y, z")
-    rpy: Angles = Field(None, description="Orientation of the principal axes in the body frame")
-    quat: Quaternion = Field(None, description="The same as a unit quaternion w x y z")
+    tensor: Tensor = Field(ABSENT, description="The tensor in the body's axes")
+    principal: Moments = Field(ABSENT, description="Principal moments, about the principal axes x, y, z")
+    rpy: Angles = Field(ABSENT, description="Orientation of the principal axes in the body frame")
+    quat: Quaternion = Field(ABSENT, description="The same as a unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

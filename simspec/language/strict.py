@@ -127,6 +127,10 @@ def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[
     return [one._replace(loc=(*prefix, *one.loc)) for one in faults]
 
 
+ABSENT: Any = None
+"""Default of a field that need not be given. Its type has no None, since a spec cannot say it."""
+
+
 class Strict(BaseModel):
     """Base of every model: unknown keys are errors, instances are frozen, None means "not given" and is no value."""
 

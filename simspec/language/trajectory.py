@@ -13,7 +13,7 @@ from simspec.language.joint_names import JointNames
 from simspec.language.joints import DIMENSION, check_suits_driven
 from simspec.language.quantities import FileName, Flag, Name, Number, Reader, Vector, Word
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
-from simspec.language.strict import Fault, Faults, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
 from simspec.language.vocabulary import INTERPOLATIONS
 
 MOST_POINTS = 100_000
@@ -94,13 +94,13 @@ class TrajectoryPoint(Strict):
     at: Time = Field(..., description="Time; later than that of the point before")
     positions: Positions = Field(..., description="By the joint's full name")
     velocities: Annotated[dict[str, Any], BY_JOINT["velocities"]] = Field(
-        None, description="For cubic and quintic: in all points or in none"
+        ABSENT, description="For cubic and quintic: in all points or in none"
     )
     accelerations: Annotated[dict[str, Any], BY_JOINT["accelerations"]] = Field(
-        None, description="For quintic, with `velocities`: in all points or in none"
+        ABSENT, description="For quintic, with `velocities`: in all points or in none"
     )
     efforts: Annotated[dict[str, Any], BY_JOINT["efforts"]] = Field(
-        None, description="Feed-forward efforts: in all points or in none"
+        ABSENT, description="Feed-forward efforts: in all points or in none"
     )
 
 
@@ -108,15 +108,15 @@ class ToolFrame(Strict):
     """The frame that `move` moves."""
 
     body: FullName = Field(..., description="Full name of the body that it is fixed to")
-    pose: Pose = Field(None, description="Its pose in the body's frame; default: the same frame")
+    pose: Pose = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
 
 
 class ToolPlace(Strict):
     """A place of the tool in the world. What is left out stays as it is."""
 
-    xyz: Point = Field(None, description="Position of the tool's origin")
-    rpy: Angles = Field(None, description=RPY)
-    quat: Quaternion = Field(None, description="Unit quaternion w x y z")
+    xyz: Point = Field(ABSENT, description="Position of the tool's origin")
+    rpy: Angles = Field(ABSENT, description=RPY)
+    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
     free_orientation: Annotated[bool, Flag()] = Field(
         False, description="Whether the tool may turn as it likes: for arms that cannot choose it"
     )
@@ -209,24 +209,25 @@ class Trajectory(Strict):
         "cubic", description="How it goes between points, see above"
     )
     until: Annotated[float, Number("time", 0, above=True)] = Field(
-        None,
+        ABSENT,
         description="The run ends at this time, where that is before its `duration`; expectations that look at later times "
         "are then not asked",
     )
-    points: list[TrajectoryPoint] = Field(None, description="Points in time, in order")
+    points: list[TrajectoryPoint] = Field(ABSENT, description="Points in time, in order")
     file: Annotated[str, FileName()] = Field(
-        None, description="Path of a table, .csv or .npz, relative to this file; not outside of the project folder"
+        ABSENT, description="Path of a table, .csv or .npz, relative to this file; not outside of the project folder"
     )
-    tool: ToolFrame = Field(None, description="With `program`: the frame that moves")
+    tool: ToolFrame = Field(ABSENT, description="With `program`: the frame that moves")
     arm: Annotated[tuple[str, ...], JointNames()] = Field(
-        None, description="With `program`: joints that move the tool; default: all driven ones between the world and it"
+        ABSENT,
+        description="With `program`: joints that move the tool; default: all driven ones between the world and it",
     )
     interval: Annotated[float, Number("time", 0, above=True)] = Field(
         0.05, description="With `program`: largest time between two points of a move or grip"
     )
-    grasp: FullName = Field(None, description="With `program`: MODEL/GRASP that `grip` means; default: the only one")
+    grasp: FullName = Field(ABSENT, description="With `program`: MODEL/GRASP that `grip` means; default: the only one")
     program: list[Step] = Field(
-        None, description="Steps, one after the other, from the initial positions and time zero on"
+        ABSENT, description="Steps, one after the other, from the initial positions and time zero on"
     )
 
     @classmethod
