@@ -163,7 +163,21 @@ def _gains(friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return 1.0 + np.minimum(sliding, FIRST_GAIN) ** 2, 1.0 + MOST_GAIN * sliding**2
 
 
-class _Cone:
+class _Contacts:
+    """What both kinds of cone have: rows of the normal direction, and what friction should take back, μ times the slip (m/s)."""
+
+    normal: np.ndarray
+    _before: np.ndarray
+
+    def rests(self, velocity: np.ndarray, near: float) -> bool:
+        """Whether nothing slips, nor arrives: all μ|v| together below ``near`` (m/s), all approaches below ``ARRIVING`` times
+        that. Sums of squares, which are a few times as quick as the largest."""
+        slip, approach = self._before, velocity[self.normal]
+        still = float(np.vdot(slip, slip)) < near * near
+        return still and float(approach @ approach) < (ARRIVING * near) ** 2
+
+
+class _Cone(_Contacts):
     """Rows of elliptic contacts: the normal one, then slip, spin and rolling, each with a coefficient of its own."""
 
     def __init__(self, address: np.ndarray, dim: np.ndarray, friction: np.ndarray):
@@ -182,27 +196,22 @@ class _Cone:
         self._scaled = self._friction * dt
         reference[self._live] = velocity[self._live] / -dt
 
-    def rests(self, velocity: np.ndarray, near: float) -> bool:
-        """Whether nothing slips, nor arrives: all μ|v| together below ``near`` (m/s), all approaches below ``ARRIVING`` times
-        that. Sums of squares, which are a few times as quick as the largest."""
-        slip, approach = self._before, velocity[self.normal]
-        still = float(np.vdot(slip, slip)) < near * near
-        return still and float(approach @ approach) < (ARRIVING * near) ** 2
-
     def lift(self, product: np.ndarray) -> np.ndarray:
         slip = product[self._rows]
         slip *= self._scaled
         slip += self._before
-        return np.sqrt(np.einsum("ij,ij->i", slip, slip))
+        lifted: np.ndarray = np.sqrt(np.einsum("ij,ij->i", slip, slip))
+        return lifted
 
     def pressed(self, force: np.ndarray) -> np.ndarray:
-        return force[self.normal] > 0.0
+        pressed: np.ndarray = force[self.normal] > 0.0
+        return pressed
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         return values
 
 
-class _Pyramid:
+class _Pyramid(_Contacts):
     """Rows of pyramidal contacts: two edges for each axis, normal plus and minus μ times the axis."""
 
     def __init__(self, address: np.ndarray, dim: np.ndarray, friction: np.ndarray):
@@ -223,13 +232,14 @@ class _Pyramid:
         reference[plus[live]] = (middle - self._before / dt)[live]
         reference[minus[live]] = (middle + self._before / dt)[live]
 
-    rests = _Cone.rests
-
     def lift(self, product: np.ndarray) -> np.ndarray:
-        return np.abs(self._before + 0.5 * self._dt * (product[self._plus] - product[self._minus])).max(axis=1)
+        slip = self._before + 0.5 * self._dt * (product[self._plus] - product[self._minus])
+        lifted: np.ndarray = np.abs(slip).max(axis=1)
+        return lifted
 
     def pressed(self, force: np.ndarray) -> np.ndarray:
         return np.bincount(self._own, force[self.normal], self.gain.size) > 0.0
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        return values[self._own]
+        spread: np.ndarray = values[self._own]
+        return spread

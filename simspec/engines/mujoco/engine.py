@@ -152,7 +152,9 @@ class MuJoCo(Engine):
 
     def _index(self, entries: tuple[SidecarBody, ...]) -> None:
         mujoco, model = self._mujoco, self.model
-        bodies, positions, velocities = [], [], []
+        bodies: list[int] = []
+        positions: list[int] = []
+        velocities: list[int] = []
         for entry in entries:
             body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry.name))
             if body < 0:

@@ -1,6 +1,6 @@
 """What a loaded ``mjModel`` must hold beside the fields of a read-back, from the world and the settings resolved from it.
 
-This states MuJoCo's numbers a second time, from the law: it shares no code with what writes them (``formats/mjcf*.py``). Only
+This states MuJoCo's numbers a second time, from the law: it shares no code with what writes them (``dialects/mujoco``). Only
 the plan of which numbers materials get (``contact/plan.py``) is common to all sides.
 """
 
@@ -37,6 +37,10 @@ DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 COMPLIANT = ("time-constant", "stiffness")
 GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 """Of (solid, visible)."""
+
+
+Kinds = frozenset[tuple[str, str]]
+"""Kinds of solid shapes: collision group and material."""
 
 
 def expected_inventory(
@@ -80,8 +84,8 @@ class _Expected:
         found["body.world.mass"] = 0.0
         found |= {f"body.{body.name}.mass": body.inertial.mass for body in self.world.bodies}
         if self.neutral.get("has.actuator_ctrlspec", False):
-            for one in natives(self.world):
-                for joint, kp in zip(one.joints, one.kp, strict=True):
+            for controller in natives(self.world):
+                for joint, kp in zip(controller.joints, controller.kp, strict=True):
                     found[f"actuator.{joint}.ctrlspec"] = BY_POSITION if kp else BY_VELOCITY
         found["key.initial.ctrl"] = (0.0,) if natives(self.world) else ()
         found |= self._sleep()
@@ -97,7 +101,7 @@ class _Expected:
     @property
     def _coulomb(self) -> bool:
         """Whether friction obeys Coulomb's law, which needs neither a cushion nor a rate."""
-        return self.settings["friction"] == "coulomb"
+        return bool(self.settings["friction"] == "coulomb")
 
     def _impratio(self) -> float:
         soft = any(
@@ -297,12 +301,12 @@ class _Expected:
     # --- who touches ----------------------------------------------------------------------------------------------
 
     @functools.cached_property
-    def _classes(self) -> dict[frozenset, list[tuple[str, str]]]:
+    def _classes(self) -> dict[Kinds, list[tuple[str, str]]]:
         """Kinds of solid shapes, (collision group, material), by the kinds that they do not touch."""
         kinds = sorted({(b.collision_group, s.material) for b in self.world.bodies for s in self.solid[b.name]})
         passing = {frozenset((pair.first, pair.second)) for pair in self.world.contact.pairs if not pair.collide}
         ignored = {frozenset(groups) for groups in self.world.contact.ignored_groups}
-        found: dict[frozenset, list[tuple[str, str]]] = {}
+        found: dict[Kinds, list[tuple[str, str]]] = {}
         for kind in kinds:
             apart = frozenset(
                 other
@@ -343,7 +347,7 @@ class _Expected:
         return found
 
     @staticmethod
-    def _keeps_apart(apart: frozenset, other: frozenset, row: Mapping[tuple[str, str], frozenset]) -> bool:
+    def _keeps_apart(apart: Kinds, other: Kinds, row: Mapping[tuple[str, str], Kinds]) -> bool:
         return any(kind in apart for kind, own in row.items() if own == other)
 
     def _excluded(self) -> set[tuple[str, str]]:

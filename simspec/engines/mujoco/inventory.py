@@ -30,8 +30,11 @@ GROUP_OF_ID = 16
 SLEEP = {3: "never", 4: "allowed", 5: "init"}
 """MuJoCo's mjtSleepPolicy where the file says it; the rest is MuJoCo's own choice, "auto"."""
 
+Inventories = tuple[dict[str, Any], dict[str, Any]]
+"""What the model holds, and what MuJoCo holds when it is told nothing."""
 
-def inventory(mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int) -> tuple[dict, dict]:
+
+def inventory(mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int) -> Inventories:
     """(inventory, neutral) of ``model``. ``disableflags``: as the file gave them, before the engine's module added its own."""
     return _Inventory(mujoco, model, sidecar, disableflags).whole()
 
@@ -62,7 +65,7 @@ class _Inventory:
             for index in range(getattr(self._model, count))
         ]
 
-    def whole(self) -> tuple[dict, dict]:
+    def whole(self) -> Inventories:
         empty = self._mujoco.MjModel.from_xml_string("<mujoco/>")
         found = flat(self._sidecar.plain(), "sidecar")
         found |= self._options(self._model.opt) | self._flags()

@@ -146,7 +146,9 @@ class _ReadBack:
             axis = _vector(model.jnt_axis[joint])
             rest = float(model.qpos_spring[start]) - float(model.qpos0[start])
             self._check_zero(joint, start)
-        ratings = (None if rating == NO_RATING else float(rating) for rating in model.jnt_user[joint][:2])
+        velocity_limit, effort_limit = (
+            None if rating == NO_RATING else float(rating) for rating in model.jnt_user[joint][:2]
+        )
         lower, upper = model.jnt_range[joint].tolist()
         return Joint(
             self._names["JOINT"][joint],
@@ -155,7 +157,8 @@ class _ReadBack:
             origin,
             axis,
             (lower, upper) if model.jnt_limited[joint] else None,
-            *ratings,
+            velocity_limit,
+            effort_limit,
             damping=float(model.dof_damping[first]),
             dry_friction=float(model.dof_frictionloss[first]),
             armature=float(model.dof_armature[first]),
