@@ -11,7 +11,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.kit.worker import OPERATIONS
+from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import coulomb as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import compare, inventory_checks
@@ -166,7 +166,7 @@ def probed(load, probe, wanted):
     (trial,) = probe.trials(wanted)
     engine = load(coulomb(world_of(wanted, trial)))
     operation = run._drive(world_of(wanted, trial), trial)
-    _, arrays = OPERATIONS["drive"](engine, dict(operation.arrays), dict(operation.parameters))
+    _, arrays = OPERATIONS["drive"].do(engine, dict(operation.arrays), dict(operation.parameters))
     names = [body.name for body in trial.bodies]
     motion = Motion(
         arrays["time"],
