@@ -164,7 +164,7 @@ def _gains(friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Contacts:
-    """What both kinds of cone have: rows of the normal direction, and what friction should take back, μ times the slip (m/s)."""
+    """What both kinds of cone have: rows of the normal direction, and what friction is to take back, μ times the slip (m/s)."""
 
     normal: np.ndarray
     _before: np.ndarray
