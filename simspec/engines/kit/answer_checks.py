@@ -23,7 +23,7 @@ UNIT = 1e-6
 def read_back(value: Mapping[str, Any]) -> ReadBack:
     """The read-back from plain data. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
     try:
-        held = from_plain(ReadBack, value)
+        held: ReadBack = from_plain(ReadBack, value)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise BadAnswerError(clipped(f"no read-back: {type(error).__name__}: {error}")) from None
     seen = set()
@@ -38,9 +38,9 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
         for numbers, table, what in sizes:
             if len(numbers) not in (0, table[joint.kind]):
                 raise BadAnswerError(f"{place}: {what} has {len(numbers)} numbers, should have {table[joint.kind]}")
-        turns = [joint.origin.quaternion, *(shape.pose.quaternion for shape in body.shapes)]
+        turns: list[tuple[float, ...]] = [joint.origin.quaternion, *(shape.pose.quaternion for shape in body.shapes)]
         if joint.kind in ("ball", "free") and joint.position:
-            turns.append(joint.position[-4:])  # type: ignore[arg-type]
+            turns.append(joint.position[-4:])
         if not all(abs(math.hypot(*turn) - 1.0) <= UNIT for turn in turns):
             raise BadAnswerError(f"{place}: an orientation that is no unit quaternion")
         for shape in body.shapes:

@@ -99,15 +99,20 @@ def conditions(operation: Operation) -> set[str]:
     return found | ({"control"} if "control" in operation.parameters else set())
 
 
+def _rows_of(steps: int, every: int) -> int:
+    """Rows after ``steps`` steps, one after each ``every`` and one at the end."""
+    return -(-steps // every)
+
+
 def planned_rows(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
     asked = operation.parameters
     if operation.op in ("kinematics", "dynamics", "trials"):
         return len(operation.arrays["q"])
     if operation.op in ("motion", "respond", "run"):
-        return 1 + -(-asked["steps"] // asked["every"])
+        return 1 + _rows_of(asked["steps"], asked["every"])
     if operation.op == "drive":
-        return 1 + sum(-(-steps // every) for steps, every in asked["phases"])
+        return 1 + sum(_rows_of(steps, every) for steps, every in asked["phases"])
     return None
 
 

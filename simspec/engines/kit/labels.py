@@ -23,6 +23,14 @@ def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
 
 def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
     """What :func:`sidecar_labels` must be for ``world``."""
-    values = (SIDECAR_SCHEMA, format_of(engine), engine.NAME, sha256(world), world.contact.friction_cone)
-    labels: dict[str, HeldValue] = {f"sidecar.{name}": value for name, value in zip(LABELS, values, strict=True)}
+    values: tuple[str | int, ...] = (
+        SIDECAR_SCHEMA,
+        format_of(engine),
+        engine.NAME,
+        sha256(world),
+        world.contact.friction_cone,
+    )
+    labels: dict[str, HeldValue] = {}
+    for name, value in zip(LABELS, values, strict=True):
+        labels[f"sidecar.{name}"] = value
     return labels | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}

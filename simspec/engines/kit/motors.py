@@ -12,7 +12,8 @@ def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> n
     whose inertia is nothing beside kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
     """
     divisor = damping + timestep * stiffness
-    return np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+    rate: np.ndarray = np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+    return rate
 
 
 def motor_limit(stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -24,13 +24,28 @@ from typing import IO
 
 from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
-from simspec.engines.kit.answers import RECORDED_BYTES, Answer, BadAnswerError, Operation, read_answers
+from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
+from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.identity import demand_version
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.errors import EngineError, clipped, visible
+from simspec.mapped import RECORDED_BYTES
 from simspec.reading import read_bytes
 from simspec.scratch import scratch_folder
+
+__all__ = [
+    "DEADLINE",
+    "ONE_THREAD",
+    "PROGRESS_FILE",
+    "Answer",
+    "Operation",
+    "Reply",
+    "Running",
+    "call",
+    "side_by_side",
+    "start",
+]
 
 DEADLINE = 600.0
 """Seconds that one engine process may take when the caller does not say: ten minutes, more than any library scenario."""

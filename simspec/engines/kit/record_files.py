@@ -66,7 +66,8 @@ class Columns:
 
     def row(self) -> np.ndarray:
         """The row that is being filled, all channels."""
-        return self._block[self.at]
+        row: np.ndarray = self._block[self.at]
+        return row
 
     def done(self) -> int:
         """The row is filled. Returns the bytes that were written because of it."""

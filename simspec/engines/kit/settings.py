@@ -126,14 +126,16 @@ def _wrong_value(setting: Setting, value: Any) -> str | None:
     kind = type(setting.default)
     if kind is float and type(value) is int and abs(value) <= LARGEST_WHOLE:
         value = float(value)
-    if type(value) is not kind:
+    if not isinstance(value, kind) or type(value) is not kind:  # True is an int, too
         return {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}[kind]
+    if setting.choices and value not in setting.choices:
+        return ", ".join(setting.choices)
+    if isinstance(value, str):
+        return None
     if kind is float and not math.isfinite(value):
         return "a finite number"
     if kind is int and abs(value) > LARGEST_WHOLE:
         return f"a whole number of at most {LARGEST_WHOLE}"
-    if setting.choices and value not in setting.choices:
-        return ", ".join(setting.choices)
     if setting.minimum is not None and value < setting.minimum:
         return f"at least {setting.minimum}"
     if setting.maximum is not None and value > setting.maximum:

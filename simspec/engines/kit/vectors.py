@@ -13,4 +13,5 @@ def cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Cross products (n, 3) of vectors (n, 3): to the last bit those of ``numpy.cross``, in a tenth of the time for few."""
     if len(one) > FEW_VECTORS:
         return np.cross(one, other)
-    return one.take(_NEXT, -1) * other.take(_LAST, -1) - one.take(_LAST, -1) * other.take(_NEXT, -1)
+    product: np.ndarray = one.take(_NEXT, -1) * other.take(_LAST, -1) - one.take(_LAST, -1) * other.take(_NEXT, -1)
+    return product
