@@ -41,10 +41,11 @@ class StagingMarker(Stored):
 
 
 class StoredProof(Stored):
-    """One engine's part of ``certificate.json``; ``valid`` is written for readers, and not read."""
+    """One engine's part of ``certificate.json``; ``valid`` and ``verdict`` are written for readers, and not read."""
 
     version: str
     valid: bool
+    verdict: str
     artifacts_sha256: str
     seconds: float
     approximations: dict[str, str]

@@ -16,8 +16,8 @@ from simspec.proof.contact.probe import Figure
 from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
 
-SCHEMA = 4
-"""4: the version of simspec, and a hash of the content."""
+SCHEMA = 5
+"""4: the version of simspec, and a hash of the content. 5: directions of figures as numbers, and a verdict in words."""
 HASH_LINE = re.compile(r'^  "sha256": "([0-9a-f]{64})",\n', re.MULTILINE)
 """Where the hash of all the other lines stands."""
 
@@ -132,7 +132,7 @@ class Certificate:
         for name, proof in sorted(self.engines.items()):
             head = {"version": proof.version, "valid": proof.valid, "artifacts_sha256": proof.artifacts_sha256}
             head |= {"seconds": proof.seconds}
-            head |= {"approximations": proof.approximations, "not_checked": proof.not_checked}
+            head |= {"verdict": proof.verdict, "approximations": proof.approximations, "not_checked": proof.not_checked}
             head |= {"not_compared": proof.not_compared}
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
@@ -161,7 +161,8 @@ class Certificate:
         schema = plain.get("schema") if isinstance(plain, dict) else None
         if schema != SCHEMA:
             hint = "simspec verify writes it anew"
-            raise SpecError([Problem(f"{what}: schema {schema!r}, this simspec reads {SCHEMA}", hint=hint)])
+            message = f"{what} is outdated, or of a newer simspec: schema {schema!r}, this simspec reads {SCHEMA}"
+            raise SpecError([Problem(message, hint=hint)])
         data = read_as(StoredCertificate, text, what)
         told = HASH_LINE.search(text)
         bare = HASH_LINE.sub("", text, count=1)

@@ -44,18 +44,13 @@ def _table(probe: str, figures: Mapping[str, Sequence[Figure]]) -> Table:
     for engine, some in figures.items():
         for figure in some:
             if figure.probe == probe:
-                rows.setdefault((figure.subject, asked(figure), figure.quantity), {})[engine] = figure
+                rows.setdefault((figure.subject, figure.case, figure.quantity), {})[engine] = figure
     found = table(TITLES.get(probe, probe), "materials", "case", "expected", *engines, right=range(2, 3 + len(engines)))
     for (subject, case, quantity), by_engine in rows.items():
         first = next(iter(by_engine.values()))
         cells = [_cell(by_engine.get(engine)) for engine in engines]
         found.add_row(subject, f"{case}, {quantity}", _number(first.expected, first), *cells)
     return found
-
-
-def asked(figure: Figure) -> str:
-    """The part of a figure's case that is the same in every engine: what was asked, not which one came out worst."""
-    return figure.case.split(", worst")[0].split("; ")[0]
 
 
 def _number(value: float, figure: Figure) -> str:

@@ -150,8 +150,9 @@ def _largest(by_engine: Mapping[str, Figure], cone: str) -> float:
 
 def _friction(figure: Figure, cone: str) -> float:
     """μ of a push figure, from its worst direction's required force: the push is 1.6 times μ in that direction."""
-    angle = math.radians(float(figure.case.rsplit("at ", 1)[1].rstrip("°")))
-    return figure.expected / math.hypot(*_required(angle, 1.0, cone))
+    if figure.angle is None:
+        raise ValueError(f"{figure.probe} of {figure.subject} has no direction")
+    return figure.expected / math.hypot(*_required(figure.angle, 1.0, cone))
 
 
 def _matplotlib() -> Any:

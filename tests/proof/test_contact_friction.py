@@ -95,7 +95,7 @@ def test_another_friction_fails(name, factor, cone):
 def test_another_cone_fails(name, asked, real):
     (figure,) = figures(name, law(0.3, asked), cone=real)
     assert not figure.passed
-    assert "worst at" in figure.case
+    assert "worst at" in figure.label
 
 
 def test_a_push_gives_the_force_in_every_direction():

@@ -154,7 +154,7 @@ def test_a_millimetre_more_is_caught(engine, role, tmp_path):
     assert [figure.subject for figure in found if not figure.passed] == [subject]
     (wrong,) = (figure for figure in found if not figure.passed)
     assert wrong.measured == pytest.approx(1e-3, abs=0.75e-3)
-    assert "side" in wrong.case
+    assert "side" in wrong.worst
 
 
 def test_a_detector_that_takes_capsules_for_balls_is_caught(tmp_path):
@@ -174,4 +174,4 @@ def test_shapes_left_out_are_said(monkeypatch):
     trial = size_trial(world_of(["box"]))
     assert len(trial.shapes) == 2
     assert trial.left_out == 2
-    assert all("2 more" in figure.case for figure in size_figures(trial, np.zeros((0, 3), int)))
+    assert all("2 more" in figure.note for figure in size_figures(trial, np.zeros((0, 3), int)))

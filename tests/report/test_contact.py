@@ -32,8 +32,9 @@ def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, ste
         force = scale * project([1.6 * FRICTION * math.cos(angle), 1.6 * FRICTION * math.sin(angle)], FRICTION, cone)
         points.append((angle, float(force[0]), float(force[1])))
     size = math.hypot(*points[3][1:]) / scale
-    case = "24 directions, worst at 45°"
-    return Figure(polar.PROBE, subject, case, "friction", "", size, scale * size, 0.01 * size, points=tuple(points))
+    numbers = (size, scale * size, 0.01 * size)
+    where = {"worst": "45°", "angle": math.radians(45.0)}
+    return Figure(polar.PROBE, subject, "24 directions", "friction", "", *numbers, points=tuple(points), **where)
 
 
 def printed(*shown: object) -> str:

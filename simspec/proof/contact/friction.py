@@ -140,13 +140,15 @@ class Push(Probe):
         figure = Figure(
             self.NAME,
             _subject(law),
-            f"{len(DIRECTIONS)} directions, worst at {degrees:g}°",
+            f"{len(DIRECTIONS)} directions",
             "friction",
             "",
             expected_size,
             expected_size + sign * off,
             tolerance,
             points=tuple(rows),
+            worst=f"{degrees:g}°",
+            angle=math.radians(degrees),
         )
         return [figure]
 
@@ -190,9 +192,9 @@ class Stop(Probe):
         if worst is None:
             raise ValueError("nothing slid")
         _, degrees, expected, measured = worst
-        case = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions, worst at {degrees:g}°"
-        tolerance = STOP_TOLERANCE * expected
-        return [Figure(self.NAME, _subject(law), case, "distance", "m", expected, measured, tolerance)]
+        case, at = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions", math.radians(degrees)
+        numbers = (expected, measured, STOP_TOLERANCE * expected)
+        return [Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, worst=f"{degrees:g}°", angle=at)]
 
 
 class Stick(Probe):
@@ -237,8 +239,9 @@ class Stick(Probe):
             pose = motion.pose[_name(degrees)]
             creep[degrees] = float(np.linalg.norm(pose[-1, :2] - pose[-2, :2])) / time
         worst = max(creep, key=lambda degrees: math.inf if math.isnan(creep[degrees]) else creep[degrees])
-        case = f"{len(DIRECTIONS)} directions, worst at {worst:g}°"
-        return [Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, creep[worst], CREEP)]
+        case, at = f"{len(DIRECTIONS)} directions", math.radians(worst)
+        numbers = (0.0, creep[worst], CREEP)
+        return [Figure(self.NAME, _subject(law), case, "creep", "m/s", *numbers, worst=f"{worst:g}°", angle=at)]
 
 
 class PushOblong(Push):

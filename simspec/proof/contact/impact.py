@@ -102,13 +102,14 @@ class Restitution(Probe):
                 Figure(
                     name,
                     subject(law),
-                    f"arriving at {speed:g} m/s, worst of {len(STEP_PHASES)} phases at {STEP_PHASES[worst]:g} of a step",
+                    f"arriving at {speed:g} m/s, {len(STEP_PHASES)} phases",
                     "ratio",
                     "",
                     expected,
                     ratios[worst],
                     RESTITUTION_TOLERANCE,
                     points=tuple(zip(STEP_PHASES, ratios, strict=True)),
+                    worst=f"{STEP_PHASES[worst]:g} of a step",
                 )
             )
         return found

@@ -212,22 +212,24 @@ class Oblique(Probe):
                     worst = (off / size, size, size + sign * off, case)
             if worst is not None:
                 _, expected, found, case = worst
-                named = f"{text}, worst at {case.degrees:g}°"
                 # spin as what it is of a velocity, so that both are in one unit
                 yield Figure(
                     self.NAME,
                     subject(law),
-                    named,
+                    text,
                     f"change of {quantity}",
                     "m/s",
                     expected,
                     found,
                     TOLERANCE * expected,
+                    worst=f"{case.degrees:g}°",
+                    angle=math.radians(case.degrees),
                 )
         e = law.pair.restitution
         case, hit = max(group, key=lambda one: math.inf if math.isnan(one[1].ratio) else abs(one[1].ratio - e))
-        named = f"{text}, worst at {case.degrees:g}°"
-        yield Figure(self.SEPARATION, subject(law), named, "ratio", "", e, hit.ratio, RESTITUTION_TOLERANCE)
+        numbers = (e, hit.ratio, RESTITUTION_TOLERANCE)
+        at = math.radians(case.degrees)
+        yield Figure(self.SEPARATION, subject(law), text, "ratio", "", *numbers, worst=f"{case.degrees:g}°", angle=at)
 
     def _landed(self, law: Law, case: _Case, motion: Motion) -> _Hit:
         (name,) = case.bodies

@@ -70,7 +70,7 @@ class Figure:
 
     probe      name of the probe (``push``, ``stop``, ``stick``, ``restitution``, ...)
     subject    what was probed: two materials ("rubber, steel"), or a shape
-    case       which of the probe's cases was worst, in words ("24 directions, worst at 45°")
+    case       what was asked, the same in every engine ("24 directions")
     quantity   what the numbers are ("friction", "distance", "ratio", "depth", ...)
     unit       their unit, "" for ratios
     expected   the analytic value
@@ -78,6 +78,9 @@ class Figure:
     tolerance  how far ``measured`` may be from ``expected``, absolute, in ``unit``
     deviation  of an engine that declares one for this probe: its reason; the tolerance is then the declared size
     points     for plots: rows of numbers, all of one length
+    worst      which of the case's parts came out worst, in words ("45°")
+    angle      the direction (rad) that came out worst, of probes that go in several
+    note       what must be known of the figure ("2 more shapes not probed")
     """
 
     probe: str
@@ -90,6 +93,14 @@ class Figure:
     tolerance: float
     deviation: str = ""
     points: tuple[tuple[float, ...], ...] = ()
+    worst: str = ""
+    angle: float | None = None
+    note: str = ""
+
+    @property
+    def label(self) -> str:
+        """Case, worst part and note in words: for texts, which nobody reads back."""
+        return "; ".join(filter(None, (self.case + (f", worst at {self.worst}" if self.worst else ""), self.note)))
 
     @property
     def passed(self) -> bool:

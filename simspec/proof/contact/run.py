@@ -312,7 +312,7 @@ def contact_checks(figures: Sequence[Figure]) -> list[Check]:
         detail = (
             f"{worst.quantity} {number}, should be {worst.expected:.4g} ± {worst.tolerance:.2g} {worst.unit}".rstrip()
         )
-        detail += f"; {worst.case}" + (f"; declared: {worst.deviation}" if worst.deviation else "")
+        detail += f"; {worst.label}" + (f"; declared: {worst.deviation}" if worst.deviation else "")
         name = f"{probe}, in tolerances"
         found.append(Check(LEVEL, name, len(some), 1.0, None if math.isinf(off) else off, worst.subject, detail))
     return found

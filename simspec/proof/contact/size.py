@@ -261,10 +261,10 @@ def size_figures(trial: SizeTrial, touching: np.ndarray) -> list[Figure]:
             touched = {gap: (state, *pair) in seen for state, (n, gap) in enumerate(trial.tests) if n == number}
             errors[point] = size_error(touched)
         worst = max(errors, key=lambda point: abs(errors[point]))
-        case = f"{len(points)} points, worst at {worst.where}"
-        if trial.left_out:
-            case += f"; {trial.left_out} more shapes not probed"
-        found.append(Figure(NAME, subject, case, "size error", "m", 0.0, errors[worst], TOLERANCE))
+        note = f"{trial.left_out} more shapes not probed" if trial.left_out else ""
+        numbers = (0.0, errors[worst], TOLERANCE)
+        case = f"{len(points)} points"
+        found.append(Figure(NAME, subject, case, "size error", "m", *numbers, worst=worst.where, note=note))
     return found
 
 
