@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from simspec.contact.meeting import Pair
 from simspec.contact.rules import Rules
@@ -41,7 +41,12 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
     return {name: Surface(**found[name], hardness=hardness.get(name)) for name in names}
 
 
-def _extreme(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], inverse) -> dict[str, float]:
+def _extreme(
+    names: Iterable[str],
+    values: Mapping[Pair, float],
+    own: Mapping[str, float],
+    inverse: Callable[[Iterable[float]], float],
+) -> dict[str, float]:
     """Of the max rule: the smallest value among a material's pairs; of the min rule the largest."""
     partners: dict[str, list[float]] = {name: [] for name in names}
     for (first, second), value in values.items():

@@ -23,6 +23,9 @@ class Rules:
     """same: both shapes hold the pair's; none: the engine holds no hardness with its shapes."""
 
 
+_SLIDING = "friction"
+
+
 def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
     """What an engine makes of two shapes' numbers, by quantity."""
     return {name: combined(rules, name, first, second) for name in COMBINED_QUANTITIES}
@@ -30,7 +33,9 @@ def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
 
 def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
     """One quantity of :func:`combine`."""
-    rule, a, b = getattr(rules, quantity), getattr(first, quantity), getattr(second, quantity)
+    rule: str = getattr(rules, quantity)
+    values: tuple[float, float] = (getattr(first, quantity), getattr(second, quantity))
+    a, b = values
     if rule == "max":
         return max(a, b)
     if rule == "min":
@@ -40,7 +45,8 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
     if rule == "harmonic":
         return 2.0 * a * b / (a + b) if a + b else 0.0
     if rule == "cross":
-        return a * second.friction + b * first.friction
+        frictions: tuple[float, float] = (getattr(first, _SLIDING), getattr(second, _SLIDING))
+        return a * frictions[1] + b * frictions[0]
     if rule == "none":
         return 0.0
     raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(ENGINE_RULES)}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
-from simspec.world.types import Inertial, Pose, Vector3
+from simspec.world.types import Inertial, Pose, Quaternion, Vector3
 
 Inertia6 = tuple[float, float, float, float, float, float]
 
@@ -26,7 +26,7 @@ def part(kind: str, size: Sequence[float], pose: Pose, mass: float) -> Part:
     return Part(mass, pose, SHAPES[kind].moments(size, mass))
 
 
-def turned(principal: Vector3, turn: frames.Quaternion) -> Inertia6:
+def turned(principal: Vector3, turn: Quaternion) -> Inertia6:
     """The tensor (xx, yy, zz, xy, xz, yz) in body axes of principal moments about axes turned by ``turn``."""
     return frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0))
 

@@ -84,7 +84,7 @@ def deep_overlaps(world: World) -> list[Overlap]:
         if shape.collision
     ]
     may_touch = _filter(world)
-    found = []
+    found: list[Overlap] = []
     for one, other in _near(solids):
         if not may_touch(one, other):
             continue
