@@ -175,17 +175,19 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
         (first, second), given = next(iter(pairs.items()))
         law, word, rule = laws[first, second], quantity.replace("_", " "), getattr(engine.RULES, quantity)
         if rule == "cross" and not law.friction:
-            why = "it counts only together with sliding friction, of which they have none"
+            why = "it has an effect only with sliding friction, which they do not have"
             hint = f"give them sliding friction, leave their {word} out, or run without --engine {engine.NAME}"
         else:
-            why = f"no number for each material does (rule: {rule}), nor do copies of shapes, sought for up to "
-            why += f"{MOST_SPLIT_MATERIALS} materials"
-            hint = f"fewer materials, or values that the rule gives, or run without --engine {engine.NAME}"
+            why = (
+                f"not representable by material parameters (rule: {rule}), nor by copies of shapes, which are searched "
+            )
+            why += f"for up to {MOST_SPLIT_MATERIALS} materials"
+            hint = f"use fewer materials, or values that the rule produces, or run without --engine {engine.NAME}"
         more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
         asked = law.hardness.kind if quantity == "hardness" else f"{getattr(law, quantity):.6g}, would be {given:.6g}"
         problems.append(
             Problem(
-                f"{engine.NAME} cannot give {first} and {second} their {word}: {why}{more}",
+                f"{engine.NAME} does not support this {word} of {first} and {second}: {why}{more}",
                 f"contact.pairs.{first}.{second}.{quantity}",
                 found=f"{word} {asked}",
                 hint=hint,
@@ -244,11 +246,11 @@ def check_control(world: World, locate: Callable[[str], Location | None] = _nowh
         fed.setdefault(controller, []).append(joint)
     return [
         Problem(
-            "an engine's own controller takes no feed-forward efforts, and the trajectory has some for its joints",
+            "law native does not support feed-forward efforts, and the trajectory has some for its joints",
             f"control.{name}",
             locate(f"control.{name}"),
             found=", ".join(joints),
-            hint="law: pd takes them; or leave efforts (and a grasp's squeeze) out of the trajectory",
+            hint="use law: pd, or remove efforts (and a grasp's squeeze) from the trajectory",
         )
         for name, joints in fed.items()
     ]

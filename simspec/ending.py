@@ -152,7 +152,7 @@ def bug(error: BaseException) -> int:
         say(f"{what}; this is a bug in simspec")
         sys.stderr.write(trace)
         return EXIT_BUG
-    say(f"{what}; this is a bug in simspec: please report it with {_kept(trace)} (or set {DEBUG}=1 to see it here)")
+    say(f"{what}; this is a bug in simspec: please report it with {_kept(trace)} (or set {DEBUG}=1 to print it)")
     return EXIT_BUG
 
 

@@ -151,7 +151,7 @@ def check(built: Built, folder: Path) -> list[str]:
     if CERTIFICATE_FILE not in names:
         found.append(f"missing: {path} (simspec verify writes it)")
     elif why := certificate_mismatch(built, folder):
-        found.append(f"stale: {path}: {why} (simspec verify writes it anew)")
+        found.append(f"stale: {path}: {why} (simspec verify replaces it)")
     return found
 
 
@@ -178,13 +178,13 @@ def certificate_mismatch(built: Built, folder: Path) -> str | None:
     if certificate is None:
         return "there is none"
     if certificate.world_sha256 != sha256(built.world):
-        return "it is of another world"
+        return "it belongs to another world"
     hashes = dict(certificate.artifacts_sha256)
     for engine, compiled in built.compiled.items():
         if engine not in hashes:
             return f"it does not cover {engine}"
         if hashes[engine] != compiled.sha256:
-            return f"it is of other files of {engine}"
+            return f"it belongs to other files of {engine}"
     if found := judge(certificate, built.world):
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         return f"it is not valid: {found[0]}{more}"
@@ -199,12 +199,14 @@ def write_certificate(certificate: Certificate, folder: Path) -> bool:
 
     def change(real: Path | None) -> dict[str, bytes] | None:
         if real is None:
-            raise SpecError([Problem(f"{folder}: removed while its content was being proven", hint="verify again")])
+            raise SpecError([Problem(f"{folder}: removed while its content was being verified", hint="verify again")])
         now = owned_files(real)
         for engine, wanted in certificate.artifacts_sha256.items():
             own = {name: content for name, content in now.items() if name.startswith(f"{engine}/")}
             if Artifacts({name.removeprefix(f"{engine}/"): content for name, content in own.items()}).sha256 != wanted:
-                message = f"{folder / engine}: other files than those that were proven; the certificate is not written"
+                message = (
+                    f"{folder / engine}: the files are not those that were verified; the certificate is not written"
+                )
                 raise SpecError([Problem(message, hint="verify again")])
         try:
             old = read_certificate(real)

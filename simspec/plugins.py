@@ -32,7 +32,7 @@ def offered(group: str, check: Callable[[str, Any], Any]) -> Offered:
     points = importlib.metadata.entry_points(group=group)
     for point in sorted(points, key=lambda one: (one.name, _distribution(one) != OWN, one.value)):
         if point.name in good:
-            broken[f"{point.name} ({_distribution(point)})"] = f"the name is taken: {point.value} is not used"
+            broken[f"{point.name} ({_distribution(point)})"] = f"the name is already used: {point.value} is ignored"
             continue
         try:
             good[point.name] = check(point.name, point.load())

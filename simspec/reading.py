@@ -82,7 +82,7 @@ def parse_json(content: bytes | str) -> Any:
 
 
 def _no_number(constant: str) -> float:
-    raise ValueError(f"{constant} is no number")
+    raise ValueError(f"{constant} is not a number")
 
 
 def kind(mode: int) -> str:

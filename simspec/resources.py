@@ -17,7 +17,7 @@ def resource_folder(name: str) -> Path:
     for folder in (_PACKAGE / "_resources" / name, _PACKAGE.parent / name):
         if folder.is_dir():
             return folder
-    raise FileNotFoundError(f"simspec's folder {name!r} is missing: this installation is incomplete")
+    raise FileNotFoundError(f"simspec's folder {name!r} is missing: the installation is incomplete")
 
 
 LIBRARY = ("*.yaml", "contact/*.yaml")
@@ -39,7 +39,7 @@ def find_spec(name: str) -> Path:
     import difflib
 
     near = difflib.get_close_matches(path.stem, library, 1)
-    what = "a folder, not a spec" if path.is_dir() else "no such file, and no scenario of the library"
+    what = "is a folder, not a spec" if path.is_dir() else "no such file, and no such scenario in the library"
     raise SpecError(
         [
             Problem(

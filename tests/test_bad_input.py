@@ -53,10 +53,10 @@ BAD = {
         "too long a name",
     ),
     "a long joint name": (HEAD + BALL.replace("free}", "free, name: " + "b" * 300 + "}"), "too long a name"),
-    "a name with a bell": (HEAD.replace("name: a", 'name: "a\\a"') + BALL, "this cannot be a name"),
+    "a name with a bell": (HEAD.replace("name: a", 'name: "a\\a"') + BALL, "not a valid name"),
     "a long path": (HEAD + "models: {m: {use: " + "k" * 5000 + "}}\n", "too long a text"),
-    "a long part of a path": (HEAD + "models: {m: {use: " + "k" * 500 + "}}\n", "this path leads nowhere"),
-    "a path with an escape": (HEAD + 'models: {m: {use: "a\\e[31m"}}\n', "no path has such characters"),
+    "a long part of a path": (HEAD + "models: {m: {use: " + "k" * 500 + "}}\n", "this path does not exist"),
+    "a path with an escape": (HEAD + 'models: {m: {use: "a\\e[31m"}}\n', "paths cannot contain such characters"),
     "a setting in words": (HEAD + BALL + "engines: {mujoco: {settings: {iterations: many}}}\n", "a whole number"),
 }
 

@@ -135,7 +135,7 @@ def test_no_such_spec(folder):
 
 
 def test_a_folder_is_no_spec(folder):
-    assert "a folder, not a spec" in simspec("check", ".", code=2).stderr
+    assert "is a folder, not a spec" in simspec("check", ".", code=2).stderr
 
 
 def test_a_folder_that_cannot_be_written_is_an_error(folder):

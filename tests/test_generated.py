@@ -132,7 +132,7 @@ def test_a_certificate_is_written_again_unless_equal_in_all_but_times(tmp_path):
 def test_a_certificate_of_other_files_is_not_written(tmp_path):
     folder = tmp_path / "spheres"
     generated.write(built(text="<other/>\n"), folder)
-    with pytest.raises(SpecError, match="other files than those that were proven"):
+    with pytest.raises(SpecError, match="not those that were verified"):
         write_certificate(proof(built()), folder)
     assert not (folder / CERTIFICATE_FILE).exists()
 
@@ -186,7 +186,7 @@ EDITS = {
     "compared less": (change_of("L1", "mass", count=1), "L1 mass: 1 comparisons, this world has 2"),
     "a level dropped": (level_dropped, "first: L3"),
     "a level excused": (excused, "does not lie in this world"),
-    "a check twice": (doubled, "is there twice"),
+    "a check twice": (doubled, "is duplicated"),
     "another level": (change_of("L3", "mass matrix", level="L9"), "first: "),
     "negative": (change_of("L1", "mass", worst=-1.0), "cannot be read"),
     "no engine": (lambda plain: plain.update(engines={}), "it does not cover first"),
@@ -194,7 +194,7 @@ EDITS = {
     "another form": (lambda plain: plain.update(schema=1), "schema 1"),
     "a count as text": (change_of("L1", "mass", count="many"), "cannot be read"),
     "an engine as text": (lambda plain: plain["engines"].update(first="x"), "engines.first"),
-    "another world": (lambda plain: plain.update(world_sha256="0" * 64), "it is of another world"),
+    "another world": (lambda plain: plain.update(world_sha256="0" * 64), "it belongs to another world"),
 }
 
 
@@ -230,7 +230,7 @@ def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
     assert changed != text
     path.write_text(changed)
     (stale,) = check(one, folder)
-    assert "was edited, or is damaged" in stale
+    assert "was edited or is damaged" in stale
     assert write_certificate(proof(one), folder)
 
 

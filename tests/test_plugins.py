@@ -63,10 +63,10 @@ def offer(monkeypatch):
     ("value", "why"),
     [
         (None, "No module named 'nowhere_at_all'"),
-        (17, "it is no Engine"),
+        (17, "it is not an Engine"),
         (Engine, "it does not say its NAME"),
         (an_engine(NAME="other"), "it calls itself 'other'"),
-        (an_engine(DIALECT="word"), "it is told worlds in 'word', which no dialect is"),
+        (an_engine(DIALECT="word"), "it is told worlds in 'word', which is not a dialect"),
         (an_engine(SETTINGS=None), "it does not say its SETTINGS"),
         (an_engine(SETTINGS={}), "it lacks the settings solver, "),
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),

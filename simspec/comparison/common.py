@@ -94,5 +94,5 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
         rows_a[count:end], rows_b[count:end] = part.start + same, at[same]
         count = end
     if not count:
-        raise SpecError([Problem(f"{a.label} and {b.label} recorded no common time")])
+        raise SpecError([Problem(f"{a.label} and {b.label} have no recorded time in common")])
     return rows_a[:count], rows_b[:count]

@@ -187,7 +187,7 @@ def _digest(floor: Floor) -> str:
 def load_floor(folder: Path) -> Floor | None:
     """The floor saved with a run; None when none was measured.
 
-    Raises SpecError when it cannot be read, was edited, or is of another run than the one beside it.
+    Raises SpecError when it cannot be read, was edited, or belongs to another run than the one next to it.
     """
     path = folder / FLOOR_FILE
     try:
@@ -200,9 +200,9 @@ def load_floor(folder: Path) -> Floor | None:
     except (OSError, ValueError, KeyError, TypeError, MemoryError) as error:  # pyarrow's errors are ValueErrors
         raise SpecError([Problem(f"{path} cannot be read: {str(error)[:300]}")]) from None
     if facts.sha256 != _digest(floor):
-        raise SpecError([Problem(f"{path}: was edited, or is damaged: its content is not that of its hash")])
+        raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
     if facts.run != _run_of(folder):
-        raise SpecError([Problem(f"{path}: is of another run than the one beside it")])
+        raise SpecError([Problem(f"{path}: belongs to another run than the one next to it")])
     return floor
 
 
@@ -215,7 +215,7 @@ def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
     listed = pa.types.is_fixed_size_list(kinds["position"])
     width = kinds["position"].list_size if listed else 0
     if not listed or rows * _row_bytes(width) > LARGEST_FLOOR:
-        raise ValueError(f"it is no floor, or one of more than {LARGEST_FLOOR / 1e9:.3g} GB")
+        raise ValueError(f"not a noise floor, or larger than {LARGEST_FLOOR / 1e9:.3g} GB")
     facts = read_as(FloorFacts, (schema.metadata or {})[b"simspec"], str(path))
     time, position, angle = zeros((rows,)), zeros((rows, width)), zeros((rows, width))
     for part, table in tables.read_blocks(source, _schema(width), rows):

@@ -253,7 +253,7 @@ class Departures:
 def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:
     notes = []
     if sha256(a.world) != sha256(b.world):
-        notes.append("the two runs are of different worlds: simspec diff of their specs shows what changed")
+        notes.append("the two runs have different worlds: compare their specs with simspec diff")
     notes.extend(f"{run.label} failed: {run.failed}" for run in (a, b) if run.failed is not None)
     missing = sorted({run.engine for run in (a, b)} - {floor.engine for floor in floors})
     if missing:

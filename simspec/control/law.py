@@ -176,7 +176,7 @@ def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -
         names = ", ".join(sorted({one.name for one in asked}))
         raise ControlError(
             f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {odd[0].name!r} has a "
-            f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation works there"
+            f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
         )
     try:
         from simspec.dynamics.oracle import Tree

@@ -22,7 +22,7 @@ class Grid(Reader):
 
     def read(self, value: Any) -> tuple[int, int, int]:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
-            raise fault("wants three whole numbers", show(value), "[nx, ny, nz]")
+            raise fault("expected three whole numbers", show(value), "[nx, ny, nz]")
         counts = [Whole(1, MOST_ELEMENTS).read(item) for item in value]
         total = counts[0] * counts[1] * counts[2]
         if total > MOST_ELEMENTS:
@@ -110,9 +110,9 @@ class Array(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         for name, (layout, needed) in cls.COMPANIONS.items():
             if name in data and layout not in data:
-                yield Fault((name,), f"{name} belongs to {layout}", None, None, f"leave it out, or write {layout}")
+                yield Fault((name,), f"{name} belongs to {layout}", None, None, f"remove it, or write {layout}")
             if needed and layout in data and name not in data:
                 yield Fault((), f"{layout} needs {name}")
         poses = data.get("poses")
         if isinstance(poses, list) and not 0 < len(poses) <= MOST_ELEMENTS:
-            yield Fault(("poses",), "wants one pose or more", f"{len(poses)} poses", f"1 to {MOST_ELEMENTS}")
+            yield Fault(("poses",), "expected one pose or more", f"{len(poses)} poses", f"1 to {MOST_ELEMENTS}")

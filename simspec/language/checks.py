@@ -48,9 +48,9 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
         joints.setdefault(joint, name)
     for cycle in bodies.cycles():
         chain = " -> ".join([*cycle, cycle[0]])
-        message = f"these bodies are each other's parents: {chain}"
+        message = f"the parents of these bodies form a loop: {chain}"
         yield document.problem(
-            (*path, cycle[0], "parent"), message, hint="one of them must be a root, or hang on another"
+            (*path, cycle[0], "parent"), message, hint="one of them must be a root, or have another parent"
         )
     roots = bodies.roots()
     if bodies.model and len(roots) != 1 and bodies.raw:
@@ -71,7 +71,9 @@ def _model(bodies: Bodies) -> Iterator[Problem]:
         if bodies.field(name, "array") is not None:
             hint = "models: {NAME: {use: ..., array: ...}}"
             place = (*bodies.path, name, "array")
-            yield bodies.source.document.problem(place, "a model has one root; an array is of its placement", hint=hint)
+            yield bodies.source.document.problem(
+                place, "a model has one root; write the array where it is used", hint=hint
+            )
     for file in bodies.files:
         contact = file.document.data.get("contact")
         pairs = contact.get("exclude") if isinstance(contact, Mapping) else None
@@ -91,8 +93,8 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
             continue
         for index, shape in enumerate(body.shapes):
             if shape.plane is not None and name not in still:
-                message = "a plane belongs to bodies that are fixed to the world, and this body moves"
-                yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a big flat box")
+                message = "a plane requires a body fixed to the world, and this body moves"
+                yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a large flat box")
         if name not in still:
             yield from (
                 document.problem((*bodies.path, name, *fault.loc), fault.message, found=fault.found, hint=fault.hint)
@@ -113,8 +115,8 @@ def mass_faults(body: Body) -> Iterator[Fault]:
     elif body.mass <= 0.0:
         yield Fault(("mass",), "the mass of a moving body must be above 0", f"{body.mass:g}")
     elif body.inertia is None and not solid:
-        hint = "inertia: {principal: [...]}, or a shape to spread the mass over"
-        yield Fault((), "a moving body needs moments of inertia, or shapes that they follow from", None, None, hint)
+        hint = "inertia: {principal: [...]}, or a shape that the inertia is computed from"
+        yield Fault((), "a moving body needs moments of inertia, or shapes to compute them from", None, None, hint)
     elif body.inertia is not None:
         from simspec.language.moments import principal_moments
 
@@ -123,7 +125,7 @@ def mass_faults(body: Body) -> Iterator[Fault]:
         if min(moments) <= 0.0:
             shown = ", ".join(f"{moment:.6g}" for moment in moments)
             message = "the principal moments of a moving body must be above 0"
-            yield Fault(("inertia",), message, f"{shown} kg m²", None, "no real body is thinner than a wire")
+            yield Fault(("inertia",), message, f"{shown} kg m²", None, "moments this small are not physical")
 
 
 def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
@@ -144,8 +146,8 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
                 continue
             if kind in ("fixed", "free"):
                 word = "position" if key == "positions" else "velocity"
-                hint = "write pose and velocity of the model" if kind == "free" else "leave it out"
-                yield document.problem(place, f"{joint} is a {kind} joint, which has no {word} of its own", hint=hint)
+                hint = "write pose and velocity of the model" if kind == "free" else "remove it"
+                yield document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)
                 continue
             try:
                 read = reader(kind, value)
@@ -229,7 +231,7 @@ def _merged(source: Source, part: str, noun: str) -> Iterator[Problem]:
             where, known = first.setdefault(name, (one, value))
             if known != value:
                 place = where.document.locate(("contact", part, name), key=True)
-                message = f"the {noun} {name!r} means something else in another file"
+                message = f"the {noun} {name!r} has another definition in another file"
                 shown = ", ".join(f"{key} {item}" for key, item in known.model_dump().items())
                 found = f"{shown} at {place}"
                 yield one.document.problem(("contact", part, name), message, key=True, found=found)
@@ -242,7 +244,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
     for name in bodies.raw:
         group = bodies.field(name, "collision_group")
         if isinstance(group, str) and group not in groups:
-            message, hint = f"contact.groups says nothing of {group!r}", near(group, groups)
+            message, hint = f"contact.groups does not define {group!r}", near(group, groups)
             path = (*bodies.path, name, "collision_group")
             yield document.problem(path, message, found=group, allowed=_some(groups), hint=hint)
         shapes = bodies.field(name, "shapes")
@@ -277,9 +279,9 @@ def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
                 yield source.document.problem(place, message, allowed=_some(materials), hint=hint)
         both = tuple(sorted(between))
         if both in seen:
-            message = f"the pair {' and '.join(both)} is there twice"
+            message = f"the pair {' and '.join(both)} is duplicated"
             place = source.document.locate(("contact", "pairs", seen[both]))
             found = f"first as pair {seen[both]}" + (f" at {place}" if place is not None else "")
-            hint = "leave out one, or put what both say into one entry"
+            hint = "remove one, or combine both into one entry"
             yield source.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
         seen.setdefault(both, index)

@@ -46,7 +46,7 @@ class HardnessReader(Reader):
         if isinstance(value, str):
             return Word(HARDNESS_WORDS).read(value), ()
         if not isinstance(value, Mapping):
-            raise fault("wants a word or a compliance", show(value), self._allowed())
+            raise fault("expected a word or a compliance", show(value), self._allowed())
         known = {name for form in HARDNESS_FORMS.values() for name in form}
         for name in value:
             if name not in known:
@@ -54,7 +54,7 @@ class HardnessReader(Reader):
                 raise Faults([Fault((str(name),), "no such key", show(name), self._allowed(), hint)])
         kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
         if kind is None:
-            raise fault("not a whole compliance", show(dict(value)), self._allowed(), _completion(value))
+            raise fault("incomplete compliance", show(dict(value)), self._allowed(), _completion(value))
         return kind, self._numbers(kind, value)
 
     def _numbers(self, kind: str, value: Mapping[str, Any]) -> tuple[float, ...]:
@@ -122,7 +122,7 @@ class Names(Reader):
 
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, (list, tuple)) or (self.count is not None and len(value) != self.count):
-            raise fault(f"wants {self.describe()}", show(value))
+            raise fault(f"expected {self.describe()}", show(value))
         return tuple(Name(self.path).read(item) for item in value)
 
     def describe(self) -> str:
@@ -142,14 +142,14 @@ class Exclusions(Reader):
 
     def read(self, value: Any) -> tuple[tuple[str, ...], ...]:
         if not isinstance(value, (list, tuple)):
-            raise fault("wants a list of pairs of bodies", show(value), "[[body, other], ...]")
+            raise fault("expected a list of pairs of bodies", show(value), "[[body, other], ...]")
         return tuple(self._pair(index, item) for index, item in enumerate(value))
 
     def _pair(self, index: int, item: Any) -> tuple[str, ...]:
         try:
             pair = Names(2, path=True).read(item)
             if pair[0] == pair[1]:
-                raise fault("a body is not excluded from itself", pair[0], "two different bodies")
+                raise fault("a body cannot be excluded from itself", pair[0], "two different bodies")
         except Faults as error:
             raise Faults(replace_loc(error.faults, (index,))) from None
         return pair
@@ -195,18 +195,18 @@ class Pair(Strict):
     rolling_friction: Arm = Field(ABSENT, description="Rolling friction of the pair; default: by `combine`")
     restitution_threshold: Speed = Field(ABSENT, description="Threshold speed of the pair; default: by `combine`")
     hardness: HardnessValue = Field(ABSENT, description="Hardness of the pair; default: that of `contact`")
-    collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two pass through each other")
+    collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two do not collide")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         said = [name for name in data if name != "between"]
         if "between" in data and not said:
             yield Fault(
-                (), "a pair says nothing without a law", allowed=", ".join((*LAW_QUANTITIES, "hardness", "collide"))
+                (), "a pair needs at least one law", allowed=", ".join((*LAW_QUANTITIES, "hardness", "collide"))
             )
         if data.get("collide") is False and len(said) > 1:
             other = next(name for name in said if name != "collide")
-            yield Fault((other,), "a pair that does not collide has no other law", hint="leave out one of the two")
+            yield Fault((other,), "a pair that does not collide cannot have another law", hint="remove one of the two")
 
 
 class Group(Strict):
@@ -225,9 +225,7 @@ class Contact(Strict):
         description="The friction law. elliptic: |f| ≤ μ N; pyramid-inscribed: |fx| + |fy| ≤ μ N; "
         "pyramid-circumscribed: |fx| ≤ μ N and |fy| ≤ μ N",
     )
-    hardness: HardnessValue = Field(
-        ("common", ()), description="What holds bodies apart, where a pair says nothing else"
-    )
+    hardness: HardnessValue = Field(("common", ()), description="Contact hardness; default for all pairs")
     materials: dict[NameOf, Material] = Field({}, description="Materials by name")
     combine: Combine = Field(
         ABSENT, description="The rule for pairs of different materials, or a rule for each quantity"

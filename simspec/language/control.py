@@ -26,16 +26,16 @@ _ACTUATOR_GAINS: Mapping[str, Mapping[str, str]] = {
 }
 """The gains that an actuator needs, with the unit at a hinge; it has no others."""
 _NOT_OF_LAW: Mapping[str, Mapping[str, str]] = {
-    "pd": dict.fromkeys(("natural_frequency", "damping_ratio"), "it belongs to law: computed-torque; pd has kp and kd"),
+    "pd": dict.fromkeys(("natural_frequency", "damping_ratio"), "only for law: computed-torque; pd uses kp and kd"),
     "computed-torque": {
-        **dict.fromkeys(("kp", "kd"), "computed torque has natural_frequency and damping_ratio"),
-        "actuator": "the law itself gives efforts",
-        "gravity_compensation": "computed torque always counters gravity",
+        **dict.fromkeys(("kp", "kd"), "computed torque uses natural_frequency and damping_ratio"),
+        "actuator": "the law computes the efforts",
+        "gravity_compensation": "computed torque always compensates gravity",
     },
     "native": {
-        **dict.fromkeys(("natural_frequency", "damping_ratio"), "it belongs to law: computed-torque"),
-        "discretisation": "an engine's own controller is discretised as the engine does",
-        "gravity_compensation": "it belongs to law: pd",
+        **dict.fromkeys(("natural_frequency", "damping_ratio"), "only for law: computed-torque"),
+        "discretisation": "the engine chooses how its own controller is discretised",
+        "gravity_compensation": "only for law: pd",
     },
 }
 """Fields that mean nothing under a law, and why."""
@@ -65,7 +65,7 @@ class PerJoint(Reader):
             check_suits_driven(self.number, value)
             return value
         if not value:
-            raise fault("names no joint", "{}", "a number, or {JOINT: number, ...}")
+            raise fault("no joint given", "{}", "a number, or {JOINT: number, ...}")
         if (many := too_many(value)) is not None:
             raise many
         faults: list[Fault] = []
@@ -126,10 +126,10 @@ class Controller(Strict):
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
     )
     natural_frequency: Annotated[float, Number("angular velocity", 0, above=True)] = Field(
-        ABSENT, description="ω: how fast an error vanishes; computed-torque, required"
+        ABSENT, description="ω: natural frequency of the error; computed-torque, required"
     )
     damping_ratio: Annotated[float, Number("number", 0)] = Field(
-        1.0, description="ζ: 1 comes back without overshoot; computed-torque"
+        1.0, description="ζ: 1: critically damped; computed-torque"
     )
     actuator: Annotated[str, Word(ACTUATORS)] = Field(
         "position",
@@ -142,7 +142,7 @@ class Controller(Strict):
         False, description="Whether the effort that holds the joints against gravity at rest is added; pd"
     )
     effort_limit: Annotated[Any, PER_JOINT["effort_limit"]] = Field(
-        ABSENT, description="The largest effort of the actuator; the joint's own `limits.effort` holds besides"
+        ABSENT, description="The largest effort of the actuator; the joint's `limits.effort` also applies"
     )
     velocity_limit: Annotated[Any, PER_JOINT["velocity_limit"]] = Field(
         ABSENT,
@@ -165,7 +165,7 @@ class Controller(Strict):
             return
         for key, why in _NOT_OF_LAW[law].items():
             if key in data:
-                yield Fault((key,), f"{key} means nothing with law {law}: {why}", show(data[key]), None, "leave it out")
+                yield Fault((key,), f"{key} is not allowed with law {law}: {why}", show(data[key]), None, "remove it")
         if law == "computed-torque":
             if cls._lacks("natural_frequency", data):
                 hint = "natural_frequency: 30 rad/s"
@@ -178,8 +178,8 @@ class Controller(Strict):
         needed = _ACTUATOR_GAINS[actuator]
         if law == "native" and actuator == "effort":
             allowed = "position, velocity"
-            hint = "law: pd gives efforts to every engine"
-            yield Fault(("actuator",), "an effort actuator needs no engine's own controller", actuator, allowed, hint)
+            hint = "law: pd applies efforts in every engine"
+            yield Fault(("actuator",), "law native does not support an effort actuator", actuator, allowed, hint)
         for key, unit in needed.items():
             if cls._lacks(key, data):
                 others = " and ".join(needed)

@@ -111,7 +111,7 @@ def read_text(path: Path, shown: str | None = None) -> str:
                         f"{file}: the file is too large",
                         found=f"{size / 1e6:.1f} MB",
                         allowed=f"{LARGEST_FILE / 1e6:g} MB",
-                        hint="repeated bodies are written once, with array:",
+                        hint="write repeated bodies once, with array:",
                     )
                 ]
             )
@@ -122,7 +122,7 @@ def read_text(path: Path, shown: str | None = None) -> str:
     except OSError as error:
         raise SpecError([Problem(f"{file}: cannot be read: {error.strerror}")]) from None
     if len(content) > LARGEST_FILE:
-        raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or no plain file")])
+        raise SpecError([Problem(f"{file}: longer than {LARGEST_FILE / 1e6:g} MB, or not a regular file")])
     return decode(content, file)
 
 
@@ -188,7 +188,7 @@ def events(text: str, file: str) -> Iterator[Any]:
         raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
     if count > MOST_EVENTS:
         place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
-        hint = "repeated bodies are written once, with array:; long trajectories stand in a CSV file"
+        hint = "write repeated bodies once, with array:; put long trajectories into a CSV file"
         message = "the file has too many keys and values, counted from its beginning to here"
         raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
 
@@ -232,7 +232,7 @@ class _Builder:
         elif kind == "DocumentStartEvent":
             self._documents += 1
             if self._documents > 1:
-                raise SpecError([self._problem(event, "a file holds one document", found="a second one (---)")])
+                raise SpecError([self._problem(event, "only one YAML document per file", found="a second one (---)")])
 
     def _mark(self, event: Any) -> Mark:
         return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
@@ -271,9 +271,9 @@ class _Builder:
         if isinstance(container, dict):
             mark.keys = {}
             if self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
-                self._report(event, "a key must be a text", found="a mapping as a key")
+                self._report(event, "a key must be a string", found="a mapping as a key")
         elif self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
-            self._report(event, "a key must be a text", found="a list as a key")
+            self._report(event, "a key must be a string", found="a list as a key")
         self._stack.append([container, mark, None, None])
 
     def _scalar(self, event: Any) -> None:
@@ -283,14 +283,14 @@ class _Builder:
             try:
                 event.value = event.value.encode("utf-16", "surrogatepass").decode("utf-16")
             except UnicodeDecodeError:
-                self._report(event, "half a surrogate pair is no character", allowed="the character itself")
+                self._report(event, "an unpaired surrogate is not a character", allowed="the character itself")
                 event.value, usable = "", False
         frame = self._stack[-1] if self._stack else None
         if frame is not None and isinstance(frame[0], dict) and frame[2] is None:
             frame[2], frame[3] = event.value, (event.start_mark.line + 1, event.start_mark.column + 1)
             if event.value in frame[1].keys:
                 line, column = frame[1].keys[event.value]
-                self._report(event, f"the key {event.value!r} is there twice", found=f"first at {line}:{column}")
+                self._report(event, f"the key {event.value!r} is duplicated", found=f"first at {line}:{column}")
             return
         value: Any = event.value
         if not usable:

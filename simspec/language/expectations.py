@@ -45,7 +45,7 @@ class Targets(Reader):
     def read(self, value: Any) -> tuple[tuple[str, tuple[float, ...]], ...]:
         if not isinstance(value, Mapping) or not value:
             found = "{}" if isinstance(value, Mapping) else show(value)
-            raise fault(f"wants {self.describe()}", found, "{BODY: [x, y, z], ...}")
+            raise fault(f"expected {self.describe()}", found, "{BODY: [x, y, z], ...}")
         pairs, faults = [], []
         for name, place in value.items():
             if place is INVALID:
@@ -99,14 +99,14 @@ KINDS: Mapping[str, Kind] = {
         {"tolerance": Parameter(_SHARE, "Largest deviation, as a share of the run's energy scale")},
     ),
     "momentum_conserved": Kind(
-        "Linear momentum and angular momentum about the world's origin stay what they were; wants zero gravity",
+        "Linear momentum and angular momentum about the world's origin stay what they were; requires zero gravity",
         {"tolerance": Parameter(_SHARE, "Largest deviation of either, as a share of its own scale")},
     ),
     "no_penetration_deeper_than": Kind(
-        "Bodies never overlap by more than a depth", {"depth": Parameter(_LENGTH, "Largest depth of a contact")}
+        "Contact depth never exceeds a bound", {"depth": Parameter(_LENGTH, "Largest depth of a contact")}
     ),
     "comes_to_rest": Kind(
-        "All centres of mass end up slow",
+        "All centres of mass are slow at the end",
         {
             "speed": Parameter(Number("velocity", 0), "Largest speed of a centre of mass"),
             "before": Parameter(_TIME, "Must hold from this time on; default: at the end", required=False),
@@ -122,7 +122,7 @@ KINDS: Mapping[str, Kind] = {
         },
     ),
     "position": Kind(
-        "A body's frame is at a place",
+        "A body's frame is at a position",
         {
             "body": _BODY,
             "xyz": Parameter(_POINT, "Place of the frame's origin in the world"),
@@ -132,7 +132,7 @@ KINDS: Mapping[str, Kind] = {
         of_end="at",
     ),
     "at_target": Kind(
-        "Bodies' frames are at their places, every one of them",
+        "All given bodies' frames are at their positions",
         {
             "targets": Parameter(Targets(), "Places of the frames' origins in the world"),
             "tolerance": Parameter(_LENGTH, "Largest distance of any body from its place"),
@@ -181,13 +181,13 @@ KINDS: Mapping[str, Kind] = {
         },
     ),
     "keeps_place": Kind(
-        "A body's frame keeps its place in another body's frame: what is held does not slip",
+        "A body's frame keeps its position in another body's frame, as for a held object that does not slip",
         {
             "body": _BODY,
             "within": Parameter(Name(path=True), "Full name of the other body"),
-            "after": Parameter(_TIME, "Its place at this time is the one to keep"),
+            "after": Parameter(_TIME, "Time of the reference position"),
             "until": Parameter(_TIME, "Time up to which this must hold; default: the end", required=False),
-            "distance": Parameter(_LENGTH, "Largest distance from that place"),
+            "distance": Parameter(_LENGTH, "Largest distance from the reference position"),
         },
     ),
     "bodies_apart": Kind(

@@ -52,7 +52,7 @@ def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     after, again = _read(result, file)
     same = again is not None and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
     if not same or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments):
-        message = "this file cannot be laid out without a change of meaning; it is left as it is"
+        message = "this file cannot be formatted without changing its meaning; it is not changed"
         raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])
 
 

@@ -43,7 +43,7 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     *_all("weld welded rigid fixed_joint", "type: fixed", "Joint.type=fixed"),
     *_all(
         "universal planar screw helical revolute2 gearbox cylindrical cardan",
-        f"this kind of joint is {_NOT_YET}; a chain of hinges and slides with small bodies between them moves alike",
+        f"this kind of joint is {_NOT_YET}; use a chain of hinges and slides with small bodies between them",
         "Joint.type=hinge",
         "Joint.type=slide",
     ),
@@ -126,7 +126,7 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     ),
     *_all(
         "inertial",
-        "mass, centre_of_mass and inertia stand in the body itself",
+        "write mass, centre_of_mass and inertia in the body itself",
         "Body.mass",
         "Body.centre_of_mass",
         "Body.inertia",
@@ -214,16 +214,18 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
         at="Joint",
     ),
     *_all("max_velocity speed vmax", "velocity", "Limits.velocity", at="Limits"),
-    *_all("qpos qpos0 q0 initial_position start", "position: where the joint begins", "Joint.position", at="Joint"),
-    *_all("qvel qvel0 v0 initial_velocity", "velocity: how fast the joint begins", "Joint.velocity", at="Joint"),
-    *_all("child", "the joint stands in its child body, beside `parent`", "Body.parent", "Body.joint"),
-    *_all("parent parent_link", "parent stands in the body, beside `joint`", "Body.parent", at="Joint"),
+    *_all(
+        "qpos qpos0 q0 initial_position start", "position: initial position of the joint", "Joint.position", at="Joint"
+    ),
+    *_all("qvel qvel0 v0 initial_velocity", "velocity: initial velocity of the joint", "Joint.velocity", at="Joint"),
+    *_all("child", "write the joint in its child body, next to `parent`", "Body.parent", "Body.joint"),
+    *_all("parent parent_link", "write parent in the body, next to `joint`", "Body.parent", at="Joint"),
     *_all("parent_link parent_body", "parent", "Body.parent", at="Body"),
     *_all(
         "mimic equality equalities tendon tendons loop loop_closure constraint constraints gear_constraint",
         f"constraints between joints and bodies are {_NOT_YET}",
     ),
-    *_all("joints", "joint: {...} stands in each body that has a parent", "Body.joint"),
+    *_all("joints", "write joint: {...} in each body that has a parent", "Body.joint"),
     # --- contact ------------------------------------------------------------------------------------------------------
     *_all(
         "mu mu1 mu_s mu_d friction_coefficient sliding_friction lateral_friction static_friction dynamic_friction",
@@ -255,7 +257,7 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
         "Contact.materials",
         at="Shape Body",
     ),
-    *_all("material", "material stands in each shape", "Shape.material", at="Body"),
+    *_all("material", "write material in each shape", "Shape.material", at="Body"),
     *_all(
         "stiffness damping kp kd solref solimp compliance softness time_constant contact_stiffness",
         "hardness, of the contact or of a pair",
@@ -294,10 +296,10 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     *_all("file path filename src uri url import model_file", "use: FILE", "Use.use", at="Use Model"),
     *_all("static is_static immovable anchored kinematic_fixed world_fixed", "fixed: true", "Body.fixed", "Use.fixed"),
     *_all("fixed_base use_fixed_base fix_base", "fixed: true", "Use.fixed", "Body.fixed"),
-    *_all("kinematic", f"bodies that move by a given path are {_NOT_YET}"),
+    *_all("kinematic", f"kinematic bodies on a given path are {_NOT_YET}"),
     *_all(
         "gravcomp gravity_compensation use_gravity",
-        "gravity_compensation of a controller; else gravity is the same for all bodies",
+        "use gravity_compensation of a controller; gravity is the same for all bodies",
         "Controller.gravity_compensation",
         at="Body Shape Joint",
     ),
@@ -319,20 +321,20 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     *_all("joint_velocities initial_velocities qvel", "velocities: {JOINT: ...}", "Use.velocities", at="Use"),
     *_all("count repeat copies instances replicate", "array: {...}", "Body.array", "Use.array", at="Body Use"),
     *_all(
-        "site sites frames", f"named frames are {_NOT_YET}; a tool's frame stands in the trajectory", "Trajectory.tool"
+        "site sites frames", f"named frames are {_NOT_YET}; write a tool's frame in the trajectory", "Trajectory.tool"
     ),
     *_all(
-        "sensor sensors camera cameras imu", f"sensors are {_NOT_YET}; what is recorded stands in record", "File.record"
+        "sensor sensors camera cameras imu", f"sensors are {_NOT_YET}; write recorded channels in record", "File.record"
     ),
     *_all(
         "default defaults class compiler asset assets",
-        "there are no classes and defaults; use: and array: repeat what is alike",
+        "classes and defaults are not supported; use use: and array: for repeated elements",
         "Use.use",
         "Body.array",
     ),
     *_all(
         "light lights skybox texture textures plugin plugins statistic",
-        "there is nothing to be seen or plugged in: leave it out",
+        "rendering and plugins are not part of a spec: remove it",
     ),
     # --- time, running ------------------------------------------------------------------------------------------------
     *_all(
@@ -357,7 +359,7 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     *_all("steps num_steps iterations", "duration: the steps times the timestep", "Physics.duration", at="Physics"),
     *_all(
         "integrator solver",
-        "every engine's integrator is semi-implicit Euler; solvers stand in engines: {NAME: {settings: ...}}",
+        "every engine's integrator is semi-implicit Euler; write solver settings in engines: {NAME: {settings: ...}}",
         "File.engines",
         "EngineOptions.settings",
         at="Physics File",
@@ -403,7 +405,7 @@ ENTRIES: tuple[tuple[str, Hint], ...] = (
     *_all("d kv damping d_gain derivative", "kd", "Controller.kd", at="Controller"),
     *_all(
         "i ki integral",
-        "there is no integral part; gravity_compensation: true holds joints against gravity",
+        "there is no integral term; gravity_compensation: true compensates gravity",
         "Controller.gravity_compensation",
         at="Controller",
     ),

@@ -1,4 +1,4 @@
-"""Joints of the world by name: a full name, or a pattern in which ``*`` stands for any text."""
+"""Joints of the world by name: a full name, or a pattern in which ``*`` matches any text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simspec.language.quantities import LONGEST_NAME, Reader
 from simspec.language.strict import Fault, Faults, fault, replace_loc, show
 
 PATTERN = re.compile(r"[A-Za-z0-9_*-]+(?:/[A-Za-z0-9_*-]+)?")
-PATTERN_RULE = "a joint's full name (MODEL/JOINT, or JOINT of a loose body); * stands for any text"
+PATTERN_RULE = "a joint's full name (MODEL/JOINT, or JOINT of a loose body); * matches any text"
 MOST_PATTERNS = 100
 """Entries with a ``*`` in one list or mapping: each is compared with every joint of the world."""
 MOST_ENTRIES = 10_000
@@ -20,7 +20,7 @@ MOST_ENTRIES = 10_000
 
 
 def matches(pattern: str, name: str) -> bool:
-    """Whether a full name is meant by a pattern: ``*`` stands for any text, also for none, and for ``/``. Linear in the
+    """Whether a full name is meant by a pattern: ``*`` matches any text, also for none, and for ``/``. Linear in the
     length of the name, whatever the pattern."""
     first, *rest = pattern.split("*")
     if not rest:
@@ -45,9 +45,9 @@ def chosen(pattern: str, names: Iterable[str]) -> list[str]:
 def read_pattern(value: Any) -> str:
     """A name or pattern. Raises Faults."""
     if not isinstance(value, str):
-        raise fault("wants a joint's name", show(value), PATTERN_RULE)
+        raise fault("expected a joint's name", show(value), PATTERN_RULE)
     if len(value) > 2 * LONGEST_NAME + 1 or not PATTERN.fullmatch(value):
-        raise fault("this cannot be the name of joints", show(value), PATTERN_RULE)
+        raise fault("not a valid joint name or pattern", show(value), PATTERN_RULE)
     return value
 
 
@@ -69,7 +69,7 @@ class JointNames(Reader):
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, (list, tuple)) or not value:
             found = "an empty list" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"wants {self.describe()}", found, "[MODEL/JOINT, MODEL/*, ...]")
+            raise fault(f"expected {self.describe()}", found, "[MODEL/JOINT, MODEL/*, ...]")
         if (many := too_many(value)) is not None:
             raise many
         names, faults = [], []
@@ -86,7 +86,7 @@ class JointNames(Reader):
         return tuple(names)
 
     def describe(self) -> str:
-        return "a list of joints' full names; `*` stands for any text"
+        return "a list of joints' full names; `*` matches any text"
 
     def schema(self) -> dict[str, Any]:
         item = {"type": "string", "pattern": f"^{PATTERN.pattern}$"}

@@ -48,13 +48,13 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     "slide": {},
     "ball": {
         "axis": "a ball joint turns about every axis",
-        **dict.fromkeys(("limits", "dry_friction", "armature"), "it belongs to hinge and slide joints"),
+        **dict.fromkeys(("limits", "dry_friction", "armature"), "only for hinge and slide joints"),
     },
     "free": {
         "origin": "a free body's initial pose is the body's `pose`",
         "position": "a free body's initial pose is the body's `pose`",
         "velocity": "a free body's initial velocity is the body's `velocity`",
-        **dict.fromkeys(_MOTION, "nothing joins a free body to the world"),
+        **dict.fromkeys(_MOTION, "a free body has no joint frame"),
     },
 }
 """Fields that mean nothing on a type of joint, and why."""
@@ -78,13 +78,13 @@ class Limits(Strict):
     """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
 
     position: Annotated[Any, ByJointType("rad or m", 2)] = Field(
-        ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, a hard, inelastic stop"
+        ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, hard, inelastic stops"
     )
     velocity: Annotated[Any, ByJointType("rad/s or m/s")] = Field(
-        ABSENT, description="Velocity rating ≥ 0: held, not enforced by the engine"
+        ABSENT, description="Velocity rating ≥ 0; stored in the model, not enforced by the engine"
     )
     effort: Annotated[Any, ByJointType("N m or N")] = Field(
-        ABSENT, description="Effort rating ≥ 0: held, not enforced by the engine"
+        ABSENT, description="Effort rating ≥ 0; stored in the model, not enforced by the engine"
     )
 
 
@@ -103,7 +103,7 @@ class Joint(Strict):
     frame; the body's own frame coincides with it when the joint is at zero."""
 
     name: NameOf = Field(
-        ABSENT, description="Name; default `<body>_joint`, with a number behind if that is given to another"
+        ABSENT, description="Name; default `<body>_joint`, with a number appended if that name is taken"
     )
     type: Annotated[str, Word(JOINT_KINDS)] = Field(
         ...,
@@ -145,7 +145,7 @@ class Joint(Strict):
             return
         for key, why in _MEANINGLESS[kind].items():
             if key in data:
-                yield Fault((key,), f"{key} means nothing on a {kind} joint: {why}")
+                yield Fault((key,), f"{key} is not allowed on a {kind} joint: {why}")
         if kind in _NEEDS_AXIS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
             yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]")
 
@@ -242,9 +242,7 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         },
     }[key]
     if key == "spring" and kind == "ball" and "rest" in data:
-        found.append(
-            Fault((key, "rest"), "a ball joint's spring rests where the joint is at zero", hint="leave it out")
-        )
+        found.append(Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it"))
         del data["rest"]
     for name, reader in readers.items():
         if name not in data:

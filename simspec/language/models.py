@@ -86,13 +86,13 @@ class Body(Strict):
 
 def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
     for key, hint in {
-        "array": "arrays are of roots, with all that hangs on them",
+        "array": "only roots have arrays; the array copies all descendants",
         "fixed": "write joint: {type: fixed}",
         "pose": "write joint: {origin: ...}",
         "velocity": "write joint: {velocity: ...}",
     }.items():
         if key in data:
-            yield Fault((key,), f"{key} belongs to roots, and this body has a parent", None, None, hint)
+            yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint)
     if "joint" not in data:
         yield Fault((), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type")
     elif kind == "free":
@@ -112,8 +112,8 @@ def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Itera
         )
     held = data.get("fixed") is True or kind in ("fixed", "hinge", "slide", "ball")
     if "velocity" in data and held:
-        hint = "write joint: {velocity: ...}" if kind in ("hinge", "slide", "ball") else "leave it out"
-        yield Fault(("velocity",), "velocity belongs to free roots", None, None, hint)
+        hint = "write joint: {velocity: ...}" if kind in ("hinge", "slide", "ball") else "remove it"
+        yield Fault(("velocity",), "velocity is only for free roots", None, None, hint)
 
 
 def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -123,7 +123,7 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
     dense = [index for index, item in enumerate(fields) if item.get("density") is not None]
     for key in ("mass", "inertia", "centre_of_mass"):
         if dense and key in data:
-            message = f"{key} and density exclude each other: both say what the body weighs"
+            message = f"{key} and density exclude each other: both define the mass"
             yield Fault((key,), message, None, "mass and inertia; or mass alone; or densities")
     if dense:
         for index, item in enumerate(fields):
@@ -168,7 +168,7 @@ class Use(Strict):
             for key in ("array", "fixed", "velocity"):
                 if key in data:
                     yield Fault(
-                        (key,), f"a model that is attached to a body has no {key} of its own", hint="leave out one"
+                        (key,), f"a model that is attached to a body has no {key} of its own", hint="remove one"
                     )
 
 
@@ -179,7 +179,7 @@ class Model(Strict):
 
     use: Annotated[str, FileName()] = Field(ABSENT, description="Path of another model file, relative to this file")
     bodies: dict[NameOf, Body] = Field(ABSENT, description="The bodies; exactly one root")
-    grasps: dict[NameOf, Grasp] = Field({}, description="How the model's hand grasps, by name")
+    grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
 
 
 def whole_steps(time: float, timestep: float) -> int | None:
@@ -241,7 +241,7 @@ class Record(Strict):
     )
     show: list[Annotated[str, Name(path=True)]] = Field(
         [],
-        description="Full names of bodies, hinges and slides whose end the table of a run shows; none: the roots that can "
+        description="Full names of bodies, hinges and slides whose final state the table of a run shows; none: the roots that can "
         "move, and all joints",
     )
 
@@ -252,7 +252,7 @@ class EngineOptions(Strict):
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
     accept: list[Annotated[str, Text()]] = Field([], description="Features that may be approximate in this engine")
     outside: list[Annotated[str, Text()]] = Field(
-        [], description="Features to be computed outside this engine, which has no form of its own"
+        [], description="Features computed outside this engine, which does not support them"
     )
 
 
@@ -269,7 +269,7 @@ class File(Strict):
     model: Model = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
     trajectory: Trajectory = Field(
-        ABSENT, description="What the driven joints should do; none: they stay where they begin"
+        ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
     )
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
@@ -287,13 +287,13 @@ class File(Strict):
                 if key in contact:
                     yield Fault(
                         ("contact", key),
-                        f"{key} belongs to scenarios, not to a model",
+                        f"{key} is only for scenarios, not for a model",
                         None,
                         "materials, groups, exclude",
                     )
         parts = ("bodies", "models", "model")
         if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
-            yield Fault((), "neither bodies nor models: there is nothing to simulate")
+            yield Fault((), "no bodies and no models: nothing to simulate")
         control = data.get("control")
         if isinstance(control, Mapping) and len(control) > MOST_CONTROLLERS:
             yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")

@@ -28,7 +28,7 @@ def _apply(document: Document, text: str, number: int) -> list[Problem]:
     path, equals, value = text.partition("=")
     place = Location(FILE, number, 1)
     if not equals or not path.strip():
-        return [Problem("wants path=value", location=place, found=show(text), hint="physics.timestep=2ms")]
+        return [Problem("expected path=value", location=place, found=show(text), hint="physics.timestep=2ms")]
     start = len(path) + 2
     try:
         read = parse(value, FILE)
@@ -60,7 +60,7 @@ def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, plac
             return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
         return holder[index], mark.items.get(index) if mark and mark.items else None, walk.child(kind, index)
     if not isinstance(holder, dict):
-        return Problem("there is nothing below this value", path, place, found=show(holder))
+        return Problem("this value has no elements", path, place, found=show(holder))
     if step not in holder:
         if unknown := _unknown(holder, kind, step, path, place):
             return unknown
@@ -100,7 +100,7 @@ def _put(
         if key is None:
             return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
     elif not isinstance(holder, dict):
-        return Problem("there is nothing below this value", path, place, found=show(holder))
+        return Problem("this value has no elements", path, place, found=show(holder))
     elif step not in holder:
         plain_values = isinstance(kind, walk.Free) and not walk.is_model(kind.item)  # settings, joint positions
         unknown = None if plain_values else _unknown(holder, kind, step, path, place)

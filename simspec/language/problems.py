@@ -18,9 +18,9 @@ from simspec.language.strict import FAULT, REPORTED, Strict, near, show
 MOST_LOOKED_AT = 2000
 """Problems of one file that are told with their places and hints: all that can be read; a second's worth."""
 _WANTED = {
-    "dict_type": "wants a mapping (key: value)",
-    "list_type": "wants a list",
-    "model_type": "wants a mapping (key: value)",
+    "dict_type": "expected a mapping (key: value)",
+    "list_type": "expected a list",
+    "model_type": "expected a mapping (key: value)",
 }
 
 
@@ -28,7 +28,7 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
     """Every error as a problem, in the order that pydantic found them."""
     errors = error.errors(include_url=False)
     if len(errors) > MOST_LOOKED_AT:
-        yield document.problem((), f"{len(errors):,} problems, of which {MOST_LOOKED_AT:,} are looked at")
+        yield document.problem((), f"{len(errors):,} problems, of which the first {MOST_LOOKED_AT:,} are listed")
         del errors[MOST_LOOKED_AT:]
     unknown: dict[tuple[Any, ...], set[str | None]] = {}
     for one in errors:

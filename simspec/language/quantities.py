@@ -79,7 +79,7 @@ class Number(Reader):
             except units.UnitError as error:
                 raise fault(str(error), error.found, error.allowed, error.hint) from None
         elif isinstance(value, bool) or not (isinstance(value, int) or hasattr(value, "__float__")):
-            raise fault(f"wants {self.describe()}", show(value), self._allowed())
+            raise fault(f"expected {self.describe()}", show(value), self._allowed())
         else:
             try:
                 number = float(value)
@@ -143,7 +143,7 @@ class Vector(Reader):
         longest = self.longest or self.length
         if not isinstance(value, (list, tuple)) or not self.length <= len(value) <= longest:
             found = f"{len(value)} values" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"wants {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
+            raise fault(f"expected {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
         read = self.item.read
         try:
             return tuple([read(item) for item in value])
@@ -182,7 +182,7 @@ class Direction(Reader):
     def read(self, value: Any) -> tuple[float, ...]:
         vector = Vector(Number()).read(value)
         if not any(vector):
-            raise fault("has no length, so no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
+            raise fault("a zero vector has no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
         return vector
 
     def describe(self) -> str:
@@ -221,7 +221,7 @@ class Whole(Reader):
 
     def read(self, value: Any) -> int:
         if isinstance(value, bool) or not hasattr(value, "__index__"):
-            raise fault("wants a whole number", show(value), f"{self.least} to {self.most}")
+            raise fault("expected a whole number", show(value), f"{self.least} to {self.most}")
         number = int(value)
         if not self.least <= number <= self.most:
             raise fault("out of range", show(value), f"{self.least} to {self.most}")
@@ -243,13 +243,13 @@ class Name(Reader):
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
             hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
-            raise fault("wants a name", show(value), NAME_RULE, hint)
+            raise fault("expected a name", show(value), NAME_RULE, hint)
         parts = value.split("/") if self.path else [value]
         if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
             return value
         if len(value) > LONGEST_NAME:
             raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
-        raise fault("this cannot be a name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
+        raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
 
     def describe(self) -> str:
         return "a body's full name" if self.path else "a name"
@@ -278,7 +278,7 @@ class Word(Reader):
         if isinstance(value, str) and value in self.words:
             return value
         hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
-        raise fault("not one of the words that may stand here", show(value), ", ".join(self.words), hint)
+        raise fault("not an allowed word", show(value), ", ".join(self.words), hint)
 
     def describe(self) -> str:
         return " \\| ".join(f"`{word}`" for word in self.words)
@@ -293,7 +293,7 @@ class Flag(Reader):
 
     def read(self, value: Any) -> bool:
         if type(value) is not bool:
-            raise fault("wants true or false", show(value), "true, false")
+            raise fault("expected true or false", show(value), "true, false")
         return value
 
     def describe(self) -> str:
@@ -309,7 +309,7 @@ class Text(Reader):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
-            raise fault("wants a text", show(value), "a text; in quotes where it looks like a number")
+            raise fault("expected a text", show(value), "a text; in quotes where it looks like a number")
         if len(value) > LONGEST_TEXT:
             raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
         return value
@@ -328,7 +328,7 @@ class FileName(Text):
     def read(self, value: Any) -> str:
         path = super().read(value)
         if unseen := UNSEEN_CHARACTERS.search(path):
-            raise fault("no path has such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
+            raise fault("paths cannot contain such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
         return path
 
 
@@ -340,7 +340,7 @@ class Setting(Reader):
         if isinstance(value, float) and value - value != 0.0:
             raise fault("not a finite number", show(value))
         if not isinstance(value, (bool, int, float, str)):
-            raise fault("wants a number, a word, true or false", show(value))
+            raise fault("expected a number, a word, true or false", show(value))
         if isinstance(value, int) and abs(value) >= 2**63:
             raise fault("too large a number", show(value))
         return value

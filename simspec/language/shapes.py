@@ -42,7 +42,7 @@ class Orientation(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from excluded(data, "rpy", "quat", "each is the whole rotation")
+        yield from excluded(data, "rpy", "quat", "each defines the whole rotation")
 
 
 class Pose(Strict):
@@ -107,7 +107,7 @@ class Shape(Strict):
     ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
     name: NameOf = Field(
-        ABSENT, description="Name; default `<body>_<index>`, with a number behind if that is given to another"
+        ABSENT, description="Name; default `<body>_<index>`, with a number appended if that name is taken"
     )
     sphere: Sphere = Field(ABSENT, description="A ball")
     box: Box = Field(ABSENT, description="A cuboid")
@@ -131,7 +131,7 @@ class Shape(Strict):
         if "plane" in data and "density" in data:
             yield Fault(("density",), "a plane has no volume, so no density")
         if data.get("collision") is False and data.get("visual") is False:
-            yield Fault(("visual",), "neither collision nor visual: the shape would do nothing", hint="leave it out")
+            yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
 
 
 class Tensor(Strict):
@@ -155,14 +155,14 @@ class Inertia(Strict):
     tensor: Tensor = Field(ABSENT, description="The tensor in the body's axes")
     principal: Moments = Field(ABSENT, description="Principal moments, about the principal axes x, y, z")
     rpy: Angles = Field(ABSENT, description="Orientation of the principal axes in the body frame")
-    quat: Quaternion = Field(ABSENT, description="The same as a unit quaternion w x y z")
+    quat: Quaternion = Field(ABSENT, description="The same, as a unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         yield from Orientation.faults(data)
         for key in ("rpy", "quat"):
             if key in data and "tensor" in data:
-                yield Fault((key,), f"{key} turns principal axes; a tensor is in the body's axes already")
+                yield Fault((key,), f"{key} rotates principal axes; a tensor is given in the body's axes")
         for key, reader in (("principal", _principal), ("tensor", _of_tensor)):
             try:
                 why = impossible(reader(data[key])) if key in data else None
@@ -170,7 +170,7 @@ class Inertia(Strict):
                 continue  # reported where the value is read
             if why:
                 hint = "moments are about the centre of mass; products carry the tensor's own sign"
-                yield Fault((key,), why, None, "no principal moment above the sum of the other two", hint)
+                yield Fault((key,), why, None, "no principal moment greater than the sum of the other two", hint)
 
 
 def _principal(value: Any) -> tuple[float, ...]:

@@ -60,7 +60,7 @@ def validate(document: Document) -> tuple[File | None, list[Problem]]:
     """The document's model, or its problems."""
     if not isinstance(document.data, dict):
         found = "an empty file" if document.data is None else show(document.data)
-        hint = "it begins with simspec: 1"
+        hint = "a spec starts with simspec: 1"
         return None, [document.problem((), "a spec is a mapping (key: value)", found=found, hint=hint)]
     try:
         return File.model_validate(document.data), []
@@ -112,16 +112,16 @@ class Collector:
         if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
             return None  # reported where it is read
         if not text.strip():
-            self._problem(source, path, "no path of a file", found=show(text))
+            self._problem(source, path, "not a file path", found=show(text))
             return None
         try:
             target = (source.folder / text).resolve()
             is_file = target.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
-            self._problem(source, path, "this path leads nowhere", found=show(text))
+            self._problem(source, path, "this path does not exist", found=show(text))
             return None
         if self.project is not None and not target.is_relative_to(self.project):
-            allowed = f"files below {_shown(self.project)}"
+            allowed = f"files in {_shown(self.project)}"
             hint = "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
@@ -136,7 +136,7 @@ class Collector:
             return None
         if target in chain:
             loop = " -> ".join(one.name for one in (*chain[chain.index(target) :], target))
-            self._problem(source, path, f"files use each other in a loop: {loop}", found=text)
+            self._problem(source, path, f"circular use of files: {loop}", found=text)
             return None
         if len(chain) >= DEEPEST_USE:
             self._problem(source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text)
@@ -147,7 +147,7 @@ class Collector:
         found = self._read[target]
         if found is not None and isinstance(found.document.data, Mapping) and "model" not in found.document.data:
             hint = "a model file has `model: {bodies: ...}`"
-            self._problem(source, path, "this file holds no model to use", found=text, hint=hint)
+            self._problem(source, path, "this file contains no model", found=text, hint=hint)
             return None
         return found
 

@@ -161,7 +161,7 @@ class Strict(BaseModel):
             hint = "write {}" if data is None and empty else None
             words = ", ".join(cls.model_fields)
             allowed = f"the keys {words}" if words else "{}"
-            raise raised([Fault((), "wants a mapping (key: value)", show(data), allowed, hint)], None)
+            raise raised([Fault((), "expected a mapping (key: value)", show(data), allowed, hint)], None)
         found = list(cls.faults(data))
         if cls.ONE_OF:
             found += _exactly_one(cls.ONE_OF, data, cls.model_fields)
@@ -182,7 +182,7 @@ def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable
     if len(given) > 1:
         yield Fault((given[1],), f"{' and '.join(given)} exclude each other", None, allowed)
     elif not given and not any(misspelt(name, data, fields) for name in names):
-        yield Fault((), f"wants one of {', '.join(names)}", show(data), allowed)
+        yield Fault((), f"expected one of {', '.join(names)}", show(data), allowed)
 
 
 def misspelt(name: str, data: Mapping[str, Any], fields: Iterable[str]) -> bool:

@@ -47,7 +47,7 @@ class ByJoint(Reader):
 
     def read(self, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
-            raise fault(f"wants {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
+            raise fault(f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
         faults: list[Fault] = []
         for name, item in value.items():
             if item is INVALID:
@@ -118,14 +118,14 @@ class ToolPlace(Strict):
     rpy: Angles = Field(ABSENT, description=RPY)
     quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
     free_orientation: Annotated[bool, Flag()] = Field(
-        False, description="Whether the tool may turn as it likes: for arms that cannot choose it"
+        False, description="Whether the orientation of the tool is free, for arms with too few joints"
     )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         yield from Orientation.faults(data)
         if not any(key in data for key in ("xyz", "rpy", "quat")):
-            yield Fault((), "a move to nowhere", show(dict(data)), "xyz, rpy or quat")
+            yield Fault((), "a move without target", show(dict(data)), "xyz, rpy or quat")
         if data.get("free_orientation") is True:
             for key in ("rpy", "quat"):
                 if key in data:
@@ -140,25 +140,25 @@ class _Step(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "wait" in data and "in" in data:
-            yield Fault(("in",), "wait says itself how long", show(data["in"]), None, "leave it out")
+            yield Fault(("in",), "wait contains its own duration", show(data["in"]), None, "remove it")
         for key in ("move", "grip"):
             if key in data and "in" not in data:
                 yield Fault((), f"a {key} needs a duration", None, None, "in: 2 s")
         if "squeeze" in data and "grip" not in data:
-            yield Fault(("squeeze",), "squeeze goes with grip", None, None, "{grip: 1, squeeze: 1, in: 1 s}")
+            yield Fault(("squeeze",), "squeeze requires grip", None, None, "{grip: 1, squeeze: 1, in: 1 s}")
         if "straight" in data and "move" not in data:
-            yield Fault(("straight",), "straight goes with move")
+            yield Fault(("straight",), "straight requires move")
 
 
 _STEP: Mapping[str, tuple[Any, Any, str]] = {
-    "move": (ToolPlace, None, "Bring the tool to a place"),
+    "move": (ToolPlace, None, "Move the tool to a pose"),
     "grip": (Share, None, "Share of the way of the grasp's joints from open (0) to closed (1)"),
-    "wait": (Lasting, None, "Stay for this time"),
+    "wait": (Lasting, None, "Wait for this time"),
     "in": (Lasting, None, "Duration of a move or a grip"),
     "straight": (
         Annotated[bool, Flag()],
         True,
-        "move: true, along a straight line and by the shortest turn; false, each joint on its own way",
+        "move: true, along a straight line and by the shortest turn; false, interpolated in joint space",
     ),
     "squeeze": (Share, 0.0, "grip: share of the grasp's forces, reached linearly over `in`; kept until the next grip"),
 }
@@ -175,7 +175,7 @@ Step: type[Strict] = create_model(
 class GraspForce(Strict):
     """A force that a grasp presses with, at squeeze 1."""
 
-    body: NameOf = Field(..., description="The body that presses")
+    body: NameOf = Field(..., description="The body that applies the force")
     at: Point = Field((0.0, 0.0, 0.0), description="Point in the body's frame")
     force: Annotated[tuple[float, float, float], Vector(Number("force"))] = Field(
         ..., description="Force on what is grasped, in the axes of the body's frame"
@@ -206,7 +206,7 @@ class Trajectory(Strict):
     ONE_OF: ClassVar[tuple[str, ...]] = ("points", "file", "program")
 
     interpolation: Annotated[str, Word(INTERPOLATIONS)] = Field(
-        "cubic", description="How it goes between points, see above"
+        "cubic", description="Interpolation between points, see above"
     )
     until: Annotated[float, Number("time", 0, above=True)] = Field(
         ABSENT,
@@ -235,7 +235,7 @@ class Trajectory(Strict):
         if "program" not in data:
             for key in ("tool", "arm", "interval", "grasp"):
                 if key in data and any(one in data for one in ("points", "file")):
-                    yield Fault((key,), f"{key} goes with a program", None, None, "leave it out")
+                    yield Fault((key,), f"{key} requires a program", None, None, "remove it")
         for key in ("points", "program"):
             given = data.get(key)
             if isinstance(given, list) and not given:
@@ -282,7 +282,7 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
     for key in wrong:
         if key in given:
             yield Fault(
-                ("points", 0, key), f"{key} mean nothing with interpolation {interpolation}", None, None, "quintic"
+                ("points", 0, key), f"{key} are not allowed with interpolation {interpolation}", None, None, "quintic"
             )
     if interpolation == "quintic" and len(given & set(_DERIVATIVES)) == 1:
-        yield Fault(("points", 0), "quintic wants velocities and accelerations, or neither")
+        yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither")

@@ -194,7 +194,7 @@ def parse(text: str, dimension: str) -> float:
     match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
     if match is None:
-        raise UnitError(f"wants {article(dimension)}, found no number", shown, allowed)
+        raise UnitError(f"expected {article(dimension)}, found no number", shown, allowed)
     number, unit = match.groups()
     factor = Fraction(1)
     if unit:
@@ -206,7 +206,7 @@ def parse(text: str, dimension: str) -> float:
             raise UnitError(f"unknown unit {str(error)!r}", shown, allowed, hint) from None
         if exponents not in wanted.accepted:
             raise UnitError(
-                f"wrong unit: wants {article(dimension)} ({wanted.unit}), found {unit!r}",
+                f"wrong unit: expected {article(dimension)} ({wanted.unit}), found {unit!r}",
                 f"{shown}, of dimension {dimension_name(exponents)}",
                 allowed,
             )

@@ -20,9 +20,9 @@ from simspec.reading import kind as kind_of
 
 LARGEST_OWN = 64 * 2**20
 """Bytes of a single file that may be looked at to see whether simspec wrote it."""
-ELSEWHERE = "name a folder of its own, that does not exist yet: --out build/NAME"
-REMOVE = "remove it, if nothing in it is yours: it is then made anew"
-OTHER_FILE = "name a file that does not exist yet, or remove this one"
+ELSEWHERE = "use a new folder: --out build/NAME"
+REMOVE = "remove it if it contains nothing of yours; it is then created again"
+OTHER_FILE = "use a new file name, or remove this file"
 NEVER: Callable[[bytes], bool] = lambda content: False  # noqa: E731
 """For files that are only ever made, not replaced."""
 
@@ -114,7 +114,7 @@ def _error(path: Path, why: str, hint: str) -> SpecError:
 def _place(path: Path, hint: str) -> Place:
     """The real path of a target, through folders only that stay where they stand. Raises SpecError."""
     if not path.name or path.name == "..":
-        words = "the root of the file system" if path.is_absolute() and not path.name else "no name of its own"
+        words = "the root of the file system" if path.is_absolute() and not path.name else "not a name"
         raise _error(path, f"is {words} (an empty path is the working folder, '.')", hint)
     try:
         parent = _parent(path, hint)
@@ -124,8 +124,8 @@ def _place(path: Path, hint: str) -> Place:
         except FileNotFoundError:
             status = None
         if status is not None and stat.S_ISLNK(status.st_mode):
-            dangling = "" if real.exists() else ", which leads nowhere"
-            raise _error(path, f"is a symbolic link{dangling}; simspec writes through none", hint)
+            dangling = "" if real.exists() else ", whose target does not exist"
+            raise _error(path, f"is a symbolic link{dangling}; simspec does not write through links", hint)
         above = next(one for one in (parent, *parent.parents) if one.exists())
         if not os.access(above, os.W_OK | os.X_OK):
             raise _error(path, f"cannot be written: permission denied in {above}", hint)
@@ -153,12 +153,12 @@ def _parent(path: Path, hint: str) -> Path:
         elif stat.S_ISLNK(mode):
             leads = Path(os.path.realpath(below))
             if not leads.is_dir():
-                raise _error(path, f"goes through {str(below)!r}, a symbolic link that leads to no folder", hint)
+                raise _error(path, f"goes through {str(below)!r}, a symbolic link that does not lead to a folder", hint)
             if not leads.is_relative_to(current):
                 raise _error(
                     path,
                     f"goes through {str(below)!r}, a symbolic link that leads outside, to {str(leads)!r}",
-                    "name the real folder, if that is meant",
+                    "use the path of the real folder, if that is intended",
                 )
             current = leads
         elif stat.S_ISDIR(mode):
@@ -179,13 +179,13 @@ def _refuse_protected(folder: Path, real: Path, holds: Iterable[Path]) -> None:
     """Folders that are never written as a whole, whatever is in them."""
     here = Path.cwd()
     if real == here or real in here.parents:
-        raise _error(folder, "is the working folder, or holds it", ELSEWHERE)
+        raise _error(folder, "is the working folder, or contains it", ELSEWHERE)
     try:
         home = Path.home().resolve()
     except (RuntimeError, OSError):
         home = None  # nobody's home
     if home is not None and (real == home or real in home.parents):
-        raise _error(folder, "is the home folder, or holds it", ELSEWHERE)
+        raise _error(folder, "is the home folder, or contains it", ELSEWHERE)
     for spec in holds:
         if Path(os.path.realpath(spec)).is_relative_to(real):
-            raise _error(folder, f"holds the spec {str(spec)!r}", ELSEWHERE)
+            raise _error(folder, f"contains the spec {str(spec)!r}", ELSEWHERE)

@@ -147,7 +147,7 @@ def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
                 raise SpecError(
                     [
                         Problem(
-                            f"{str(here)!r} is in the way: simspec writes a file of this name, and did not write this one",
+                            f"{str(here)!r} has the name of a file that simspec writes, and was not written by simspec",
                             hint="move it elsewhere",
                         )
                     ]
@@ -268,7 +268,7 @@ def _put_new(stage: staging.Stage, place: Place) -> None:
     try:
         os.link(stage.fresh, place.path)
     except FileExistsError:
-        raise SpecError([Problem(f"{str(place.path)!r} has appeared meanwhile")]) from None
+        raise SpecError([Problem(f"{str(place.path)!r} was created by another process")]) from None
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise

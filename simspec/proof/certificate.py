@@ -167,7 +167,7 @@ class Certificate:
         told = HASH_LINE.search(text)
         bare = HASH_LINE.sub("", text, count=1)
         if told is None or told[1] != data.sha256 or hashlib.sha256(bare.encode()).hexdigest() != data.sha256:
-            message = f"{what}: was edited, or is damaged: its content is not that of its hash"
+            message = f"{what}: was edited or is damaged: its content does not match its hash"
             raise SpecError([Problem(message, hint="simspec verify writes it anew")])
         try:
             engines = {

@@ -40,7 +40,7 @@ floor, or 2e-3 for joints held by dry friction; a motion whose floor is above 1e
 def judge(certificate: Certificate, world: World) -> list[str]:
     """Why ``certificate`` does not prove that its engines hold ``world``, a line each; [] when it does."""
     if certificate.world_sha256 != sha256(world):
-        return ["it is of another world"]
+        return ["it belongs to another world"]
     found = []
     if certificate.simspec != version("simspec"):
         found.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
@@ -69,7 +69,7 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
         elif check.tolerance > coarsest:
             found.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
     twice = [(check.level, check.name) for check in proof.checks]
-    found += sorted({f"{title(*one)} is there twice" for one in twice if twice.count(one) > 1})
+    found += sorted({f"{title(*one)} is duplicated" for one in twice if twice.count(one) > 1})
     found += _counts(proof, world, lacking)
     found += _contact(proof, world)
     return found

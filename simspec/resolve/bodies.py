@@ -82,7 +82,7 @@ def _carriers_first(models: list[_Instance], found: Expansion) -> list[_Instance
             place = (*start.path, "attach")
             message = "these models are attached to each other"
             found.problems.append(
-                start.source.document.problem(place, message, hint="one of them must stand on its own")
+                start.source.document.problem(place, message, hint="one of them must not be attached")
             )
             _stand_alone(chain[-1])
         ordered += reversed(chain)
@@ -358,5 +358,5 @@ def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:
                 message = f"two {'bodies' if noun == 'body' else noun + 's'} would be called {name!r}"
                 where = ".".join(map(str, other.path)) + (f" at {place}" if place else "")
                 found.problems.append(
-                    instance.source.document.problem(instance.path, message, key=True, found=f"the other: {where}")
+                    instance.source.document.problem(instance.path, message, key=True, found=f"the other one: {where}")
                 )

@@ -122,11 +122,11 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
         if path not in found:
             found[path] = source.document.problem(
                 path,
-                f"the timestep cannot resolve so stiff a contact of {pair.first} and {pair.second}: its {of} is below "
-                f"{LEAST_STEPS} steps",
+                f"the timestep is too large for the stiffness of the contact of {pair.first} and {pair.second}: its {of} is "
+                f"below {LEAST_STEPS} steps",
                 found=f"{time:.4g} s, with a timestep of {timestep:g} s",
                 allowed=f"at least {LEAST_STEPS * timestep:g} s",
-                hint="make it softer, take a smaller physics.timestep, or hardness: common, which is rigid",
+                hint="use a softer contact, a smaller physics.timestep, or hardness: common (rigid)",
             )
     return list(found.values())
 

@@ -96,7 +96,7 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
                 "its law needs a tree of hinges and slides on a fixed base",
                 key=True,
                 found=f"bodies.{odd.name}, with a {odd.joint.kind} joint",
-                hint="law: pd with discretisation: explicit and without gravity_compensation works there",
+                hint="law: pd with discretisation: explicit and without gravity_compensation can be used",
             )
             for one in world.controllers
             if odd is not None and needs_dynamics(one) and not joints.isdisjoint(one.joints)
@@ -115,8 +115,8 @@ def _of_instability(source: Source, one: Instability) -> Problem:
         found=f"a timestep of {one.timestep:g} s",
         allowed=f"up to {one.largest_stable_step:.3g} s"
         if one.largest_stable_step
-        else "none: it is so at any timestep",
-        hint="discretisation: implicit; or softer gains; or a smaller physics.timestep",
+        else "none: it is unstable at any timestep",
+        hint="use discretisation: implicit, lower gains, or a smaller physics.timestep",
     )
 
 
@@ -160,7 +160,7 @@ class _One:
                 more = f" (and {len(other) - 1} more joints)" if len(other) > 1 else ""
                 self._problem(place, message + more, found=entry, hint="a joint has at most one controller")
             elif all(name in found for name in meant):
-                self._problem(place, "every joint of this entry is there already", found=entry, hint="leave it out")
+                self._problem(place, "every joint of this entry is already listed", found=entry, hint="remove it")
             found.update(dict.fromkeys(name for name in meant if name not in taken))
         return found
 
@@ -195,17 +195,17 @@ class _One:
             meant = chosen(entry, self.joints)
             twice = next((name for name in meant if name in said), None)
             if not meant:
-                message = f"{entry!r} is no joint of this controller"
+                message = f"{entry!r} is not a joint of this controller"
                 self._problem(place, message, key=True, allowed=_some(self.joints), hint=near(entry, self.joints))
             elif twice is not None:
-                message = f"{twice} has two numbers: {entry!r} means it, and so does {said[twice]!r}"
-                self._problem(place, message, key=True, allowed="one entry for every joint")
+                message = f"{twice} has two values: from {entry!r} and from {said[twice]!r}"
+                self._problem(place, message, key=True, allowed="one entry per joint")
             said.update((name, entry) for name in meant if name not in said)
             yield from self._same(key, number, meant, (entry,))
         lacking = [name for name in self.joints if name not in said]
         if lacking:
-            allowed = "an entry for every joint, or one number for all"
-            self._problem((*self._path, key), f"no number for {_some(lacking)}", key=True, allowed=allowed)
+            allowed = "one entry per joint, or one number for all"
+            self._problem((*self._path, key), f"no value for {_some(lacking)}", key=True, allowed=allowed)
 
     def _same(self, key: str, value: Any, joints: Sequence[str], below: tuple[Key, ...]) -> Iterator[tuple[str, float]]:
         """One number for several joints, which must be of one type where the number has a unit."""
@@ -215,8 +215,10 @@ class _One:
         if reader.quantity and len(types) > 1:
             units = " or ".join(reader.number(kind).unit() for kind in types)
             found = ", ".join(f"{name}: {article(kind)}" for kind, name in types.items())
-            message = f"one number for hinges and slides has no one unit ({units})"
-            self._problem(place, message, found=found, hint=f"{key}: {{JOINT: number, ...}}, hinges and slides apart")
+            message = f"one number for hinges and slides would have two units ({units})"
+            self._problem(
+                place, message, found=found, hint=f"{key}: {{JOINT: number, ...}}, separately for hinges and slides"
+            )
             return
         for name in joints:
             try:
@@ -234,7 +236,7 @@ class _One:
                 continue
             found[name] = value * self._gear[name] ** power if power >= 0 else value / self._gear[name] ** -power
             if found[name] > LARGEST:
-                message = f"through the gear, {key} of {name} is too large a number"
+                message = f"{key} of {name} times the gear ratio is too large a number"
                 found_there = f"{value:g} × {self._gear[name]:g}^{power}"
                 self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}")
                 found[name] = None

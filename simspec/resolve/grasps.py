@@ -100,7 +100,7 @@ def _grasp(
             body = joints.get(prefix + joint)
             place = (posture, joint)
             if body is None or body.joint.kind not in DRIVEN_KINDS:
-                kind = "no hinge or slide" if body is not None else "no joint of the model"
+                kind = "not a hinge or slide" if body is not None else "no joint of the model"
                 movable = [own for own, one in joints.items() if one.joint.kind in DRIVEN_KINDS]
                 hint = near(joint, _within(prefix, movable))
                 wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
@@ -114,7 +114,7 @@ def _grasp(
             limits = body.joint.position_limits
             if limits is not None and not limits[0] <= value <= limits[1]:
                 more = {"found": f"{value:g}", "allowed": f"{limits[0]:g} to {limits[1]:g}"}
-                wrong.append((place, f"outside of the limits of {joint}", more))
+                wrong.append((place, f"outside the limits of {joint}", more))
     forces = []
     for index, force in enumerate(given.forces):
         body_name = prefix + force.body
@@ -123,7 +123,7 @@ def _grasp(
             wrong.append((("forces", index, "body"), f"the model has no body {force.body!r}", more))
             continue
         if not any(one.joint.name.removeprefix(prefix) in given.open for one in _above(body_name, bodies)):
-            message = f"no joint of the grasp moves {force.body}, so nothing can press with it"
+            message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
             wrong.append((("forces", index, "body"), message, {"found": force.body}))
             continue
         forces.append((body_name, np.array(force.at), np.array(force.force)))

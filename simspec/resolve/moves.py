@@ -117,7 +117,7 @@ class Program:
             if solved > MOST_SOLVED:
                 self._problem(
                     ("program", index),
-                    "the program has too many places to solve the arm for, counted from its beginning to here",
+                    "the program requires too many solutions of the inverse kinematics, counted from its beginning to here",
                     found=f"{solved} points of moves",
                     allowed=f"up to {MOST_SOLVED}; a move with straight: false counts for {FAR}",
                     hint="a larger interval, or straight: false",
@@ -148,7 +148,7 @@ class Program:
             return
         if name is None and len(found) != 1:
             allowed = ", ".join(list(found)[:20]) or "the models have none: model: {grasps: ...}"
-            message = "which grasp is meant?" if found else "grip without a grasp"
+            message = "ambiguous grasp" if found else "grip requires a grasp"
             self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
             return
         self._grasp = found[name] if name is not None else next(iter(found.values()))
@@ -162,7 +162,7 @@ class Program:
 
         given = self._given.tool
         if given is None:
-            self._problem(("program",), "move: which frame?", key=True, hint="tool: {body: MODEL/BODY}")
+            self._problem(("program",), "move requires a tool frame", key=True, hint="tool: {body: MODEL/BODY}")
             return
         names = {body.name for body in self._world.bodies}
         if given.body not in names:
@@ -173,9 +173,7 @@ class Program:
         way = [body for body in joints_to(bodies, given.body) if body.joint.kind != "fixed"]
         loose = next((body for body in way if body.joint.name not in self._driven), None)
         if loose is not None:
-            message = (
-                f"the tool hangs on {loose.joint.name}, {article(loose.joint.kind)} joint that no controller holds"
-            )
+            message = f"the tool is attached to {loose.joint.name}, {article(loose.joint.kind)} joint that no controller drives"
             hint = (
                 "a model's root is fixed with fixed: true"
                 if loose.joint.kind == "free"
@@ -190,7 +188,7 @@ class Program:
             self._problem(("tool", "body"), "no joint moves this body", found=given.body)
         both = [name for name in joints if self._grasp is not None and name in self._grasp.joints]
         if both:
-            message = f"{', '.join(both[:6])} would move the tool and grasp as well"
+            message = f"{', '.join(both[:6])} would belong to both the arm and the grasp"
             self._problem(("program",), message, key=True, hint="arm: [the joints that move the tool]")
         if self.problems:
             return
@@ -203,7 +201,7 @@ class Program:
         for index, entry in enumerate(self._given.arm):
             meant = chosen(entry, way)
             if not meant:
-                message = f"{entry!r} is no joint between the world and the tool"
+                message = f"{entry!r} is not a joint between the world and the tool"
                 self._problem(("arm", index), message, found=entry, allowed=", ".join(way[:8]), hint=near(entry, way))
             wanted.update(meant)
         return [name for name in way if name in wanted]
@@ -336,10 +334,10 @@ class Program:
         )
         at = ", ".join(f"{value:.4g}" for value in target.translation)
         raise _Stop(
-            f"the tool cannot get there: it stays {off} away{into}{stuck}",
+            f"the inverse kinematics does not converge: the tool stays {off} away{into}{stuck}",
             ("move",),
-            found=f"a place at [{at}] m",
-            hint="a nearer place, another orientation, or a way there in several moves",
+            found=f"a target at [{at}] m",
+            hint="a nearer target, another orientation, or several moves",
         )
 
     def _jumped(self, coordinate: int, jump: float, into: str) -> None:
@@ -351,7 +349,7 @@ class Program:
             f"{body.joint.name} jumps by {jump:.3g} between two points of this move{into}",
             ("move",),
             allowed=f"up to {LARGEST_JUMP:g}",
-            hint="the straight way passes a singular pose: straight: false, a detour, or a smaller interval",
+            hint="the straight path passes a singular configuration: use straight: false, another path, or a smaller interval",
         )
 
 

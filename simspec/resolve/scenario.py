@@ -131,10 +131,10 @@ def expectations(
                     source.document.problem((*path, name), why[0], found=found_at, allowed=why[1], hint=hint)
                 )
         for place, message, more in _never(kind, values, bodies, time, recorded, bool(source.file.control)):
-            problems.append(source.document.problem((*path, *place), f"this can never pass: {message}", **more))
+            problems.append(source.document.problem((*path, *place), f"cannot be satisfied: {message}", **more))
         if kind == "momentum_conserved" and any(time.gravity):
             shown = ", ".join(f"{value:g}" for value in time.gravity)
-            message = "momentum is conserved without gravity only"
+            message = "momentum is conserved only without gravity"
             problems.append(source.document.problem(path, message, found=f"gravity [{shown}] m/s²"))
         if asked:
             found.append(Expectation(kind, tuple(sorted(values.items()))))
@@ -150,20 +150,20 @@ def _never(
     if kind == "keeps_place" and values.get("until") is not None and values["until"] < values["after"]:
         yield ("until",), "until is before after", {"found": f"{values['until']:g} s < {values['after']:g} s"}
     if kind == "apex_height" and values["after"] >= time.steps * time.timestep > 0.0:
-        yield ("after",), "nothing comes after the end of the run", {"found": f"{values['after']:g} s"}
+        yield ("after",), "after the end of the run", {"found": f"{values['after']:g} s"}
     if kind != "follows_oracle":
         return
     if driven:
-        hint = "leave it out; proof level L7 holds the controllers against the oracle"
-        yield (), "the oracle's motion knows no control, and this scenario has controllers", {"hint": hint}
+        hint = "remove it; proof level L7 compares the controllers with the oracle"
+        yield (), "the oracle does not support control, and this scenario has controllers", {"hint": hint}
     if rough := [body.joint.name for body in bodies if body.joint.dry_friction]:
         shown = ", ".join(rough[:6]) + (", ..." if len(rough) > 6 else "")
-        yield (), "the oracle's motion knows no dry friction", {"found": shown, "hint": "leave it out, or dry_friction"}
+        yield (), "the oracle does not support dry friction", {"found": shown, "hint": "leave it out, or dry_friction"}
     until = values.get("until")
     last = time.steps if until is None else round(until / time.timestep)
     if last < min(recorded.every_steps, time.steps) or not time.steps:
         hint = "a longer physics.duration" if until is None else "a later until, or a shorter record.every"
-        yield (), "no motion is recorded up to then", {"hint": hint}
+        yield (), "no motion is recorded up to that time", {"hint": hint}
 
 
 def fixed_for_ever(source: Source, world: World) -> list[Problem]:
@@ -177,7 +177,7 @@ def fixed_for_ever(source: Source, world: World) -> list[Problem]:
         given = getattr(entry, kind)
         for place, message, found in _decided(kind, given, start, still):
             path = ("expect", index, kind, *place)
-            problems.append(source.document.problem(path, f"this can never pass: {message}", found=found))
+            problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found))
     return problems
 
 
@@ -210,11 +210,11 @@ def _decided(
             np.maximum(np.array(given.lower) - start[given.body], start[given.body] - np.array(given.upper)).max()
         )
         if out > ROUND_OFF:
-            yield (), f"{given.body} begins outside", f"by {out:.4g} m"
+            yield (), f"{given.body} starts outside", f"by {out:.4g} m"
     elif kind == "bodies_apart":
         apart = float(np.linalg.norm(start[given.first] - start[given.second]))
         if apart < given.at_least - ROUND_OFF:
-            yield ("at_least",), "the two begin closer than that", f"{apart:.4g} m"
+            yield ("at_least",), "the two start closer than that", f"{apart:.4g} m"
 
 
 ROUND_OFF = 1e-9

@@ -64,7 +64,7 @@ def read_table(path: Path) -> Table:
     """Read a table by its name's ending."""
     readers = {".csv": _read_csv, ".npz": _read_npz}
     if path.suffix not in readers:
-        return Table().refuse("no table that can be read", path.name, "a file that ends in .csv or .npz")
+        return Table().refuse("not a readable table", path.name, "a file that ends in .csv or .npz")
     try:
         return readers[path.suffix](path)
     except OSError as error:
@@ -106,7 +106,7 @@ def _read_csv(path: Path) -> Table:
             if None in row:
                 at = row.index(None)
                 found = f"{fields[at].strip()[:40]!r} in line {lines.line_num}, column {header[at]}"
-                return table.refuse("a value is no usable number", found, "SI numbers alone, without units")
+                return table.refuse("a value is not a usable number", found, "SI numbers without units")
             rows.append([value for value in row if value is not None])
             if len(rows) > MOST_POINTS or len(rows) * len(header) > MOST_NUMBERS:
                 return table.refuse("too long a table", None, f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
@@ -131,11 +131,9 @@ def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
             joint, suffix = name, ""
         quantity = SUFFIXES.get(suffix)
         if quantity is None or not joint:
-            table.refuse(
-                "a column that means nothing", name[:80], "JOINT, JOINT:velocity, JOINT:acceleration, JOINT:effort"
-            )
+            table.refuse("unknown column", name[:80], "JOINT, JOINT:velocity, JOINT:acceleration, JOINT:effort")
         elif joint in found.setdefault(quantity, {}):
-            table.refuse("a column is there twice", name[:80])
+            table.refuse("duplicate column", name[:80])
         else:
             found[quantity][joint] = place
     joints = found.get("positions", {})
@@ -191,7 +189,7 @@ def _read_npz(path: Path) -> Table:
         return table.refuse(f"this NPZ cannot be read: {why}", None, "arrays of numbers, no objects")
     unknown = sorted(arrays.keys() - {"time", "joints", *QUANTITIES})
     if unknown:
-        table.refuse("arrays that mean nothing", ", ".join(unknown[:6]), f"time, joints, {', '.join(QUANTITIES)}")
+        table.refuse("unknown arrays", ", ".join(unknown[:6]), f"time, joints, {', '.join(QUANTITIES)}")
     for name in ("time", "joints", "positions"):
         if name not in arrays:
             table.refuse(f"the array {name!r} is missing", None, "time (n,), joints (J,), positions (n, J)")
@@ -212,12 +210,12 @@ def _read_npz(path: Path) -> Table:
         elif not (usable := np.abs(values.astype(float)) <= LARGEST).all():
             place = np.argwhere(~usable)[0]
             found = f"{values[tuple(place)]!s} in {name}, row {place[0] + 1}"
-            table.refuse("a value is no usable number", found, f"finite, of magnitude up to {LARGEST:g}")
+            table.refuse("a value is not a usable number", found, f"finite, of magnitude up to {LARGEST:g}")
     if shape[0] > MOST_POINTS or shape[0] * shape[1] > MOST_NUMBERS:
         table.refuse("too long a table", f"{shape[0]} rows", f"{MOST_POINTS} rows and {MOST_NUMBERS} numbers")
     names = tuple(map(str, joints))
     if len(set(names)) != len(names):
-        table.refuse("a joint is there twice", ", ".join(sorted({name for name in names if names.count(name) > 1})[:6]))
+        table.refuse("duplicate joint", ", ".join(sorted({name for name in names if names.count(name) > 1})[:6]))
     if not table.wrong:
         table.times, table.joints = time.astype(float), names
         table.values = {name: values.astype(float) for name, values in arrays.items()}

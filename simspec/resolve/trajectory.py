@@ -70,7 +70,7 @@ def trajectory(
     if given is None:
         return None, problems
     if not world.controllers:
-        message = "a trajectory, and no controller that follows it"
+        message = "a trajectory without a controller that follows it"
         hint = "control: {NAME: {joints: ...}}"
         return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
     try:
@@ -103,7 +103,7 @@ def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
         if name not in known:
             yield name, f"there is no joint {name!r}", {"found": name, "hint": near(name, driven)}
         elif name not in driven:
-            message = f"{name} moves here, and no controller drives it"
+            message = f"{name} moves here, but no controller drives it"
             yield name, message, {"found": name, "hint": "control: {NAME: {joints: [...]}}"}
 
 
@@ -164,9 +164,9 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
     given = {name for name in ("velocities", "accelerations") if name in table.values}
     allowed = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
     for name in sorted(given - allowed):
-        refuse(f"{name} mean nothing with interpolation {interpolation}")
+        refuse(f"{name} are not allowed with interpolation {interpolation}")
     if interpolation == "quintic" and len(given) == 1:
-        refuse("quintic wants velocities and accelerations, or neither")
+        refuse("quintic requires velocities and accelerations, or neither")
     return _Draft(
         table.joints,
         table.times,
@@ -214,7 +214,7 @@ class _Check:
             row = int(close[0]) + 1
             gap = f"{self._times[row] - self._times[row - 1]:.3g} s before {self._times[row]:g} s"
             allowed = f"at least {SHORTEST:g} s apart"
-            found.append(self._problem(row, 0, "points too near to each other", found=gap, allowed=allowed))
+            found.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed))
         beyond = np.maximum(self._low - self._values, self._values - self._high)
         for column in np.flatnonzero(beyond.max(axis=0) > EDGE)[:MOST_REPORTED]:
             row = int(beyond[:, column].argmax())
@@ -233,7 +233,7 @@ class _Check:
         for times, positions, speeds in self._followed():
             if not (np.isfinite(positions).all() and np.isfinite(speeds).all()):
                 row = self._row(times[0])
-                return [self._problem(row, 0, "the numbers leave what can be computed with, from here on")]
+                return [self._problem(row, 0, "the interpolated values overflow from here on")]
             outside.look(np.maximum(self._low - positions, positions - self._high) - swing, times, positions)
             fast.look(np.abs(speeds) - fastest, times, speeds)
         found = []
@@ -266,7 +266,7 @@ class _Check:
         return self._problem(
             row,
             column,
-            f"{joint.name} goes beyond its limits at {time:.4g} s{self._draft.label(row)}",
+            f"{joint.name} exceeds its limits at {time:.4g} s{self._draft.label(row)}",
             found=f"{value:.6g} {_UNITS[joint.kind][0]}",
             allowed=allowed,
         )
@@ -277,10 +277,10 @@ class _Check:
         return self._problem(
             row,
             column,
-            f"{joint.name} is faster than it may at {time:.4g} s{self._draft.label(row)}",
+            f"{joint.name} exceeds its velocity limit at {time:.4g} s{self._draft.label(row)}",
             found=f"{speed:.4g} {unit}, {speed / limit:.3g} times its limit" if limit else f"{speed:.4g} {unit}",
             allowed=f"up to {limit:g} {unit}",
-            hint="more time, or a shorter way",
+            hint="more time, or a shorter path",
         )
 
     def _problem(self, row: int, column: int, message: str, **more: str) -> Problem:

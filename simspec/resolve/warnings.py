@@ -63,7 +63,7 @@ def _counted(group: list[Problem]) -> Problem:
     first, more = group[0], len(group) - 1
     if not more:
         return first
-    message = f"{first.message} (and {more} more like it)"
+    message = f"{first.message} (and {more} more of this kind)"
     return Problem(message, first.path, first.location, first.found, first.allowed, first.hint)
 
 
@@ -84,7 +84,7 @@ def _angles(spec: Spec) -> Warned:
 
 def _angle(source: Source, path: tuple[Key, ...], value: float) -> tuple[str, Problem]:
     message = f"{value:g} without a unit is {value:g} rad: {abs(value) / (2.0 * math.pi):.3g} turns"
-    return "angle", source.document.problem(path, message, hint=f"{value:g} deg, or {value:g} rad if that is meant")
+    return "angle", source.document.problem(path, message, hint=f"{value:g} deg, or {value:g} rad if intended")
 
 
 def _bare_angles(kind: Any, data: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
@@ -132,7 +132,7 @@ def _large(value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...],
 
 def _time(spec: Spec, world: World) -> Warned:
     if not world.physics.steps and spec.data.model is None:
-        message = "a run takes no time: nothing will move"
+        message = "the run has zero duration: nothing will move"
         found = f"{spec.data.physics.duration:g} s"
         yield "time", Problem(message, "physics.duration", spec.locate("physics.duration"), found, hint="duration: 2 s")
     size = math.hypot(*world.physics.gravity)
@@ -148,7 +148,10 @@ def _sizes(spec: Spec, world: World) -> Warned:
         message = f"a density of {density:g} kg/m³"
         least, most = DENSITIES
         hint = f"{density:g} g/cm^3?" if density < least else "kg/m³ is the unit of a bare number"
-        yield "density", Problem(message, path, location, allowed=f"{least:g} to {most:g} for what there is", hint=hint)
+        yield (
+            "density",
+            Problem(message, path, location, allowed=f"{least:g} to {most:g} for real materials", hint=hint),
+        )
     for body in world.bodies:
         if groups[body.name] == "world":
             continue
@@ -161,13 +164,13 @@ def _sizes(spec: Spec, world: World) -> Warned:
             if LARGEST_MOVING < size < math.inf:
                 path = f"bodies.{body.name}.shapes.{index}"
                 message = f"a moving body with a {shape.kind} that reaches {size:.4g} m from its centre"
-                hint = "a bare number is in metres: write mm where it is meant"
+                hint = "a bare number is in metres: write mm if millimetres are intended"
                 yield "size", Problem(message, path, spec.locate(path), hint=hint)
         place = body.joint.position[:3] if body.joint.kind == "free" else body.joint.origin.position
         if math.hypot(*place) > LARGEST_PLACE:
             path = f"bodies.{body.name}.{'pose' if body.joint.parent is None else 'joint.origin'}"
-            message = f"{math.hypot(*place):.4g} m away from where it belongs to"
-            hint = "a bare number is in metres: write mm where it is meant"
+            message = f"{math.hypot(*place):.4g} m away from its parent"
+            hint = "a bare number is in metres: write mm if millimetres are intended"
             yield "place", Problem(message, path, spec.locate(path), hint=hint)
 
 
@@ -201,9 +204,8 @@ def _squeeze(spec: Spec, world: World) -> Warned:
         asked = max(abs(row[column]) for row in path.efforts)
         if joint in limits and asked > limits[joint] * (1.0 + 1e-9):
             where = _squeeze_place(spec)
-            message = (
-                f"{joint} is asked for {asked:.4g} {units[joint]} and gives at most {limits[joint]:g}: more is clipped"
-            )
+            clipped = f"gives at most {limits[joint]:g}: the effort is clipped"
+            message = f"{joint} is commanded {asked:.4g} {units[joint]} and {clipped}"
             hint = "a smaller squeeze (or smaller forces of the grasp), or a stronger actuator"
             yield "squeeze", Problem(message, where, spec.locate(where), hint=hint)
 
@@ -226,5 +228,5 @@ def _overlaps(spec: Spec, world: World) -> Warned:
         body, number = index[name]
         path = f"bodies.{body}.shapes.{number}"
         message = f"{one.first_body} and {one.second_body} overlap by {1e3 * one.depth:.4g} mm at the start"
-        hint = "move one of them; or contact: exclude, or groups, where they are meant to pass through each other"
+        hint = "move one of them; or contact: exclude, or groups, if they are intended to pass through each other"
         yield "overlap", Problem(message, path, spec.locate(path), f"{one.first} in {one.second}", hint=hint)

@@ -46,7 +46,7 @@ def compiled_folder(case: Case, artifacts: Path | None = None) -> Iterator[Path]
     try:
         compiled_of = read_sidecar(artifacts).get("world")
     except (OSError, ValueError) as error:
-        raise SpecError([Problem(f"{artifacts} holds no readable artifacts: {error}")]) from None
+        raise SpecError([Problem(f"{artifacts} contains no readable artifacts: {error}")]) from None
     if compiled_of != sha256(case.resolved):
         raise SpecError([Problem(f"{artifacts} was compiled from another world", hint="compile it again")])
     yield artifacts

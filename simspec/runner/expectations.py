@@ -235,16 +235,18 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
     except ModuleNotFoundError as error:
         raise Unmeasurable(f"the oracle is not installed ({error.name}): pip install 'simspec[pin]'") from None
     if any(body.joint.dry_friction for body in world.bodies):
-        raise Unmeasurable("the oracle knows no dry friction")
+        raise Unmeasurable("the oracle does not support dry friction")
     if world.controllers:
-        raise Unmeasurable("the oracle's motion knows no control")
+        raise Unmeasurable("the oracle does not support control")
     q, v = initial_state(world)
     found, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
     for states, _ in oracle.motion_by_blocks(q, v, None, steps, every):
         for body, place in zip(world.bodies, layout_of(world).position, strict=True):
             limits = body.joint.position_limits
             if limits is not None and (states[:, place].min() < limits[0] or states[:, place].max() > limits[1]):
-                raise Unmeasurable(f"the oracle knows no limits, and {body.joint.name} moves beyond its own: say until")
+                raise Unmeasurable(
+                    f"the oracle does not support joint limits, and {body.joint.name} exceeds its limits: set until"
+                )
         for state in states:
             found[done] = oracle.body_poses(state)[:, :3]
             done += 1

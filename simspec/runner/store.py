@@ -113,7 +113,7 @@ def read_provenance(folder: Path) -> Provenance:
         raise SpecError([Problem(message, hint="run it again: simspec run")])
     found = read_as(Provenance, content, str(path))
     if found.sha256 != content_hash(plain):
-        raise SpecError([Problem(f"{path}: was edited, or is damaged: its content is not that of its hash")])
+        raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
     return found
 
 
@@ -125,17 +125,17 @@ def load_run(folder: Path | str) -> Run:
         path = folder / WORLD_FILE
         plain = parse(read_bytes(path, LARGEST_WORLD, folder), str(path))
     except (FileNotFoundError, NotADirectoryError) as error:
-        raise SpecError([Problem(f"{folder} is no saved run: {Path(error.filename).name} is missing")]) from None
+        raise SpecError([Problem(f"{folder} is not a saved run: {Path(error.filename).name} is missing")]) from None
     try:
         world = from_plain(World, plain)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise _unreadable(path, error) from None
     if facts.world_sha256 != sha256(world):
-        message = f"{path}: the world is not the one that was run: its hash differs from the provenance"
+        message = f"{path}: this is not the world that was run: its hash differs from the provenance"
         raise SpecError([Problem(message)])
     arrays = _read_arrays(folder, world, facts)
     if not arrays and facts.failed is None:
-        raise SpecError([Problem(f"{folder} is no whole run: it has no tables, and is not said to have failed")])
+        raise SpecError([Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed")])
     provenance = facts.plain()
     return Run(world, facts.engine, arrays, provenance, facts.failed)
 
@@ -186,13 +186,17 @@ def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int)
             file = opened.enter_context(os.fdopen(open_regular(path, tables.LARGEST_TABLE, folder), "rb"))
             if _digest(file) != wanted:
                 raise SpecError(
-                    [Problem(f"{path}: was edited, damaged, or is of another run: its hash is not the provenance's")]
+                    [
+                        Problem(
+                            f"{path}: was edited, damaged, or is of another run: its hash differs from the provenance"
+                        )
+                    ]
                 )
             source = tables.open_parquet(file, file.tell())
             tables.check(source, schema, rows)
             kept = opened.pop_all()
     except FileNotFoundError:
-        raise SpecError([Problem(f"{folder} is no whole run: {path.name} is missing")]) from None
+        raise SpecError([Problem(f"{folder} is not a complete run: {path.name} is missing")]) from None
     except UNREADABLE as error:
         raise _unreadable(path, error) from None
     with kept:

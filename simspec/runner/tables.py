@@ -157,11 +157,11 @@ def open_parquet(file: Any, size: int) -> parquet.ParquetFile:
     from pyarrow import parquet
 
     if size < 12:
-        raise ValueError("no Parquet file: shorter than its frame")
+        raise ValueError("not a Parquet file: too short")
     file.seek(size - 8)
     footer, magic = struct.unpack("<I4s", file.read(8))
     if magic != b"PAR1" or footer > min(LARGEST_FOOTER, size):
-        raise ValueError(f"no Parquet file, or its metadata ({footer:,} bytes) is larger than such a file's")
+        raise ValueError(f"not a Parquet file, or its metadata ({footer:,} bytes) is larger than such a file's")
     file.seek(0)
     return parquet.ParquetFile(file, thrift_string_size_limit=LARGEST_FOOTER, thrift_container_size_limit=1_000_000)
 
@@ -208,7 +208,7 @@ def check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
 
 def _demand_whole(table: pa.Table) -> None:
     if gaps := [name for name in table.column_names if table[name].null_count]:
-        raise ValueError(f"the column {gaps[0]!r} has gaps")
+        raise ValueError(f"the column {gaps[0]!r} has missing values")
 
 
 def _differing(found: pa.Schema, wanted: pa.Schema) -> str:
@@ -218,10 +218,10 @@ def _differing(found: pa.Schema, wanted: pa.Schema) -> str:
     if missing:
         return f"the column {missing[0]!r} is missing"
     if more:
-        return f"the column {more[0][:80]!r} is not of such a table"
+        return f"the column {more[0][:80]!r} is unknown"
     for name, field in zip(wanted.names, wanted, strict=True):
         if found.names.count(name) > 1:
-            return f"the column {name!r} is there twice"
+            return f"the column {name!r} is duplicated"
         if not found.field(name).type.equals(field.type):
             return f"the column {name!r} holds {found.field(name).type}, should be {field.type}"
     return "its columns are in another order"
@@ -251,7 +251,7 @@ def indices(table: pa.Table, name: str, world: World) -> np.ndarray:
         strange = [word for word in words if word not in places]
         if strange or chunk.null_count:
             raise ValueError(
-                f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which is no body of the world"
+                f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which is not a body of the world"
             )
         found.append(np.array([places[word] for word in words], dtype=np.int64)[chunk.indices.to_numpy()])
     return np.concatenate(found)
@@ -326,7 +326,7 @@ def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, r
     for part, table in read:
         row = table["row"].to_numpy()
         if len(row) and (row[0] < last or row.max() >= rows or (np.diff(row) < 0).any()):
-            raise ValueError("contacts.parquet: its rows are none of the run's, or out of order")
+            raise ValueError("contacts.parquet: its rows are not of this run, or are out of order")
         last = row[-1] if len(row) else last
         if not np.array_equal(table["step"].to_numpy(), arrays["step"][row]):
             raise ValueError("contacts.parquet: its steps are not those of its rows")

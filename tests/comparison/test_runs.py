@@ -326,7 +326,7 @@ def test_rows_more_than_half_a_step_apart_are_not_of_one_time(steps):
     late = dataclasses.replace(
         b, arrays={name: values[1:] for name, values in b.arrays.items() if "contact" not in name}
     )
-    with pytest.raises(SpecError, match="recorded no common time"):
+    with pytest.raises(SpecError, match="have no recorded time in common"):
         diff(a, late)
 
 

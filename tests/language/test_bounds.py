@@ -135,7 +135,7 @@ def test_tables_of_the_wrong_kind_are_problems_also_where_others_refer_to_them(c
 @pytest.mark.parametrize("key", ["[a, b]", "{a: 1}", "[]"])
 @pytest.mark.parametrize("text", ["? {}\n: 1\n", "name: {{{}: 1}}\n", "expect:\n  - ? {}\n    : 1\n"])
 def test_a_key_that_is_no_text_is_a_problem_to_the_layout_too(key, text):
-    with pytest.raises(SpecError, match="a key must be a text"):
+    with pytest.raises(SpecError, match="a key must be a string"):
         format_text(text.format(key), "spec.yaml")
 
 

@@ -122,7 +122,7 @@ def test_every_cone_is_refused_by_some_engine():
 def test_a_torque_that_counts_only_with_sliding_friction_is_not_lost_in_silence(engine, quantity, tmp_path):
     pair = f"  pairs:\n    - {{between: [rubber, steel], friction: 0, {quantity}: 1 mm}}"
     (problem,) = refused(written(tmp_path, pair), engine)
-    assert f"{engine} cannot give rubber and steel their {quantity.replace('_', ' ')}" in problem.message
+    assert f"{engine} does not support this {quantity.replace('_', ' ')} of rubber and steel" in problem.message
     assert "sliding friction" in problem.hint
     assert "0.001, would be 0" in problem.found
     assert problem.location.line == 6

@@ -49,7 +49,7 @@ def test_places_of_keys_and_values():
 @pytest.mark.parametrize(
     ("text", "message", "place"),
     [
-        ("a: 1\nb: 2\na: 3", "the key 'a' is there twice", "3:1"),
+        ("a: 1\nb: 2\na: 3", "the key 'a' is duplicated", "3:1"),
         ("a: &x 1", "anchors are not allowed", "1:4"),
         ("a: [1]\nb: *x", "not YAML|aliases are not allowed", "2:4"),
         ("a: !!python/object:os.system 1", "tags are not allowed", "1:4"),
@@ -58,9 +58,9 @@ def test_places_of_keys_and_values():
         ("a: -.inf", "numbers must be finite", "1:4"),
         ("a: 1e999", "numbers must be finite", "1:4"),
         ("a: " + "9" * 5000, "numbers must be finite", "1:4"),
-        ("? [a]\n: 1", "a key must be a text", "1:3"),
-        ("? {a: 1}\n: 1", "a key must be a text", "1:3"),
-        ("a: 1\n---\nb: 1", "a file holds one document", "2:1"),
+        ("? [a]\n: 1", "a key must be a string", "1:3"),
+        ("? {a: 1}\n: 1", "a key must be a string", "1:3"),
+        ("a: 1\n---\nb: 1", "only one YAML document per file", "2:1"),
         ("a:\n\t- 1", "tab", "2:1"),
         ("a: [1, 2", "not YAML", "1:9"),
         ("a: 'x", "not YAML", "1:6"),

@@ -37,10 +37,10 @@ CASES = {
     "unknown key": (body(f"mas: 1, {SOLID}"), "bodies.a.mas", "unknown key 'mas'", None, "mass", "did you mean 'mass'?"),
     "unknown key at the top": (f"{HEAD}bodys: {{}}\n", "bodys", "unknown key", None, "bodies", "'bodies'"),
     "key of another place": (body(f"mass: 1, {SOLID}, stiffness: 3"), "bodies.a.stiffness", "unknown key", None, None, "stiffness: \\.\\.\\."),
-    "wrong unit": (body(f"mass: 3 deg, {SOLID}"), "bodies.a.mass", r"wants a mass \(kg\), found 'deg'", "'3 deg'", "kg", None),
+    "wrong unit": (body(f"mass: 3 deg, {SOLID}"), "bodies.a.mass", r"expected a mass \(kg\), found 'deg'", "'3 deg'", "kg", None),
     "no number": (body(f"mass: heavy, {SOLID}"), "bodies.a.mass", "found no number", "'heavy'", None, None),
-    "true for a number": (body(f"mass: true, {SOLID}"), "bodies.a.mass", "wants a mass", "true", "a number", None),
-    "nothing for a number": (body(f"mass: , {SOLID}"), "bodies.a.mass", "wants a mass", "nothing", "a number", None),
+    "true for a number": (body(f"mass: true, {SOLID}"), "bodies.a.mass", "expected a mass", "true", "a number", None),
+    "nothing for a number": (body(f"mass: , {SOLID}"), "bodies.a.mass", "expected a mass", "nothing", "a number", None),
     "negative mass": (body(f"mass: -1, {SOLID}"), "bodies.a.mass", "at least 0", "-1", "≥ 0", None),
     "no mass": (body(""), "bodies.a", "needs a mass", None, None, "density"),
     "mass 0": (body(f"mass: 0, {SOLID}"), "bodies.a.mass", "above 0", "0", None, None),
@@ -75,7 +75,7 @@ CASES = {
     ),
     "tensor turned": (
         body("mass: 1, inertia: {tensor: {xx: 1, yy: 1, zz: 1}, rpy: [0, 0, 1]}"),
-        "bodies.a.inertia.rpy", "body's axes already", None, None, None,
+        "bodies.a.inertia.rpy", "given in the body's axes", None, None, None,
     ),
     "rpy and quat": (
         body(f"mass: 1, {SOLID}, pose: {{rpy: [0, 0, 0], quat: [1, 0, 0, 0]}}"),
@@ -92,8 +92,8 @@ CASES = {
     ),
     "zero axis": (joint("type: hinge, axis: [0, 0, 0]"), "bodies.a.joint.axis", "no direction", None, None, None),
     "no axis": (joint("type: slide"), "bodies.a.joint", "needs an axis", None, None, "axis:"),
-    "axis on a ball": (joint("type: ball, axis: [0, 0, 1]"), "bodies.a.joint.axis", "means nothing", None, None, None),
-    "armature on a ball": (joint("type: ball, armature: 1"), "bodies.a.joint.armature", "means nothing", None, None, None),
+    "axis on a ball": (joint("type: ball, axis: [0, 0, 1]"), "bodies.a.joint.axis", "is not allowed", None, None, None),
+    "armature on a ball": (joint("type: ball, armature: 1"), "bodies.a.joint.armature", "is not allowed", None, None, None),
     "rest on a ball": (
         joint("type: ball, spring: {stiffness: 1, rest: 1}"), "bodies.a.joint.spring.rest", "at zero", None, None, None,
     ),
@@ -103,7 +103,7 @@ CASES = {
     "position of a free joint": (
         joint("type: free, position: 3"), "bodies.a.joint.position", "`pose`", None, None, None,
     ),
-    "joint type": (joint("type: hinj"), "bodies.a.joint.type", "not one of the words", "'hinj'", "slide", "'hinge'"),
+    "joint type": (joint("type: hinj"), "bodies.a.joint.type", "not an allowed word", "'hinj'", "slide", "'hinge'"),
     "joint without type": (joint("damping: 1"), "bodies.a.joint.type", "type is missing", None, "hinge", None),
     "lower above upper": (
         joint("type: hinge, axis: [0, 0, 1], limits: {position: [90 deg, -1]}"),
@@ -111,7 +111,7 @@ CASES = {
     ),
     "limit of a wrong unit": (
         joint("type: slide, axis: [0, 0, 1], limits: {position: [0, 90 deg]}"),
-        "bodies.a.joint.limits.position.1", "wants a length", None, None, None,
+        "bodies.a.joint.limits.position.1", "expected a length", None, None, None,
     ),
     "damping of a wrong unit": (
         joint("type: slide, axis: [0, 0, 1], damping: 1 N m s/rad"), "bodies.a.joint.damping", "wrong unit", None, "N s/m", None,
@@ -161,7 +161,7 @@ CASES = {
     ),
     "pose of a child": (
         f"{HEAD}bodies:\n  a: {{mass: 1, {SOLID}}}\n  b: {{parent: a, mass: 1, {SOLID}, joint: {{type: ball}}, pose: {{}}}}\n",
-        "bodies.b.pose", "belongs to roots", None, None, "origin",
+        "bodies.b.pose", "is only for roots", None, None, "origin",
     ),
     "two roots": (
         f"{HEAD}model:\n  bodies:\n    a: {{mass: 1, {SOLID}}}\n    b: {{mass: 1, {SOLID}}}\n",
@@ -173,7 +173,7 @@ CASES = {
     "nothing": (HEAD, "", "nothing to simulate", None, None, None),
     "the same key twice": (
         f"{HEAD}bodies:\n  a: {{mass: 1, {SOLID}}}\n  a: {{mass: 1, {SOLID}}}\n",
-        "bodies.a", "the key 'a' is there twice", "first at 4:3", None, None,
+        "bodies.a", "the key 'a' is duplicated", "first at 4:3", None, None,
     ),
     "the same joint twice": (
         f"{HEAD}bodies:\n  a: {{mass: 1, {SOLID}, joint: {{type: ball, name: j}}}}\n"
@@ -193,7 +193,7 @@ CASES = {
         body("mass: 1, shapes: [{sphere: {radius: 1}, box: {size: [1, 1, 1]}, material: m}]"),
         "bodies.a.shapes.0.box", "sphere and box exclude each other", None, None, None,
     ),
-    "no shape": (body("mass: 1, shapes: [{material: m}]"), "bodies.a.shapes.0", "wants one of sphere", None, None, None),
+    "no shape": (body("mass: 1, shapes: [{material: m}]"), "bodies.a.shapes.0", "expected one of sphere", None, None, None),
     "misspelt shape": (
         body("mass: 1, shapes: [{shpere: {radius: 1}, material: m}]"),
         "bodies.a.shapes.0.shpere", "unknown key", None, None, "'sphere'",
@@ -207,7 +207,7 @@ CASES = {
     ),
     "useless shape": (
         body("mass: 1, shapes: [{sphere: {radius: 1}, collision: false, visual: false}]"),
-        "bodies.a.shapes.0.visual", "do nothing", None, None, None,
+        "bodies.a.shapes.0.visual", "have no effect", None, None, None,
     ),
     "unknown material": (
         body("mass: 1, shapes: [{sphere: {radius: 1}, material: n}]"),
@@ -228,9 +228,9 @@ CASES = {
     "pair twice": (
         f"{HEAD}contact: {{materials: {{m: {{}}, n: {{}}}}, pairs: [{{between: [m, n], friction: 1}}, "
         f"{{between: [n, m], friction: 2}}]}}\nbodies:\n  a: {{mass: 1, {SOLID}}}\n",
-        "contact.pairs.1", "m and n is there twice", "pair 0", None, None,
+        "contact.pairs.1", "m and n is duplicated", "pair 0", None, None,
     ),
-    "unknown group": (body(f"mass: 1, {SOLID}, collision_group: g"), "bodies.a.collision_group", "says nothing of 'g'", "g", "default", None),
+    "unknown group": (body(f"mass: 1, {SOLID}, collision_group: g"), "bodies.a.collision_group", "does not define 'g'", "g", "default", None),
     "ignored group without bodies": (
         f"{HEAD}contact: {{groups: {{g: {{ignores: [h]}}}}}}\nbodies:\n  a: {{mass: 1, {SOLID}}}\n",
         "contact.groups.g.ignores.0", "no body is in a group 'h'", None, "g", None,
@@ -240,8 +240,8 @@ CASES = {
         "contact.exclude.0.1", "there is no body 'ar'", "ar", None, "'arm'",
     ),
     "restitution": (f"{HEAD}contact: {{materials: {{m: {{restitution: 110 %}}}}}}\nbodies: {{}}\n", "contact.materials.m.restitution", "at most 1", None, None, None),
-    "cone": (f"{HEAD}contact: {{friction_cone: pyramid}}\nbodies: {{}}\n", "contact.friction_cone", "not one of the words", None, "elliptic", "pyramid-"),
-    "rule": (f"{HEAD}contact: {{combine: average}}\nbodies: {{}}\n", "contact.combine", "not one of the words", None, "mean", None),
+    "cone": (f"{HEAD}contact: {{friction_cone: pyramid}}\nbodies: {{}}\n", "contact.friction_cone", "not an allowed word", None, "elliptic", "pyramid-"),
+    "rule": (f"{HEAD}contact: {{combine: average}}\nbodies: {{}}\n", "contact.combine", "not an allowed word", None, "mean", None),
     "duration": (
         f"{HEAD}physics: {{timestep: 3 ms, duration: 1}}\nbodies: {{}}\n",
         "physics.duration", "whole number of timesteps", "333.33", "0.999 s or 1.002 s", None,
@@ -252,7 +252,7 @@ CASES = {
     ),
     "too many steps": (f"{HEAD}physics: {{timestep: 1e-9, duration: 1e9}}\nbodies: {{}}\n", "physics.duration", "too many steps", None, None, None),
     "timestep 0": (f"{HEAD}physics: {{timestep: 0}}\nbodies: {{}}\n", "physics.timestep", "above 0", None, None, None),
-    "channel": (f"{HEAD}record: {{channels: [poses]}}\nbodies: {{}}\n", "record.channels.0", "not one of the words", None, None, "'pose'"),
+    "channel": (f"{HEAD}record: {{channels: [poses]}}\nbodies: {{}}\n", "record.channels.0", "not an allowed word", None, None, "'pose'"),
     "grid and line": (
         body(f"mass: 1, {SOLID}, array: {{grid: [1, 1, 1], spacing: 1, line: 3, step: [1, 0, 0]}}"),
         "bodies.a.array.line", "grid and line exclude each other", None, None, None,
@@ -304,10 +304,10 @@ CASES = {
         f"{HEAD}bodies:\n  arm: {{mass: 1, {SOLID}}}\nexpect: [{{stays_within: {{body: arm, lower: [0, 2, 0], upper: [1, 1, 1]}}}}]\n",
         "expect.0.stays_within.lower.1", "lower is above upper", "2 > 1", None, None,
     ),
-    "setting": (f"{HEAD}bodies: {{}}\nengines: {{e: {{settings: {{a: [1]}}}}}}\n", "engines.e.settings.a", "wants a number, a word", None, None, None),
-    "list for a mapping": (f"{HEAD}bodies: []\n", "bodies", "wants a mapping", None, None, None),
-    "mapping for a list": (body("fixed: true, shapes: {sphere: {radius: 1}}"), "bodies.a.shapes", "wants a list", None, None, None),
-    "number for a mapping": (f"{HEAD}physics: 3\nbodies: {{}}\n", "physics", "wants a mapping", "3", "gravity", None),
+    "setting": (f"{HEAD}bodies: {{}}\nengines: {{e: {{settings: {{a: [1]}}}}}}\n", "engines.e.settings.a", "expected a number, a word", None, None, None),
+    "list for a mapping": (f"{HEAD}bodies: []\n", "bodies", "expected a mapping", None, None, None),
+    "mapping for a list": (body("fixed: true, shapes: {sphere: {radius: 1}}"), "bodies.a.shapes", "expected a list", None, None, None),
+    "number for a mapping": (f"{HEAD}physics: 3\nbodies: {{}}\n", "physics", "expected a mapping", "3", "gravity", None),
     "version": ("simspec: 2\nname: x\nbodies: {}\n", "simspec", "version 1", "2", "1", None),
     "no version": ("name: x\nbodies: {}\n", "simspec", "simspec is missing", None, "1", None),
 }  # fmt: skip

@@ -34,7 +34,7 @@ def test_every_target_is_in_the_language(target):
 
 def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
     for word, hint in ENTRIES:
-        assert hint.targets or "not supported yet" in hint.text or "leave it out" in hint.text, word
+        assert hint.targets or "not supported yet" in hint.text or "remove it" in hint.text, word
         for target in hint.targets:
             name = target.partition("=")[2] or target.rpartition(".")[2]
             assert name.removesuffix("s") in hint.text or name in ("shapes", "joint", "xyz", "rpy"), (word, target)
@@ -84,7 +84,7 @@ BODY = {"mass": 1, "shapes": [{"sphere": {"radius": 0.1}}]}
         ({"damping": 1}, "joint: {damping"),
         ({"geom": []}, "shapes: ["),
         ({"static": True}, "fixed: true"),
-        ({"joints": []}, "joint: {...} stands in each body"),
+        ({"joints": []}, "write joint: {...} in each body"),
         ({"mas": 1}, "did you mean 'mass'?"),
     ],
 )

@@ -88,7 +88,7 @@ def test_loops_are_shown(tmp_path):
     for name, other in ("ab", "bc", "ca"):
         spec(tmp_path, f"{name}.yaml", f"simspec: 1\nname: {name}\nmodel: {{use: {other}.yaml}}\n")
     messages = [problem.message for problem in refused(tmp_path / "a.yaml")]
-    assert messages == ["files use each other in a loop: a.yaml -> b.yaml -> c.yaml -> a.yaml"]
+    assert messages == ["circular use of files: a.yaml -> b.yaml -> c.yaml -> a.yaml"]
     path = spec(tmp_path, "self.yaml", using("self.yaml"))
     assert "self.yaml -> self.yaml" in refused(path)[0].message
 
@@ -103,10 +103,10 @@ def test_what_is_used_must_be_a_model(tmp_path):
     path = spec(tmp_path, "top.yaml", using("scene.yaml"))
     assert "no such file" in refused(path)[0].message
     spec(tmp_path, "scene.yaml", f"simspec: 1\nname: s\nbodies: {{a: {{{SOLID}}}}}\n")
-    assert "holds no model" in refused(path)[0].message
+    assert "contains no model" in refused(path)[0].message
     spec(tmp_path, "scene.yaml", "simspec: 1\nname: [")
     assert "not YAML" in refused(path)[0].message
-    assert "no path" in refused(spec(tmp_path, "nul.yaml", using('"a\\0b"')))[0].message
+    assert "paths cannot contain" in refused(spec(tmp_path, "nul.yaml", using('"a\\0b"')))[0].message
 
 
 def test_problems_of_a_used_file_are_placed_in_it_and_come_with_the_others(tmp_path):
@@ -151,7 +151,7 @@ def test_excluded_pairs_of_every_file_on_the_way_are_kept(tmp_path):
         ("velocity: {linear: [0, 0, 1]}", "fixed: true", "models.m.fixed", "has a velocity"),
         ("fixed: true", "velocity: {linear: [0, 0, 1]}", "models.m.velocity", "is not free"),
         ("fixed: false", "fixed: true, velocity: {linear: [0, 0, 1]}", "models.m.velocity", "is not free"),
-        ("array: {line: 2, step: [1, 0, 0]}", "pose: {}", "models.m.bodies.a.array", "is of its placement"),
+        ("array: {line: 2, step: [1, 0, 0]}", "pose: {}", "models.m.bodies.a.array", "where it is used"),
         (
             "fixed: true",
             "positions: {a_joint: 1}",
@@ -223,11 +223,11 @@ def test_overrides():
         ("models.lft.pose.xyz=[0, 0, 0]", "the spec has no", "'left'"),
         ("bodies.floor.shapes.1.material=wood", "no such element", None),
         ("bodies.floor.shapes.first=1", "no such element", None),
-        ("physics.timestep.unit=1", "nothing below this value", None),
-        ("physics.timestep", "wants path=value", "physics.timestep=2ms"),
-        ("=3", "wants path=value", None),
+        ("physics.timestep.unit=1", "this value has no elements", None),
+        ("physics.timestep", "expected path=value", "physics.timestep=2ms"),
+        ("=3", "expected path=value", None),
         ("physics.timestep=2 deg", "wrong unit", None),
-        ("physics.timestep=", "wants a time", None),
+        ("physics.timestep=", "expected a time", None),
         ("physics.timestep=[", "not YAML", None),
         ("physics.timestep=.nan", "finite", None),
         ("physics.timestep=!!int 3", "tags are not allowed", None),

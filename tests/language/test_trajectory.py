@@ -71,62 +71,62 @@ PLACE = "{xyz: [0.5, 0.3, 0], free_orientation: true}"
 
 BAD = {
     # name: (trajectory, a text on the line of the problem, its path, message, found, allowed or hint)
-    "nothing": ("  until: 1 s\n", "trajectory:", "trajectory", "wants one of points, file, program", None, None),
+    "nothing": ("  until: 1 s\n", "trajectory:", "trajectory", "expected one of points, file, program", None, None),
     "two ways": (TWO + "  program: [{wait: 1}]\n", "program:", "trajectory.program", "exclude each other", None, None),
     "no points": ("  points: []\n", "points:", "trajectory.points", "no points", "[]", "at least one"),
     "unknown key": (TWO + "  interpolaton: cubic\n", "interpolaton", "trajectory.interpolaton", "unknown key", None, "interpolation"),
-    "unknown interpolation": (TWO + "  interpolation: spline\n", "spline", "trajectory.interpolation", "not one of the words", "spline", "quintic"),
-    "tool without program": (TWO + TOOL, "tool:", "trajectory.tool", "tool goes with a program", None, None),
+    "unknown interpolation": (TWO + "  interpolation: spline\n", "spline", "trajectory.interpolation", "not an allowed word", "spline", "quintic"),
+    "tool without program": (TWO + TOOL, "tool:", "trajectory.tool", "tool requires a program", None, None),
     "time goes back": (TWO + point("2 s") + point("1.5 s"), "1.5 s", "trajectory.points.2.at", "times must increase", "1.5 s after 2 s", None),
     "the same time": (TWO + point(1) + point("1000 ms"), "1000 ms", "trajectory.points.2.at", "times must increase", None, None),
-    "too near": (TWO + point("1e-12"), "1e-12", "trajectory.points.1.positions.arm/shoulder", "too near", None, None),
+    "too near": (TWO + point("1e-12"), "1e-12", "trajectory.points.1.positions.arm/shoulder", "too close", None, None),
     "negative time": ("  points:\n" + point("-1 s"), "-1 s", "trajectory.points.0.at", "at least 0", None, None),
     "time with another unit": ("  points:\n" + point("3 m"), "3 m", "trajectory.points.0.at", "", None, "s"),
     "until no whole step": (TWO + "  until: 0.0105 s\n", "until", "trajectory.until", "whole number of timesteps", None, "0.01"),
     "unknown joint": ("  points:\n" + point(0, positions="{arm/elbo: 1}"), "elbo:", "trajectory.points.0.positions.arm/elbo", "there is no joint 'arm/elbo'", "arm/elbo", "arm/elbow"),
     "joint without controller": ("  points:\n" + point(0, positions="{arm/idle: 1}"), "idle: 1", "trajectory.points.0.positions.arm/idle", "no controller drives it", None, "control"),
     "ball joint": ("  points:\n" + point(0, positions="{arm/gaze: 1}"), "gaze: 1", "trajectory.points.0.positions.arm/gaze", "no controller drives it", None, None),
-    "joint twice": ("  points:\n" + point(0, positions="{arm/elbow: 1, arm/elbow: 2}"), "elbow: 2", "trajectory.points.0.positions.arm/elbow", "twice", None, None),
+    "joint twice": ("  points:\n" + point(0, positions="{arm/elbow: 1, arm/elbow: 2}"), "elbow: 2", "trajectory.points.0.positions.arm/elbow", "duplicated", None, None),
     "no joint": ("  points:\n" + point(0, positions="{}"), "positions: {}", "trajectory.points.0.positions", "numbers by joint", "{}", None),
     "text for a number": ("  points:\n" + point(0, positions="{arm/elbow: far}"), "far", "trajectory.points.0.positions.arm/elbow", "", "far", None),
     "length for an angle": ("  points:\n" + point(0, positions="{arm/elbow: 3 cm}"), "3 cm", "trajectory.points.0.positions.arm/elbow", "", "3 cm", None),
     "angle for a length": ("  points:\n" + point(0, positions="{arm/jaw: 3 deg}"), "3 deg", "trajectory.points.0.positions.arm/jaw", "", "3 deg", None),
     "joints that come and go": (TWO + point(1, positions="{arm/elbow: 1}"), "arm/elbow: 1", "trajectory.points.1.positions", "not the joints of the first point", "arm/elbow, arm/shoulder", None),
     "velocities now and then": (TWO + point(1, ", velocities: {arm/shoulder: 0}"), "velocities", "trajectory.points.1", "the first one has none", None, "or in none"),
-    "velocities with linear": ("  points:\n" + point(0, ", velocities: {arm/shoulder: 0}") + "  interpolation: linear\n", "velocities", "trajectory.points.0.velocities", "mean nothing with interpolation linear", None, None),
+    "velocities with linear": ("  points:\n" + point(0, ", velocities: {arm/shoulder: 0}") + "  interpolation: linear\n", "velocities", "trajectory.points.0.velocities", "are not allowed with interpolation linear", None, None),
     "quintic with half of it": ("  points:\n" + point(0, ", velocities: {arm/shoulder: 0}") + "  interpolation: quintic\n", "velocities", "trajectory.points.0", "velocities and accelerations", None, None),
-    "beyond a limit": (TWO + point(9, positions="{arm/shoulder: 2.1}"), "2.1", "trajectory.points.1.positions.arm/shoulder", "goes beyond its limits", "2.1 rad", "-2 to 2 rad"),
-    "beyond a limit in between": ("  points:\n" + point(0, ", velocities: {arm/shoulder: 1}", "{arm/shoulder: 1.9}") + point(1, ", velocities: {arm/shoulder: -1}", "{arm/shoulder: 1.9}"), "at: 1,", "trajectory.points.1.positions.arm/shoulder", "goes beyond its limits at 0.5 s", "2.15 rad", "-2 to 2 rad"),
-    "too fast": ("  interpolation: linear\n" + TWO + point("1") + point("1.1 s", positions="{arm/shoulder: 1}"), "1.1 s", "trajectory.points.2.positions.arm/shoulder", "faster than it may", "5 rad/s, 2.5 times its limit", "up to 2 rad/s"),
+    "beyond a limit": (TWO + point(9, positions="{arm/shoulder: 2.1}"), "2.1", "trajectory.points.1.positions.arm/shoulder", "exceeds its limits", "2.1 rad", "-2 to 2 rad"),
+    "beyond a limit in between": ("  points:\n" + point(0, ", velocities: {arm/shoulder: 1}", "{arm/shoulder: 1.9}") + point(1, ", velocities: {arm/shoulder: -1}", "{arm/shoulder: 1.9}"), "at: 1,", "trajectory.points.1.positions.arm/shoulder", "exceeds its limits at 0.5 s", "2.15 rad", "-2 to 2 rad"),
+    "too fast": ("  interpolation: linear\n" + TWO + point("1") + point("1.1 s", positions="{arm/shoulder: 1}"), "1.1 s", "trajectory.points.2.positions.arm/shoulder", "exceeds its velocity limit", "5 rad/s, 2.5 times its limit", "up to 2 rad/s"),
     "no program": ("  program: []\n", "program:", "trajectory.program", "no program", "[]", None),
-    "step of nothing": ("  program:\n    - {in: 2 s}\n", "in: 2", "trajectory.program.0", "wants one of move, grip, wait", None, None),
+    "step of nothing": ("  program:\n    - {in: 2 s}\n", "in: 2", "trajectory.program.0", "expected one of move, grip, wait", None, None),
     "two things at once": (MOVES + "    - {grip: 1, wait: 1, in: 1}\n", "grip", "trajectory.program.0", "exclude each other", None, None),
     "unknown step": (MOVES + "    - {mvoe: {xyz: [0, 0, 0]}, in: 1}\n", "mvoe", "trajectory.program.0.mvoe", "unknown key", None, "'move'"),
     "move without duration": (MOVES + f"    - {{move: {PLACE}}}\n", "xyz: [0.5", "trajectory.program.0", "needs a duration", None, "in: 2 s"),
     "move in no time": (MOVES + f"    - {{move: {PLACE}, in: 0 s}}\n", "0 s", "trajectory.program.0.in", "above 0", None, None),
-    "move to nowhere": (MOVES + "    - {move: {}, in: 1 s}\n", "move: {}", "trajectory.program.0.move", "a move to nowhere", None, "xyz, rpy or quat"),
+    "move to nowhere": (MOVES + "    - {move: {}, in: 1 s}\n", "move: {}", "trajectory.program.0.move", "a move without target", None, "xyz, rpy or quat"),
     "two orientations": (MOVES + "    - {move: {rpy: [0, 0, 0], quat: [1, 0, 0, 0]}, in: 1}\n", "rpy", "trajectory.program.0.move", "exclude each other", None, None),
     "orientation that is free": (MOVES + "    - {move: {rpy: [0, 0, 0], free_orientation: true}, in: 1}\n", "rpy", "trajectory.program.0.move.rpy", "exclude each other", None, None),
-    "squeeze without grip": (MOVES + "    - {wait: 1, squeeze: 1}\n", "squeeze", "trajectory.program.0.squeeze", "squeeze goes with grip", None, None),
+    "squeeze without grip": (MOVES + "    - {wait: 1, squeeze: 1}\n", "squeeze", "trajectory.program.0.squeeze", "squeeze requires grip", None, None),
     "grip above 1": (MOVES + "    - {wait: 1}\n    - {grip: 1.2, in: 1}\n", "1.2", "trajectory.program.1.grip", "at most 1", "1.2", "≤ 1"),
     "grip below 0": (MOVES + "    - {grip: -0.1, in: 1}\n", "-0.1", "trajectory.program.0.grip", "at least 0", None, None),
     "squeeze above 1": (MOVES + "    - {grip: 1, squeeze: 150 %, in: 1}\n", "150 %", "trajectory.program.0.squeeze", "at most 1", None, None),
-    "move without tool": (f"  program:\n    - {{move: {PLACE}, in: 1}}\n", "program:", "trajectory.program", "which frame", None, "tool"),
+    "move without tool": (f"  program:\n    - {{move: {PLACE}, in: 1}}\n", "program:", "trajectory.program", "requires a tool frame", None, "tool"),
     "unknown tool": (f"  tool: {{body: arm/foer}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "foer", "trajectory.tool.body", "no body 'arm/foer'", "arm/foer", "arm/fore"),
     "tool on a base": (f"  tool: {{body: arm/post}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "body: arm/post", "trajectory.tool.body", "no joint moves this body", None, None),
-    "tool on a loose joint": (f"  tool: {{body: arm/flap}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "body: arm/flap", "trajectory.tool.body", "a hinge joint that no controller holds", None, "control"),
-    "tool on a ball": (f"  tool: {{body: arm/eye}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "body: arm/eye", "trajectory.tool.body", "a ball joint that no controller holds", None, None),
-    "arm of another": (TOOL + f"  arm: [arm/sholder]\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "sholder", "trajectory.arm.0", "no joint between the world and the tool", None, "arm/shoulder"),
-    "hand as the arm": (f"  tool: {{body: arm/finger}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n    - {{grip: 1, in: 1}}\n", "program:", "trajectory.program", "arm/jaw would move the tool and grasp as well", None, "arm:"),
+    "tool on a loose joint": (f"  tool: {{body: arm/flap}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "body: arm/flap", "trajectory.tool.body", "a hinge joint that no controller drives", None, "control"),
+    "tool on a ball": (f"  tool: {{body: arm/eye}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "body: arm/eye", "trajectory.tool.body", "a ball joint that no controller drives", None, None),
+    "arm of another": (TOOL + f"  arm: [arm/sholder]\n  program:\n    - {{move: {PLACE}, in: 1}}\n", "sholder", "trajectory.arm.0", "not a joint between the world and the tool", None, "arm/shoulder"),
+    "hand as the arm": (f"  tool: {{body: arm/finger}}\n  program:\n    - {{move: {PLACE}, in: 1}}\n    - {{grip: 1, in: 1}}\n", "program:", "trajectory.program", "arm/jaw would belong to both the arm and the grasp", None, "arm:"),
     "unknown grasp": ("  grasp: arm/punch\n  program:\n    - {grip: 1, in: 1}\n", "punch", "trajectory.grasp", "there is no grasp 'arm/punch'", "arm/punch", "arm/pinch"),
-    "out of reach": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.9, 0, 0], free_orientation: true}}, in: 1, straight: false}}\n", "0.9", "trajectory.program.1.move", "it stays 100 mm away", "[0.9, 0, 0]", "nearer"),
+    "out of reach": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.9, 0, 0], free_orientation: true}}, in: 1, straight: false}}\n", "0.9", "trajectory.program.1.move", "the tool stays 100 mm away", "[0.9, 0, 0]", "nearer"),
     "out of reach on the way": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.1, 0.7, 0], free_orientation: true}}, in: 3}}\n    - {{move: {{xyz: [0.9, 0.7, 0], free_orientation: true}}, in: 3}}\n", "0.9, 0.7", "trajectory.program.2.move", "s into it", None, None),
     "an orientation that it cannot have": (MOVES + "    - {move: {rpy: [0.3, 0, 0]}, in: 1, straight: false}\n", "rpy", "trajectory.program.0.move", " rad away", None, None),
     "through a singular pose": (MOVES + "    - {move: {xyz: [0.2, 0.01, 0], free_orientation: true}, in: 3}\n    - {move: {xyz: [-0.2, -0.01, 0], free_orientation: true}, in: 3}\n", "-0.2", "trajectory.program.1.move", "", None, None),
-    "move too fast": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.3, 0.5, 0], free_orientation: true}}, in: 0.2}}\n", "0.3, 0.5", "trajectory.program.1", "faster than it may", "times its limit", "2 rad/s"),
+    "move too fast": (MOVES + f"    - {{move: {PLACE}, in: 1}}\n    - {{move: {{xyz: [0.3, 0.5, 0], free_orientation: true}}, in: 0.2}}\n", "0.3, 0.5", "trajectory.program.1", "exceeds its velocity limit", "times its limit", "2 rad/s"),
     "too many points": ("  interval: 1 ms\n  program:\n    - {wait: 1}\n    - {grip: 1, in: 200 s}\n", "in: 200", "trajectory.program.1", "too many points", "200", "interval"),
-    "too many places": (TOOL + "  interval: 1 ms\n  program:\n    - {move: {xyz: [9, 0, 0]}, in: 5 s}\n    - {move: {xyz: [9, 0, 0], free_orientation: true}, in: 6 s}\n", "in: 6", "trajectory.program.1", "too many places to solve", "11000 points", "straight: false"),
-    "too many far places": (MOVES + "    - {move: {xyz: [9, 0, 0]}, straight: false, in: 1}\n" * 2000 + "    - {move: {xyz: [9, 0, 1]}, straight: false, in: 1}\n", "0, 1]", "trajectory.program.2000", "too many places to solve", "10005 points", None),
+    "too many places": (TOOL + "  interval: 1 ms\n  program:\n    - {move: {xyz: [9, 0, 0]}, in: 5 s}\n    - {move: {xyz: [9, 0, 0], free_orientation: true}, in: 6 s}\n", "in: 6", "trajectory.program.1", "too many solutions of", "11000 points", "straight: false"),
+    "too many far places": (MOVES + "    - {move: {xyz: [9, 0, 0]}, straight: false, in: 1}\n" * 2000 + "    - {move: {xyz: [9, 0, 1]}, straight: false, in: 1}\n", "0, 1]", "trajectory.program.2000", "too many solutions of", "10005 points", None),
     "no such file": ("  file: reach.csv\n", "reach.csv", "trajectory.file", "no such file", "reach.csv", None),
     "file outside": ("  file: ../reach.csv\n", "reach.csv", "trajectory.file", "leaves the project folder", None, "--allow-outside"),
 }  # fmt: skip
@@ -159,17 +159,17 @@ def test_points_times_joints_are_bounded():
 
 def test_a_trajectory_wants_a_controller(tmp_path):
     (one,) = problems(tmp_path, spec(TWO, control=""))
-    assert "no controller that follows it" in one.message
+    assert "without a controller that follows it" in one.message
     assert one.path == "trajectory"
 
 
 def test_a_grip_wants_one_grasp(tmp_path):
     grip = "  program:\n    - {grip: 1, in: 1}\n"
     (none,) = problems(tmp_path, spec(grip, grasps=""))
-    assert none.message == "grip without a grasp"
+    assert none.message == "grip requires a grasp"
     two = GRASPS + GRASPS.splitlines()[1].replace("pinch", "hold") + "\n"
     (many,) = problems(tmp_path, spec(grip, grasps=two))
-    assert many.message == "which grasp is meant?"
+    assert many.message == "ambiguous grasp"
     assert many.allowed == "arm/pinch, arm/hold"
 
 
@@ -182,12 +182,12 @@ def test_a_grasp_moves_driven_joints_alone(tmp_path):
 BAD_GRASPS = {
     # name: (grasp, path below the grasp, message, found, allowed or hint)
     "unknown joint": ("{open: {jw: 0}, closed: {jw: 0}}", "open.jw", "no joint of the model", "jw", "'jaw'"),
-    "ball joint": ("{open: {gaze: 0}, closed: {gaze: 0}}", "open.gaze", "no hinge or slide", "gaze", None),
-    "fixed body's joint": ("{open: {post_joint: 0}, closed: {post_joint: 0}}", "open.post_joint", "no hinge or slide", None, None),
+    "ball joint": ("{open: {gaze: 0}, closed: {gaze: 0}}", "open.gaze", "not a hinge or slide", "gaze", None),
+    "fixed body's joint": ("{open: {post_joint: 0}, closed: {post_joint: 0}}", "open.post_joint", "not a hinge or slide", None, None),
     "joint of one posture": ("{open: {jaw: 0, elbow: 0}, closed: {jaw: 0}}", "closed", "elbow is missing here", None, "the same joints"),
     "wrong unit": ("{open: {jaw: 1 deg}, closed: {jaw: 0}}", "open.jaw", "", "1 deg", None),
-    "beyond a limit": ("{open: {jaw: 6 cm}, closed: {jaw: 0}}", "open.jaw", "outside of the limits", "0.06", "0 to 0.05"),
-    "closed beyond a limit": ("{open: {jaw: 0}, closed: {jaw: -1 mm}}", "closed.jaw", "outside of the limits", "-0.001", None),
+    "beyond a limit": ("{open: {jaw: 6 cm}, closed: {jaw: 0}}", "open.jaw", "outside the limits", "0.06", "0 to 0.05"),
+    "closed beyond a limit": ("{open: {jaw: 0}, closed: {jaw: -1 mm}}", "closed.jaw", "outside the limits", "-0.001", None),
     "no open": ("{closed: {jaw: 0}}", "", "open is missing", None, None),
     "no joints": ("{open: {}, closed: {}}", "open", "numbers by joint", "{}", None),
     "unknown body": ("{open: {jaw: 0}, closed: {jaw: 0}, forces: [{body: fingr, force: [1, 0, 0]}]}", "forces.0.body", "no body 'fingr'", "fingr", "'finger'"),
@@ -231,27 +231,27 @@ TABLES = {
     "time alone": ("time\n0\n", "no joint has a position", "time alone", None),
     "unknown joint": ("time,arm/elbw\n0,0\n", "there is no joint 'arm/elbw'", "arm/elbw", "arm/elbow"),
     "joint without controller": ("time,arm/idle\n0,0\n", "no controller drives it", "arm/idle", None),
-    "unknown quantity": ("time,arm/elbow,arm/elbow:speed\n0,0,0\n", "a column that means nothing", "arm/elbow:speed", "JOINT:velocity"),
-    "column twice": ("time,arm/elbow,arm/elbow\n0,0,0\n", "a column is there twice", "arm/elbow", None),
+    "unknown quantity": ("time,arm/elbow,arm/elbow:speed\n0,0,0\n", "unknown column", "arm/elbow:speed", "JOINT:velocity"),
+    "column twice": ("time,arm/elbow,arm/elbow\n0,0,0\n", "duplicate column", "arm/elbow", None),
     "missing column": ("time,arm/elbow,arm/jaw,arm/jaw:velocity\n0,0,0,0\n", "missing columns", "arm/elbow", "JOINT:velocity"),
     "velocity of no joint": ("time,arm/elbow,arm/jaw:effort\n0,0,0\n", "missing columns", "arm/jaw", None),
-    "text": ("time,arm/elbow\n0,0\n1,far\n", "no usable number", "'far' in line 3, column arm/elbow", None),
-    "NaN": ("time,arm/elbow\n0,nan\n", "no usable number", "'nan' in line 2", None),
-    "infinite": ("time,arm/elbow\n0,inf\n", "no usable number", "'inf'", None),
-    "too large": ("time,arm/elbow\n0,1e31\n", "no usable number", "'1e31'", None),
-    "unit": ("time,arm/elbow\n0,30 deg\n", "no usable number", "'30 deg'", "without units"),
-    "gap": ("time,arm/elbow\n0,\n", "no usable number", "''", None),
-    "not this script": ("time,arm/elbow\n0,1_0\n", "no usable number", "'1_0'", None),
+    "text": ("time,arm/elbow\n0,0\n1,far\n", "not a usable number", "'far' in line 3, column arm/elbow", None),
+    "NaN": ("time,arm/elbow\n0,nan\n", "not a usable number", "'nan' in line 2", None),
+    "infinite": ("time,arm/elbow\n0,inf\n", "not a usable number", "'inf'", None),
+    "too large": ("time,arm/elbow\n0,1e31\n", "not a usable number", "'1e31'", None),
+    "unit": ("time,arm/elbow\n0,30 deg\n", "not a usable number", "'30 deg'", "without units"),
+    "gap": ("time,arm/elbow\n0,\n", "not a usable number", "''", None),
+    "not this script": ("time,arm/elbow\n0,1_0\n", "not a usable number", "'1_0'", None),
     "ragged": ("time,arm/elbow\n0,0\n1\n", "a value for every column", "1 values in line 3", "2"),
     "too wide": ("time,arm/elbow\n0,0,0\n", "a value for every column", "3 values in line 2", "2"),
     "time goes back": ("time,arm/elbow\n0,0\n2,0\n1,0\n", "times must increase", "1 s after 2 s in row 3", None),
     "negative time": ("time,arm/elbow\n-1,0\n0,0\n", "times begin at 0 or later", "-1 s", None),
     "too many rows": ("time,arm/elbow\n" + "".join(f"{row},0\n" for row in range(MOST_POINTS + 1)), "too long a table", None, "100000 rows"),
-    "beyond a limit": ("time,arm/jaw\n0,0\n1,0.06\n", "arm/jaw goes beyond its limits at 1 s, in row 2 of the table", "0.06 m", "0 to 0.05 m"),
-    "too fast": ("time,arm/shoulder\n0,0\n0.1,1\n", "faster than it may", "rad/s", "2 rad/s"),
+    "beyond a limit": ("time,arm/jaw\n0,0\n1,0.06\n", "arm/jaw exceeds its limits at 1 s, in row 2 of the table", "0.06 m", "0 to 0.05 m"),
+    "too fast": ("time,arm/shoulder\n0,0\n0.1,1\n", "exceeds its velocity limit", "rad/s", "2 rad/s"),
     "not UTF-8": (b"time,arm/elbow\xff\n0,0\n", "not UTF-8", None, None),
     "too large a file": ("time,arm/elbow\n" + "0" * 10_000_001, "too large a table", "10.0 MB", "10 MB"),
-    "accelerations with cubic": ("time,arm/elbow,arm/elbow:acceleration\n0,0,0\n1,0,0\n", "accelerations mean nothing with interpolation cubic", None, None),
+    "accelerations with cubic": ("time,arm/elbow,arm/elbow:acceleration\n0,0,0\n1,0,0\n", "accelerations are not allowed with interpolation cubic", None, None),
 }  # fmt: skip
 
 
@@ -271,20 +271,20 @@ RIGHT = {"time": np.arange(3.0), "joints": np.array(["arm/elbow"]), "positions":
 ARRAYS = {
     # name: (arrays that differ from the right ones; None: left out, message, found)
     "objects": ({"joints": np.array(["arm/elbow"], dtype=object)}, "holds Python objects", None),
-    "no time": ({"time": None}, "the array 'time' is missing", None),
+    "zero duration": ({"time": None}, "the array 'time' is missing", None),
     "no joints": ({"joints": None}, "the array 'joints' is missing", None),
     "no positions": ({"positions": None}, "the array 'positions' is missing", None),
-    "another array": ({"forces": np.zeros(3)}, "arrays that mean nothing", "forces"),
+    "another array": ({"forces": np.zeros(3)}, "unknown arrays", "forces"),
     "bytes for names": ({"joints": np.array([b"arm/elbow"])}, "joints must be a list of names", "S9"),
     "no names": ({"joints": np.array([], dtype="U3")}, "joints must be a list of names", "(0,)"),
     "names in a table": ({"joints": np.array([["arm/elbow"]])}, "joints must be a list of names", "(1, 1)"),
-    "joint twice": ({"joints": np.array(["arm/elbow"] * 2), "positions": np.zeros((3, 2))}, "a joint is there twice", "arm/elbow"),
+    "joint twice": ({"joints": np.array(["arm/elbow"] * 2), "positions": np.zeros((3, 2))}, "duplicate joint", "arm/elbow"),
     "too few rows": ({"positions": np.zeros((2, 1))}, "positions has the wrong shape", "(2, 1)"),
     "too few columns": ({"joints": np.array(["arm/elbow", "arm/jaw"])}, "positions has the wrong shape", "(3, 1)"),
     "one time": ({"time": np.array(1.0)}, "time has the wrong shape", "()"),
     "no times": ({"time": np.zeros(0), "positions": np.zeros((0, 1))}, "time has the wrong shape", "(0,)"),
     "complex": ({"positions": np.zeros((3, 1), dtype=complex)}, "positions has the wrong shape or kind", "complex128"),
-    "NaN": ({"positions": np.array([[0.0], [np.nan], [0.0]])}, "no usable number", "nan in positions, row 2"),
+    "NaN": ({"positions": np.array([[0.0], [np.nan], [0.0]])}, "not a usable number", "nan in positions, row 2"),
     "time goes back": ({"time": np.array([0.0, 2.0, 1.0])}, "times must increase", "row 3"),
     "velocities of another shape": ({"velocities": np.zeros((3, 2))}, "velocities has the wrong shape", "(3, 2)"),
     "many arrays": ({f"a{number}": np.zeros(1) for number in range(20)}, "23 arrays, more than 20", None),
@@ -309,7 +309,7 @@ def test_a_wrong_npz_is_an_error_at_the_line_that_names_it(name, tmp_path):
 def test_what_is_no_table_is_not_read(name, tmp_path):
     (tmp_path / name).write_text("time,arm/elbow\n0,0\n")
     (one,) = problems(tmp_path, spec(f"  file: {name}\n"))
-    assert one.message == "no table that can be read"
+    assert one.message == "not a readable table"
 
 
 @pytest.mark.parametrize("name", ["reach.csv", "reach.npz"])

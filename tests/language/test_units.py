@@ -49,7 +49,7 @@ def test_value(text, dimension, value):
 @pytest.mark.parametrize(
     ("text", "dimension", "message"),
     [
-        ("3 deg", "mass", "wrong unit: wants a mass (kg), found 'deg'"),
+        ("3 deg", "mass", "wrong unit: expected a mass (kg), found 'deg'"),
         ("1 %", "angle", "wrong unit"),
         ("1 rad", "number", "wrong unit"),
         ("1 kg", "length", "wrong unit"),

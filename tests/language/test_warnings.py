@@ -81,7 +81,7 @@ def test_positions_of_a_placed_model_and_angles_in_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("bodies", "more", "path", "words"),
     [
-        ({"b": BALL}, {"physics": {}}, "physics.duration", "no time"),
+        ({"b": BALL}, {"physics": {}}, "physics.duration", "zero duration"),
         ({"b": BALL}, {"physics": {"duration": 1, "gravity": [0, 0, -9810]}}, "physics.gravity", "9810 m/s²"),
         (
             {"b": {**BALL, "shapes": [{"sphere": {"radius": 100}, "density": 11}]}},
@@ -125,7 +125,7 @@ def test_what_begins_inside_another_and_arrays_count_once(tmp_path):
     (tmp_path / "x.yaml").write_text(json.dumps({**data, "bodies": {"floor": FLOOR, "ball": sunk}}))
     [found] = load(tmp_path / "x.yaml").warnings()
     assert found.path == "bodies.ball_0.shapes.0"
-    assert found.message == "floor and ball_0 overlap by 100 mm at the start (and 6 more like it)"
+    assert found.message == "floor and ball_0 overlap by 100 mm at the start (and 6 more of this kind)"
     assert (found.found, found.location.line) == ("floor_0 in ball_0_0", 1)
     assert warned({"floor": FLOOR, "ball": BALL | {"pose": {"xyz": [0, 0, 0.0995]}}}) == []
 
@@ -154,7 +154,7 @@ def finger(force: float):
 def test_a_squeeze_beyond_the_finger():
     [(path, message)] = warned({}, **finger(30.0))
     assert path == "trajectory.program.1.squeeze"
-    assert message == "hand/pad_joint is asked for 30 N and gives at most 20: more is clipped"
+    assert message == "hand/pad_joint is commanded 30 N and gives at most 20: the effort is clipped"
     assert warned({}, **finger(20.0)) == []
 
 
@@ -204,7 +204,7 @@ def test_commands_say_it_go_on_and_stop_where_that_is_asked(tmp_path, monkeypatc
     assert call() == 0
     said = capsys.readouterr().err
     assert "slip.yaml:5:62: warning: bodies.b.pose.rpy.0: 90 without a unit is 90 rad: 14.3 turns" in said
-    assert "90 deg, or 90 rad if that is meant" in said
+    assert "90 deg, or 90 rad if intended" in said
     assert call("--json") == 0
     told = capsys.readouterr()
     answer = json.loads(told.out)

@@ -198,7 +198,7 @@ def test_the_spec_is_never_in_a_folder_that_is_written(root):
     ):
         code, said = invoke(*words)
         assert code == 2
-        assert "holds the spec" in said
+        assert "contains the spec" in said
     assert picture(root.parent) == before
 
 

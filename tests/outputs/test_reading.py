@@ -18,8 +18,8 @@ from simspec.stored import FolderMarker, read_as
     [
         ("", "not JSON"),
         ("{", "not JSON"),
-        ("NaN", "NaN is no number"),
-        ('{"a": Infinity}', "Infinity is no number"),
+        ("NaN", "NaN is not a number"),
+        ('{"a": Infinity}', "Infinity is not a number"),
         ("[" * 100_000, "nested too deeply"),
         (b"\xff", "not JSON"),
         ("[" + "[]," * 5_000_000, "values, more than"),

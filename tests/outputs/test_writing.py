@@ -70,8 +70,8 @@ def test_a_folder_that_holds_the_spec_is_refused(root):
     write_folder(OLD, root / "out", COMPILED)
     spec = root / "out" / "spec.yaml"
     spec.write_text(MINE)
-    assert "holds the spec" in folder_problem(root / "out", COMPILED, [spec]).message
-    assert "holds the spec" in folder_problem(root / "out", COMPILED, [Path("out/../out/spec.yaml")]).message
+    assert "contains the spec" in folder_problem(root / "out", COMPILED, [spec]).message
+    assert "contains the spec" in folder_problem(root / "out", COMPILED, [Path("out/../out/spec.yaml")]).message
     assert folder_problem(root / "out", COMPILED, [root / "spec.yaml"]) is None
 
 
@@ -142,7 +142,7 @@ def test_a_file_of_somebody_else_is_never_in_the_way(root):
     write_folder(OLD, Path("out"), COMPILED)
     (root / "out" / "engine" / "more.xml").write_text(MINE)
     before = picture(root)
-    with pytest.raises(SpecError, match=r"engine/more\.xml.*is in the way"):
+    with pytest.raises(SpecError, match=r"engine/more\.xml.*was not written by simspec"):
         write_folder(NEW, Path("out"), COMPILED)
     assert picture(root) == before
 
@@ -216,7 +216,7 @@ def test_a_new_file_never_takes_the_place_of_one_that_has_just_appeared(root, mo
         return real(target, *more)
 
     monkeypatch.setattr(staging, "begin", late)
-    with pytest.raises(SpecError, match="appeared meanwhile"):
+    with pytest.raises(SpecError, match="created by another process"):
         write_file(Path("new"), "text", NEVER)
     assert picture(root).keys() == {"new"}
     assert (root / "new").read_text() == MINE

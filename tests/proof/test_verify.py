@@ -58,7 +58,7 @@ def test_a_forged_verdict_is_noticed(certificate):
 def test_it_is_judged_from_its_figures(certificate):
     world, found = certificate
     assert judge(found, world) == []
-    assert judge(found, dataclasses.replace(world, name="other")) == ["it is of another world"]
+    assert judge(found, dataclasses.replace(world, name="other")) == ["it belongs to another world"]
     name = ENGINES[0]
     proof = found.engines[name]
     figure = dataclasses.replace(proof.contact[0], measured=1e6)

@@ -400,11 +400,11 @@ def test_targets_of_many_bodies_are_sorted_pairs():
     ("targets", "path", "message"),
     [
         ({"amr": [0, 0, 0]}, "targets.amr", "there is no body 'amr'"),
-        ({"arm": [0, 0]}, "targets.arm", "wants a list of 3 lengths"),
+        ({"arm": [0, 0]}, "targets.arm", "expected a list of 3 lengths"),
         ({"arm": [0, 0, "1 s"]}, "targets.arm.2", "wrong unit"),
-        ({"a b": [0, 0, 0]}, "targets.a b", "cannot be a name"),
-        ({}, "targets", "wants places by"),
-        ([0, 0, 0], "targets", "wants places by"),
+        ({"a b": [0, 0, 0]}, "targets.a b", "not a valid name"),
+        ({}, "targets", "expected places by"),
+        ([0, 0, 0], "targets", "expected places by"),
     ],
 )
 def test_targets_that_are_none(targets, path, message):

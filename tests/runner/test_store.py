@@ -1,4 +1,4 @@
-"""A saved run comes back bit for bit, and what is no whole run is refused with the reason."""
+"""A saved run comes back bit for bit, and what is not a complete run is refused with the reason."""
 
 from __future__ import annotations
 

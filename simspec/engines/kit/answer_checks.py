@@ -30,10 +30,10 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
     for body in held.bodies:
         joint, place = body.joint, clipped(f"body {body.name!r}")
         if body.name in seen:
-            raise BadAnswerError(f"{place} is there twice")
+            raise BadAnswerError(f"{place} is duplicated")
         seen.add(body.name)
         if joint.kind not in JOINT_KINDS:
-            raise BadAnswerError(clipped(f"{place}: no joint is a {joint.kind!r}"))
+            raise BadAnswerError(clipped(f"{place}: unknown kind of joint: {joint.kind!r}"))
         sizes = ((joint.position, POSITION_SIZE, "position"), (joint.velocity, VELOCITY_SIZE, "velocity"))
         for numbers, table, what in sizes:
             if len(numbers) not in (0, table[joint.kind]):
@@ -42,10 +42,10 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
         if joint.kind in ("ball", "free") and joint.position:
             turns.append(joint.position[-4:])
         if not all(abs(math.hypot(*turn) - 1.0) <= UNIT for turn in turns):
-            raise BadAnswerError(f"{place}: an orientation that is no unit quaternion")
+            raise BadAnswerError(f"{place}: the orientation is not a unit quaternion")
         for shape in body.shapes:
             if shape.kind not in SHAPE_KINDS:
-                raise BadAnswerError(clipped(f"{place}: no shape is a {shape.kind!r}"))
+                raise BadAnswerError(clipped(f"{place}: unknown kind of shape: {shape.kind!r}"))
     for name in ("unreadable", "inventory", "neutral"):
         for key, one in getattr(held, name).items():
             if not _plain_value(one) or (name == "unreadable" and not isinstance(one, str)):
@@ -68,7 +68,7 @@ def check_touching(result: Mapping[str, Any], arrays: Mapping[str, np.ndarray], 
             if len(values) and (values.min() < 0 or (bound is not None and values.max() >= bound)):
                 raise BadAnswerError(f"{name} names {'things' if column else 'states'} that there are not")
     if bodies is not None and any(unit["body"] >= bodies for unit in result["units"]):
-        raise BadAnswerError("units are of bodies that there are not")
+        raise BadAnswerError("units contain unknown bodies")
 
 
 def check_motion(operation: Operation, result: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
@@ -91,15 +91,15 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
     if not (rows and same and result["steps"] == planned[-1] and (whole or failed)):
         raise BadAnswerError(f"{rows} rows, should be {planned_rows(operation)}, one every {asked['every']} steps")
     if failed is not None and (failed["channel"] not in arrays or failed["step"] != result["steps"]):
-        raise BadAnswerError("it says that it failed, but not after its last step")
+        raise BadAnswerError("it reports a failure, but not after its last step")
     certain = rows - (failed is not None)
     for name in ("q", "v", "pose", "velocity", "energy", "control.target"):
         if name in arrays and not all_finite(arrays[name][:certain]):
-            raise BadAnswerError(f"{name} is not finite, and the run is not said to have failed")
+            raise BadAnswerError(f"{name} is not finite, and the run is not reported as failed")
     if "control" in asked:
         _check_control(operation, result, arrays, certain)
     elif result["control"] is not None:
-        raise BadAnswerError("controllers where none were asked for")
+        raise BadAnswerError("controllers that were not requested")
     if "contact.row" in arrays:
         _check_contacts(operation, arrays, rows, certain)
     return {**arrays, "step": planned}
@@ -110,7 +110,7 @@ def _check_control(
 ) -> None:
     told = result["control"]
     if told is None:
-        raise BadAnswerError("no word of the controllers")
+        raise BadAnswerError("the controllers are missing")
     joints, columns = told["joints"], arrays["control.target"].shape[1]
     if not len(joints) == len(told["error"]) == len(told["clipped"]) == columns or len(set(joints)) != columns:
         raise BadAnswerError(f"{len(joints)} driven joints, and {columns} columns of them")
@@ -125,7 +125,7 @@ def _check_control(
     effort = arrays["control.effort"][:certain]
     for part in parts(len(effort), effort[:1].nbytes, effort):
         if not np.isfinite(effort[part][:, known]).all():
-            raise BadAnswerError("control.effort is not finite, and the run is not said to have failed")
+            raise BadAnswerError("control.effort is not finite, and the run is not reported as failed")
 
 
 def _check_contacts(operation: Operation, arrays: Mapping[str, np.ndarray], rows: int, certain: int) -> None:
@@ -135,13 +135,13 @@ def _check_contacts(operation: Operation, arrays: Mapping[str, np.ndarray], rows
     for part in parts(len(row), 24, row, body):
         some = row[part]
         if len(some) and (some[0] < last or some[-1] >= rows or (np.diff(some) < 0).any()):
-            raise BadAnswerError("contact.row does not go through the rows")
+            raise BadAnswerError("contact.row does not match the rows")
         if len(some):
             last = int(some[-1])
         if ((body[part] < 0) | (body[part] >= bodies)).any():
-            raise BadAnswerError("contact.body names bodies that there are not")
+            raise BadAnswerError("contact.body contains unknown bodies")
     count = int(np.searchsorted(row, certain))
     release(row)
     for name in ("position", "normal", "distance", "normal_force"):
         if not all_finite(arrays[f"contact.{name}"][:count]):
-            raise BadAnswerError(f"contact.{name} is not finite, and the run is not said to have failed")
+            raise BadAnswerError(f"contact.{name} is not finite, and the run is not reported as failed")

@@ -109,7 +109,7 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
     wanted = {name: form for name, form in forms.items() if not form.when or form.when in asked}
     if set(entry.arrays) != set(wanted):
         odd = ", ".join(sorted(set(entry.arrays) ^ set(wanted)))
-        raise BadAnswerError(clipped(f"arrays that are missing, or were not asked for: {odd}"))
+        raise BadAnswerError(clipped(f"missing or unrequested arrays: {odd}"))
     dimensions = dimensions_of(operation)
     arrays = {}
     for name, described in entry.arrays.items():
@@ -126,7 +126,7 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
     elif operation.op in RESULTS:
         result = _plain(RESULTS[operation.op], result)
     elif result:
-        raise BadAnswerError("more than was asked for")
+        raise BadAnswerError("more than was requested")
     if operation.op == "run":
         arrays = checked_run(operation, result, arrays)
     elif operation.op == "motion":

@@ -134,16 +134,16 @@ def start(
         try:
             write_request(folder, engine_class, artifacts, operations)
         except (FileNotFoundError, NotADirectoryError) as error:
-            raise EngineError(engine, f"its artifacts are not there: {error.filename}") from None
+            raise EngineError(engine, f"its artifacts are missing: {error.filename}") from None
         command = engine_class.command(folder)
         if command is not None and python is not None:
-            raise EngineError(engine, "is a program of its own: no Python can be chosen for it")
+            raise EngineError(engine, "is a separate program: --python does not apply to it")
         end_if_told()
         running = Running(engine, folder, operations, python or sys.executable, deadline, command)
         _at_work.add(running)
         try:
             if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
-                raise CancelledError(f"{engine}: what asked for it has ended")
+                raise CancelledError(f"{engine}: the requesting process has ended")
             yield running
         finally:
             running.kill()
@@ -202,7 +202,7 @@ class Running:
             self.kill()
             at, told = self._at_work()
             raise EngineError(
-                self.engine, f"no result within its deadline of {self._deadline:g} s{told}; killed{self._tail()}", at
+                self.engine, f"no result within the time limit of {self._deadline:g} s{told}; killed{self._tail()}", at
             ) from None
         wall = time.perf_counter() - self._started
         self.kill()  # what it left behind must not change what is read now

@@ -101,7 +101,8 @@ class Recording:
                 self.failed = _which_contact(found, done)
             self._bytes += self._contacts.add(self._row, found)
         if self._bytes > self._most:
-            raise EngineError(session.name, f"more than {self._most:,} bytes are recorded; record less often, or less")
+            why = f"more than {self._most:,} bytes are recorded; record fewer channels, or less often"
+            raise EngineError(session.name, why)
         self._row += 1
         self.seconds += time.perf_counter() - started
         return self.failed is None

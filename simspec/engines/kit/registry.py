@@ -25,14 +25,14 @@ def _sound(name: str, engine: Any) -> type[Engine]:
     from simspec.dialects.kit.contract import dialects
 
     if not (isinstance(engine, type) and issubclass(engine, Engine)):
-        raise TypeError("it is no Engine")
+        raise TypeError("it is not an Engine")
     missing = [word for word in DECLARED if not hasattr(engine, word)]
     if missing:
-        raise ValueError(f"it does not say its {', '.join(missing)}")
+        raise ValueError(f"it does not define {', '.join(missing)}")
     if name != engine.NAME:
-        raise ValueError(f"it calls itself {engine.NAME!r}")
+        raise ValueError(f"its NAME is {engine.NAME!r}")
     if engine.DIALECT not in dialects():
-        raise ValueError(f"it is told worlds in {engine.DIALECT!r}, which no dialect is")
+        raise ValueError(f"it is told worlds in {engine.DIALECT!r}, which is not a dialect")
     dialects()[engine.DIALECT].check_declared(engine.SETTINGS)
     engine.version()
     return engine

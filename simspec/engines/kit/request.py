@@ -43,9 +43,9 @@ class RequestedOperation(BaseModel):
     artifacts: Name = Field(description="The folder of the artifacts to load, relative to that of the request.")
     arrays: dict[Name, ArrayForm] = Field(description="Its arrays, by name.")
     attempt: bool = Field(
-        default=False, description="Whether a failure is this operation's own answer; the next follows."
+        default=False, description="Whether a failure is an answer to this operation, after which the next one follows."
     )
-    cpu_seconds: float = Field(default=0.0, ge=0.0, description="CPU time that an attempt may take; 0: any.")
+    cpu_seconds: float = Field(default=0.0, ge=0.0, description="CPU time limit of an attempt (s); 0: unlimited.")
 
 
 class Request(BaseModel):

@@ -113,10 +113,10 @@ def _idle(engine: type[HasSettings], given: Mapping[str, Any]) -> list[Problem]:
         acts = " or ".join(_told(needs[0], one) for one in needs[1])
         problems.append(
             Problem(
-                f"{engine.NAME}'s setting {name!r} does nothing {why[name]}",
+                f"{engine.NAME}'s setting {name!r} has no effect {why[name]}",
                 f"engines.{engine.NAME}.settings.{name}",
                 found=_told(name, value),
-                hint=f"leave it out; it acts with {acts}",
+                hint=f"remove it; it has an effect with {acts}",
             )
         )
     return problems

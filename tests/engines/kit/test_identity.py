@@ -30,7 +30,7 @@ def test_words(word, expected, label):
     "word", ["", "@3", "mujoco@", "mujoco@x", "mujoco@3/..", "mujoco@../3", "mujoco@3 4", "mujoco=", "=x"]
 )
 def test_words_that_name_no_engine(word):
-    with pytest.raises(SpecError, match="names no engine"):
+    with pytest.raises(SpecError, match="contains no engine name"):
         parse(word)
 
 

@@ -135,7 +135,7 @@ def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch,
 
 
 def test_artifacts_that_are_not_there_are_the_engine_s_failure(stub, tmp_path):
-    with pytest.raises(EngineError, match=r"stub: its artifacts are not there: .*nowhere"):
+    with pytest.raises(EngineError, match=r"stub: its artifacts are missing: .*nowhere"):
         call("stub", tmp_path / "nowhere", [Operation("read_back")])
 
 
