@@ -44,7 +44,7 @@ Pythons = Annotated[
     list[str] | None,
     typer.Option("--python", metavar="ENGINE=PATH", help="Run an engine in another Python interpreter. Repeatable."),
 ]
-Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="Time limit of one engine process.")]
+Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="Deadline of one engine process.")]
 DEADLINE = 600.0
 
 

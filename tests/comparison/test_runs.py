@@ -359,7 +359,7 @@ def test_a_floor_is_believed_only_beside_its_own_run(tmp_path):
         load_floor(tmp_path / "run")
     other = saved_with_floor(tmp_path / "other", engine="second")
     path.write_bytes(other.read_bytes())
-    with pytest.raises(SpecError, match=r"floor.parquet: is of another run"):
+    with pytest.raises(SpecError, match=r"floor.parquet: belongs to another run"):
         load_floor(tmp_path / "run")
     parquet.write_table(table.replace_schema_metadata({}), path)
     with pytest.raises(SpecError, match=r"floor.parquet"):

@@ -114,7 +114,7 @@ def damage(name: str, change) -> object:
         (lambda folder: (folder / "bodies.parquet").write_bytes(b"PAR1"), "bodies.parquet: was edited, damaged"),
         (lambda folder: (folder / "bodies.parquet").unlink(), "bodies.parquet is missing"),
         (damage("provenance.json", lambda facts: {**facts, "schema": 99}), "schema 99"),
-        (damage("world.json", lambda plain: {**plain, "name": "other"}), "not the one that was run"),
+        (damage("world.json", lambda plain: {**plain, "name": "other"}), "not the world that was run"),
         (damage("world.json", lambda plain: {**plain, "more": 1}), "cannot be read"),
     ],
 )
@@ -128,7 +128,7 @@ def test_damage_is_refused_with_the_reason(tmp_path, spoil, words):
 
 def test_a_folder_of_something_else_is_no_run(tmp_path):
     assert not is_run(tmp_path)
-    with pytest.raises(SpecError, match="no saved run"):
+    with pytest.raises(SpecError, match="not a saved run"):
         load_run(tmp_path)
 
 
@@ -317,7 +317,10 @@ DAMAGE = {
     ),
     "times of another run": (retabled("energy", with_column("time", 0.25)), r"energy.parquet: its times"),
     "steps that fall": (retabled("states", with_column("step", 3)), "do not rise"),
-    "gaps": (retabled("energy", with_column("kinetic", lambda table: pa.nulls(len(table), pa.float64()))), "gaps"),
+    "gaps": (
+        retabled("energy", with_column("kinetic", lambda table: pa.nulls(len(table), pa.float64()))),
+        "missing values",
+    ),
     "contacts of no row": (retabled("contacts", with_column("row", 99)), "contacts.parquet: its rows"),
     "contacts of another step": (retabled("contacts", with_column("step", 7)), "contacts.parquet: its steps"),
     "a bomb": (retabled("bodies", bomb), r"bodies.parquet.*3,000,000 rows, should be 22"),

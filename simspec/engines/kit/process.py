@@ -202,7 +202,7 @@ class Running:
             self.kill()
             at, told = self._at_work()
             raise EngineError(
-                self.engine, f"no result within the time limit of {self._deadline:g} s{told}; killed{self._tail()}", at
+                self.engine, f"no result within its deadline of {self._deadline:g} s{told}; killed{self._tail()}", at
             ) from None
         wall = time.perf_counter() - self._started
         self.kill()  # what it left behind must not change what is read now
