@@ -129,7 +129,7 @@ def test_the_world_itself_loses_nothing(here):
         (["--format", "urdf", "--engine", "mujoco"], "--engine is about those of engines"),
         (["--format", "urdf", "--explain"], "--explain is about those of engines"),
         (["--engine", "urdf"], "'urdf' is a format, not an engine"),
-        (["--format", "urdf", "--out", "."], "no name of its own"),
+        (["--format", "urdf", "--out", "."], "is not a name"),
         (["--format", "urdf", "--set", "bodies.bob.mass=-1"], "mass"),
     ],
 )
