@@ -146,8 +146,8 @@ class Controller(Strict):
     )
     velocity_limit: Annotated[Any, PER_JOINT["velocity_limit"]] = Field(
         ABSENT,
-        description="The largest speed of the actuator, which the trajectory must keep to; the joint's own "
-        "`limits.velocity` holds besides",
+        description="The largest speed of the actuator, which the trajectory must not exceed; the joint's "
+        "`limits.velocity` also applies",
     )
     gear: Annotated[Any, PER_JOINT["gear"]] = Field(
         ABSENT,

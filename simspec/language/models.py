@@ -241,8 +241,8 @@ class Record(Strict):
     )
     show: list[Annotated[str, Name(path=True)]] = Field(
         [],
-        description="Full names of bodies, hinges and slides whose final state the table of a run shows; none: the roots that can "
-        "move, and all joints",
+        description="Full names of bodies, hinges and slides whose final state the table of a run shows; none: the roots that "
+        "can move, and all joints",
     )
 
 

@@ -210,8 +210,8 @@ class Trajectory(Strict):
     )
     until: Annotated[float, Number("time", 0, above=True)] = Field(
         ABSENT,
-        description="The run ends at this time, where that is before its `duration`; expectations that look at later times "
-        "are then not asked",
+        description="The run ends at this time, where that is before its `duration`; expectations at later times "
+        "are then not checked",
     )
     points: list[TrajectoryPoint] = Field(ABSENT, description="Points in time, in order")
     file: Annotated[str, FileName()] = Field(
