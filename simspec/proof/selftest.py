@@ -86,7 +86,7 @@ def self_test(
     Raises AssertionError when it does not.
     """
     say = progress or (lambda text: None)
-    outcomes = []
+    outcomes: list[Outcome] = []
     for engine in engines:
         bench = _Bench(engine, pythons or {})
         names = [name for name in NAMES if defects is None or name in defects]

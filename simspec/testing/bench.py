@@ -18,7 +18,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
 from simspec.proof.certificate import EngineProof
 from simspec.proof.probes import rotation_error
-from simspec.proof.verify import verify
+from simspec.proof.verify import LEVELS, verify
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature
 from simspec.testing.worlds import accepting, with_options
@@ -105,8 +105,7 @@ class Bench:
     def proof(self, world: World, *levels: str) -> EngineProof:
         """What is proven of ``world`` in the engine, of these levels (none: all)."""
         pythons = {} if self.python is None else {self.engine: self.python}
-        asked = {"levels": levels} if levels else {}
-        return verify(world, [self.engine], pythons=pythons, **asked).engines[self.engine]
+        return verify(world, [self.engine], pythons=pythons, levels=levels or LEVELS).engines[self.engine]
 
 
 def run_operation(world: World, steps: int, every: int | None = None, *channels: str) -> Operation:

@@ -14,7 +14,8 @@ from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
-from simspec.runner.execution import Run, run
+from simspec.runner.execution import run
+from simspec.runner.run import Run
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds

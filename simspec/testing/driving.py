@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +15,11 @@ from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 
-def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] | None = None, **more) -> World:
+def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] | None = None, **more: Any) -> World:
     """``world`` with one controller on all its hinges and slides (or ``joints``), and gains that suit a body of 1 kg."""
     if joints is None:
         joints = tuple(body.joint.name for body in world.bodies if body.joint.kind in ("hinge", "slide"))
-    given = {"effort_limits": (None,) * len(joints)}
+    given: dict[str, Any] = {"effort_limits": (None,) * len(joints)}
     if law == "computed-torque":
         given |= {"natural_frequency": 20.0, "damping_ratio": 1.0}
     else:
@@ -32,7 +33,7 @@ def told(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = Non
     return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(map(float, targets)),)))
 
 
-def chain(kinds: tuple[str, ...] = ("hinge", "slide", "hinge", "hinge"), timestep: float = 0.001, **more) -> World:
+def chain(kinds: tuple[str, ...] = ("hinge", "slide", "hinge", "hinge"), timestep: float = 0.001, **more: Any) -> World:
     """A chain of random bodies on a fixed base, at rest, under gravity."""
     bodies = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=(0.0,) * len(body.joint.velocity)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def floor() -> Body:
     return Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (shape("floor_0", "plane", ()),))
 
 
-def scene(*bodies: Body, **more: object) -> World:
+def scene(*bodies: Body, **more: Any) -> World:
     """Bodies on a floor, at 1 ms."""
     law = PairContact(worlds.MATERIAL.name, worlds.MATERIAL.name, worlds.MATERIAL.friction, 0.0)
     contact = Contact(materials=(worlds.MATERIAL,), pairs=(law,), excluded_bodies=worlds.parent_pairs(bodies))

@@ -10,6 +10,7 @@ import math
 import random
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 from simspec.compiler import missing_options
 from simspec.language.vocabulary import JOINT_KINDS
@@ -56,7 +57,7 @@ def inertial(generator: random.Random, reach: float = 0.1) -> Inertial:
     return Inertial(mass, centre, frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0)))
 
 
-def joint(kind: str, name: str, parent: str | None, generator: random.Random, **more: object) -> Joint:
+def joint(kind: str, name: str, parent: str | None, generator: random.Random, **more: Any) -> Joint:
     """A random joint with an initial state."""
     axis = (0.0, 0.0, 0.0)
     if kind in ("hinge", "slide"):
@@ -101,14 +102,14 @@ def parent_pairs(bodies: tuple[Body, ...]) -> tuple[tuple[str, str], ...]:
     return tuple(sorted(tuple(sorted((b.name, b.joint.parent))) for b in bodies if b.joint.parent is not None))
 
 
-def world(bodies: tuple[Body, ...], name: str = "test", **more: object) -> World:
+def world(bodies: tuple[Body, ...], name: str = "test", **more: Any) -> World:
     """A world of ``bodies`` without contact laws."""
     contact = more.pop("contact", Contact(excluded_bodies=parent_pairs(bodies)))
     physics = more.pop("physics", Physics(timestep=0.001, steps=2000))
     return World(name, bodies, contact=contact, physics=physics, **more)
 
 
-def every_joint(**more: object) -> World:
+def every_joint(**more: Any) -> World:
     """A free root with a fixed, hinge, slide and ball joint, full tensors, skew axes, offsets."""
     bodies = tree(["free", "hinge", "fixed", "slide", "ball", "hinge"], 7, [-1, 0, 1, 2, 0, 4], **more)
     return world(bodies, "every-joint")
@@ -126,7 +127,7 @@ def damped_springs() -> World:
     return world(bodies, "damped-springs")
 
 
-def _jointed(kind: str, **more: object) -> World:
+def _jointed(kind: str, **more: Any) -> World:
     """One body on a joint of this kind."""
     return world(tree([kind], 6, **more), kind)
 
@@ -157,7 +158,7 @@ def accepting(base: World, *engines: str) -> World:
     return base
 
 
-def with_options(base: World, engine: str, **options: tuple) -> World:
+def with_options(base: World, engine: str, **options: Any) -> World:
     """The same world with other options for one engine (settings, accept, outside)."""
     others = tuple(o for o in base.engines if o.engine != engine)
     return dataclasses.replace(base, engines=(*others, dataclasses.replace(base.options(engine), **options)))
@@ -230,7 +231,7 @@ def gripper() -> World:
 
     solid = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
     z, x = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    slide = {"kind": "slide", "position": (0.0,), "velocity": (0.0,)}
+    slide: dict[str, Any] = {"kind": "slide", "position": (0.0,), "velocity": (0.0,)}
     bodies = (
         Body("palm", "palm", solid, Joint("palm_joint", parent=None, axis=z, **slide), box("palm")),
         Body(
@@ -266,7 +267,7 @@ def gripper() -> World:
     return world(bodies, "gripper", contact=contact)
 
 
-def one_law(**law: object) -> World:
+def one_law(**law: Any) -> World:
     """A ball above a floor, of one material with this law."""
     pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
     base = spheres(1)
@@ -299,7 +300,7 @@ def placed(base: World, index: int, position: tuple[float, float, float]) -> Wor
     return dataclasses.replace(base, bodies=tuple(bodies))
 
 
-CONTACT_GAPS = {
+CONTACT_GAPS: Mapping[Feature, dict[str, Any]] = {
     Feature.FRICTION: {},
     Feature.RESTITUTION: {"restitution": 0.5},
     Feature.RESTITUTION_THRESHOLD: {"restitution": 0.5, "restitution_threshold": 0.3},
@@ -316,7 +317,7 @@ CONTACT_GAPS = {
 """For each feature of one pair's law the law that needs it."""
 
 
-def table(friction: dict[tuple[str, str], float], **law: object) -> World:
+def table(friction: dict[tuple[str, str], float], **law: Any) -> World:
     """Tiles of each material in a row, each with a small box of every material resting on it, far enough from each other.
 
     ``friction`` gives the value of every unordered pair (sorted names). Boxes are called "<material>_on_<tile>".
