@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -103,8 +104,9 @@ class Array(Strict):
     def count(self) -> int:
         """How many elements there are."""
         if self.grid is not None:
-            return self.grid[0] * self.grid[1] * self.grid[2]
-        return self.line or self.ring or len(self.poses)
+            return math.prod(self.grid)
+        counts: int = self.line or self.ring or len(self.poses)
+        return counts
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

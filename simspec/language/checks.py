@@ -80,8 +80,9 @@ def _model(bodies: Bodies) -> Iterator[Problem]:
         for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
             for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
                 if isinstance(name, str) and name not in bodies.raw:
-                    place, hint = ("contact", "exclude", index, position), near(name, bodies.raw)
-                    yield file.document.problem(place, f"the model has no body {name!r}", found=name, hint=hint)
+                    message, near_by = f"the model has no body {name!r}", near(name, bodies.raw)
+                    at = ("contact", "exclude", index, position)
+                    yield file.document.problem(at, message, found=name, hint=near_by)
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:
@@ -280,8 +281,8 @@ def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
         both = tuple(sorted(between))
         if both in seen:
             message = f"the pair {' and '.join(both)} is duplicated"
-            place = source.document.locate(("contact", "pairs", seen[both]))
-            found = f"first as pair {seen[both]}" + (f" at {place}" if place is not None else "")
+            first = source.document.locate(("contact", "pairs", seen[both]))
+            found = f"first as pair {seen[both]}" + (f" at {first}" if first is not None else "")
             hint = "remove one, or combine both into one entry"
             yield source.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
         seen.setdefault(both, index)

@@ -12,7 +12,7 @@ from pydantic_core import core_schema
 
 from simspec.language.document import INVALID
 from simspec.language.quantities import NAME, Name, Number, Reader, Vector
-from simspec.language.strict import Fault, Faults, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
 
 
 @dataclass(frozen=True)
@@ -244,10 +244,13 @@ class _OneKind(Strict):
     ONE_OF: ClassVar[tuple[str, ...]] = tuple(KINDS)
 
 
+_KINDS: dict[str, Any] = {
+    name: (_model(name, kind), Field(ABSENT, description=kind.meaning)) for name, kind in KINDS.items()
+}
 Expectation: type[Strict] = create_model(
     "Expectation",
     __base__=_OneKind,
     __doc__="One expectation: its kind, with its parameters.",
-    **{name: (_model(name, kind), Field(None, description=kind.meaning)) for name, kind in KINDS.items()},
+    **_KINDS,
 )
 """The model of an entry of ``expect``: exactly one kind."""

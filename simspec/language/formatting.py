@@ -51,7 +51,11 @@ def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     """The promise of the layout: the same data, the same comments."""
     after, again = _read(result, file)
     same = again is not None and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
-    if not same or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments):
+    if (
+        not same
+        or again is None
+        or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments)
+    ):
         message = "this file cannot be formatted without changing its meaning; it is not changed"
         raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])
 

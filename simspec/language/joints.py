@@ -229,8 +229,9 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         value = value.model_dump(exclude_unset=True)
     if not isinstance(value, dict):
         return value, []
-    dimension, data, found = DIMENSION[kind], dict(value), []
-    readers: dict[str, Any] = {
+    dimension, data = DIMENSION[kind], dict(value)
+    found: list[Fault] = []
+    readers: dict[str, dict[str, Any]] = {
         "limits": {
             "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
             "velocity": lambda item: Number(dimension["velocity"], 0).read(item),
@@ -240,11 +241,11 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
             "stiffness": lambda item: Number(dimension["stiffness"], 0).read(item),
             "rest": lambda item: Number(dimension["rest"]).read(item),
         },
-    }[key]
+    }
     if key == "spring" and kind == "ball" and "rest" in data:
         found.append(Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it"))
         del data["rest"]
-    for name, reader in readers.items():
+    for name, reader in readers[key].items():
         if name not in data:
             continue
         item = data.pop(name)

@@ -164,7 +164,7 @@ def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str |
     for entry in _ordered(node, kind):
         if any(entry.above) or entry.beside or entry.below:
             return None
-        below = walk.child(kind, entry.name if node.kind == "mapping" else 0)
+        below = walk.child(kind, entry.name if node.kind == "mapping" and entry.name is not None else 0)
         inner = entry.name if walk.is_model(kind) else None
         if entry.node.kind == "scalar":
             if "\n" in entry.node.text:

@@ -20,7 +20,8 @@ Candidate = tuple[Document, tuple[Key, ...]]
 def locate(source: Source, path: str) -> Location | None:
     """The place that says what the world has at ``path``, or of the nearest thing around it."""
     steps = tuple(path.split("."))
-    best, depth = (source.document, steps), -1
+    best: tuple[Document, tuple[str | int, ...]] = (source.document, steps)
+    depth = -1
     for document, candidate in _candidates(source, steps):
         found = _depth(document.data, candidate)
         # the first candidate that is there wholly; else the one that is there furthest

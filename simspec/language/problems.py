@@ -13,6 +13,7 @@ from simspec.language import walk
 from simspec.language.document import Document
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
+from simspec.language.quantities import Reader
 from simspec.language.strict import FAULT, REPORTED, Strict, near, show
 
 MOST_LOOKED_AT = 2000
@@ -34,12 +35,12 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
     for one in errors:
         if one["type"] == "extra_forbidden":
             words = walk.keys(walk.at(root, one["loc"][:-1]))
-            unknown.setdefault(one["loc"][:-1], set()).add(near(one["loc"][-1], words))
+            unknown.setdefault(one["loc"][:-1], set()).add(near(str(one["loc"][-1]), words))
     for one in errors:
         if one["type"] == REPORTED:
             continue
-        misspelt = unknown.get(one["loc"][:-1], ()) if one["type"] == "missing" else ()
-        if misspelt and near(one["loc"][-1], [str(one["loc"][-1])]) in misspelt:
+        misspelt = unknown.get(one["loc"][:-1], set()) if one["type"] == "missing" else ()
+        if misspelt and near(str(one["loc"][-1]), [str(one["loc"][-1])]) in misspelt:
             continue  # it is there, under a wrong name
         path, key = list(one["loc"]), False
         if path and path[-1] == "[key]":
@@ -55,7 +56,7 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
             owner = ".".join(str(step) for step in path[:-1])
             message = f"{path[-1]} is missing" + (f" in {owner}" if owner else "")
             kind = walk.at(root, path)
-            allowed = kind.describe() if isinstance(kind, walk.Reader) else None
+            allowed = kind.describe() if isinstance(kind, Reader) else None
             yield document.problem(path, message, allowed=allowed)
         else:
             wanted = _WANTED.get(one["type"], one["msg"])

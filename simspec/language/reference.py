@@ -21,7 +21,8 @@ EXPECTATIONS = "Expectation"
 def tables() -> dict[str, str]:
     """A Markdown table for every model of the language, by the model's name; ``Expectation``: all kinds in one."""
     found = {}
-    for name, model in {**walk.models(File), Orientation.__name__: Orientation}.items():
+    models: dict[str, type[Strict]] = {**walk.models(File), Orientation.__name__: Orientation}
+    for name, model in models.items():
         if model is not Expectation and model.__module__ != Expectation.__module__:
             found[name] = "\n".join(_table(model))
     found[EXPECTATIONS] = "\n".join(_expectations())

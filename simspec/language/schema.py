@@ -21,7 +21,7 @@ TITLE = "simspec: a scenario or a model for every physics engine"
 
 def json_schema() -> dict[str, Any]:
     """The schema of a spec: units are allowed where numbers are, unknown keys nowhere."""
-    models = {**walk.models(File), Orientation.__name__: Orientation}
+    models: dict[str, type[Strict]] = {**walk.models(File), Orientation.__name__: Orientation}
     definitions = {name: _model(model) for name, model in sorted(models.items())}
     return {"$schema": DIALECT, "title": TITLE, **definitions.pop(File.__name__), "definitions": definitions}
 
@@ -53,7 +53,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         one_word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
         properties["combine"].update(one_word)
     found: dict[str, Any] = {
-        "description": " ".join(inspect.getdoc(model).split()),
+        "description": " ".join((inspect.getdoc(model) or "").split()),
         "type": "object",
         "additionalProperties": False,
         "properties": properties,

@@ -100,11 +100,11 @@ class Collector:
                 source.uses[text] = found
         data = source.document.data
         trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
-        text = trajectory.get("file") if isinstance(trajectory, Mapping) else None
-        if isinstance(text, str):
-            source.table = self._place(source, ("trajectory", "file"), text)
+        table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
+        if isinstance(table, str):
+            source.table = self._place(source, ("trajectory", "file"), table)
 
-    def _problem(self, source: Source, path: tuple[str, ...], message: str, **more: str | None) -> None:
+    def _problem(self, source: Source, path: tuple[str, ...], message: str, **more: Any) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
     def _place(self, source: Source, path: tuple[str, ...], text: str) -> Path | None:

@@ -163,11 +163,14 @@ _STEP: Mapping[str, tuple[Any, Any, str]] = {
     "squeeze": (Share, 0.0, "grip: share of the grasp's forces, reached linearly over `in`; kept until the next grip"),
 }
 
+_STEP_FIELDS: dict[str, Any] = {
+    name: (kind, Field(default, description=meaning)) for name, (kind, default, meaning) in _STEP.items()
+}
 Step: type[Strict] = create_model(
     "Step",
     __base__=_Step,
     __doc__="One step of a program: a move, a grip or a wait. Moves and grips begin and end at rest, by minimum jerk.",
-    **{name: (kind, Field(default, description=meaning)) for name, (kind, default, meaning) in _STEP.items()},
+    **_STEP_FIELDS,
 )
 """The model of a step; ``in`` is a word of Python's own, so it cannot be written as a class."""
 
@@ -192,10 +195,10 @@ class Grasp(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        both = data.get("open"), data.get("closed")
-        if all(isinstance(one, Mapping) for one in both):
-            for name in both[0].keys() ^ both[1].keys():
-                lacks = "closed" if name in both[0] else "open"
+        opened, closed = data.get("open"), data.get("closed")
+        if isinstance(opened, Mapping) and isinstance(closed, Mapping):
+            for name in opened.keys() ^ closed.keys():
+                lacks = "closed" if name in opened else "open"
                 yield Fault((lacks,), f"{name} is missing here", None, "the same joints in open and closed")
 
 

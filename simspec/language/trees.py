@@ -57,7 +57,8 @@ class Bodies:
         """The type of a body's joint, the stated or the implied one."""
         joint = self.field(name, "joint")
         if isinstance(joint, Mapping):
-            kind = joint.get("type") if isinstance(joint.get("type"), str) else "free"
+            stated = joint.get("type")
+            kind = stated if isinstance(stated, str) else "free"
         else:
             kind = "fixed" if self.field(name, "fixed") is True else "free"
         if self.fixed is not None and kind in ("fixed", "free") and self.field(name, "parent") is None:

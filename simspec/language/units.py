@@ -119,7 +119,7 @@ class UnitError(ValueError):
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry(None, non_int_type=Fraction)
+    registry: Any = pint.UnitRegistry(None, non_int_type=Fraction)
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
     return registry
 
@@ -155,8 +155,8 @@ def _factor(expression: str) -> tuple[Fraction, Exponents]:
     Raises ValueError with the part that is not understood.
     """
     text = expression
-    for sign, word in _SIGNS:
-        text = text.replace(sign, word)
+    for symbol, word in _SIGNS:
+        text = text.replace(symbol, word)
     text = re.sub(r"^1\s*/", "/", text.strip())
     factor, exponents, position = Fraction(1), [0, 0, 0, 0], 0
     while position < len(text):
@@ -165,8 +165,8 @@ def _factor(expression: str) -> tuple[Fraction, Exponents]:
             raise ValueError(text[position:])
         sign = -1 if match["operator"].strip() == "/" else 1
         power = sign * int(match["power"] or 1)
-        one, powers = _unit(match["name"])
-        factor *= one**power
+        unit, powers = _unit(match["name"])
+        factor *= unit**power
         exponents = [total + power * each for total, each in zip(exponents, powers, strict=True)]
         position = match.end()
     return factor, tuple(exponents)  # type: ignore[return-value]
