@@ -436,7 +436,7 @@ def test_diff_of_two_specs_is_about_their_meaning(folder):
 def test_diff_wants_two_of_a_kind(folder):
     (folder / "runs").mkdir()
     assert "two run folders, or two specs" in simspec("diff", "runs", "fall.yaml", code=2).stderr
-    assert "no saved run" in simspec("diff", "runs", "runs", code=2).stderr
+    assert "not a saved run" in simspec("diff", "runs", "runs", code=2).stderr
 
 
 # --- engines ----------------------------------------------------------------------------------------------------------------

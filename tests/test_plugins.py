@@ -64,10 +64,10 @@ def offer(monkeypatch):
     [
         (None, "No module named 'nowhere_at_all'"),
         (17, "it is not an Engine"),
-        (Engine, "it does not say its NAME"),
-        (an_engine(NAME="other"), "it calls itself 'other'"),
+        (Engine, "it does not define NAME"),
+        (an_engine(NAME="other"), "its NAME is 'other'"),
         (an_engine(DIALECT="word"), "it is told worlds in 'word', which is not a dialect"),
-        (an_engine(SETTINGS=None), "it does not say its SETTINGS"),
+        (an_engine(SETTINGS=None), "it does not define SETTINGS"),
         (an_engine(SETTINGS={}), "it lacks the settings solver, "),
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),
     ],
@@ -87,7 +87,7 @@ def test_a_broken_engine_is_told_and_ignored(offer, value, why):
 def test_nobody_takes_the_name_of_simspec_s_own(offer):
     offer("mujoco", an_engine(NAME="mujoco"))
     assert find_engine("mujoco").__module__ == "simspec.engines.mujoco.engine"
-    assert any("the name is taken" in why for why in broken_engines().values())
+    assert any("the name is already used" in why for why in broken_engines().values())
 
 
 def test_a_sound_engine_is_used(offer):
