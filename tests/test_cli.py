@@ -389,14 +389,14 @@ def test_results_of_other_engines_stay(folder):
 def test_each_run_is_saved_as_it_ends(folder, monkeypatch):
     from simspec.comparison import study
 
-    real = study.run
+    real = study.run_case
 
-    def one_then_none(world, engine, **more):
-        if engine == "dart":
+    def one_then_none(case, **more):
+        if case.engine == "dart":
             raise RuntimeError("not foreseen")
-        return real(world, engine, **more)
+        return real(case, **more)
 
-    monkeypatch.setattr(study, "run", one_then_none)
+    monkeypatch.setattr(study, "run_case", one_then_none)
     with pytest.raises(RuntimeError):
         simspec("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--no-repeats")
     place = folder / "runs" / "fall"
