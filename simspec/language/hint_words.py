@@ -1,4 +1,4 @@
-"""Words of URDF, MJCF, SDF and plain speech, and what the language says instead.
+"""Words of other languages of models and of plain speech, and what the language says instead.
 
 How they are looked up stands in :mod:`simspec.language.hints`; a test holds every target against the language's schema.
 """

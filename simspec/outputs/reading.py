@@ -16,7 +16,7 @@ from simspec.errors import Problem, SpecError
 MOST_FILES = 100_000
 """Entries of one folder of output: the largest scenario has one file for each of 10,000 bodies."""
 LARGEST_TEXT = 256 * 2**20
-"""Bytes of a text that simspec wrote; the largest, the MJCF of 10,000 bodies, has 20 MB."""
+"""Bytes of a text that simspec wrote; the largest known, a file of 10,000 bodies, has 20 MB."""
 
 
 def refuse(path: object, why: str, hint: str | None = None) -> SpecError:

@@ -47,7 +47,7 @@ DEADLINE = 60.0
 EACH = 2.0
 LOST = 10.0
 """Seconds of CPU after which one operation is given up: no sound world's takes 2, some changed files make an engine go round
-in circles (DART follows parents that are each other's)."""
+in circles (parents that are each other's)."""
 WORKERS = 2
 SCENE_STEPS = 600
 SCENE_EVERY = 20

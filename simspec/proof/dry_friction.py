@@ -38,8 +38,8 @@ SLIDE_TOLERANCE = 1e-8
 """Of the speed that f alone gives in a trial: where all joints slide, friction is a constant effort, held to round-off (largest
 measured in 16 × 36 arms of 0.5 to 16 ms and f of 2e-3 to 20 N m: 5e-11)."""
 HOLD_TOLERANCE = 2e-3
-"""Of the same speed, at rest: friction is then a constraint, which MuJoCo has soft and iterative solvers solve in part (largest
-measured in the same: MuJoCo 3.3e-4, DART 3.8e-4, PyBullet 1.5e-4). A fifth of what f off by 1 % makes."""
+"""Of the same speed, at rest: friction is then a constraint, soft in some engines and solved in part by iterative solvers
+(largest measured in the same: 3.8e-4). A fifth of what f off by 1 % makes."""
 
 
 @dataclass(frozen=True)

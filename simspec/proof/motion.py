@@ -28,17 +28,17 @@ EVERY, LOOK = 40, 10
 """Steps between two instants that are compared; the second where there are few, and when a beginning is tried."""
 SECONDS = 2.0
 """Time in which motion comes as far as it should: what falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80 m/s, where
-PyBullet's own round-off is a hundred times the others' (measured)."""
+the round-off of one engine is a hundred times the others' (measured)."""
 TOLERANCE = 1e-9
 LOOSEST = 1e-7
 """Motion is compared up to the instant at which the tolerance would become larger: a chaotic world multiplies the last bit
 without end, and within 0.1 m and rad everything agrees."""
 LARGEST_TURN = 0.25
-"""rad in a step up to which motion is compared: what turns faster is not resolved by the timestep at all, and PyBullet turns
-nothing by more than π/4 in a step (measured, at the end of motions that diverge)."""
+"""rad in a step up to which motion is compared: what turns faster is not resolved by the timestep at all, and one engine
+turns nothing by more than π/4 in a step (measured, at the end of motions that diverge)."""
 LARGEST_SLIDE = 3.0
 """m from the beginning up to which a slide is followed: one without limits is flung out without end, and at 100 m the mass
-matrix is so uneven that one step of PyBullet is off by 1e-8, of MuJoCo and DART by 1e-10 (measured)."""
+matrix is so uneven that one step is off by 1e-10 to 1e-8, by the engine (measured)."""
 FLOOR_FACTOR = 100.0
 PERTURBATION = 1e-15
 DISTURBED = 4

@@ -22,7 +22,7 @@ SETTING = "sleeping"
 ON = ((SETTING, True),)
 RADIUS, LENGTH, MASS = 0.02, 0.1, 0.125
 SETTLED = 3000
-"""Steps of 1 ms after which every engine has put to sleep what rests: PyBullet takes 2 s."""
+"""Steps of 1 ms after which every engine has put to sleep what rests: the slowest takes 2 s (measured)."""
 
 
 def shape(name: str, kind: str, size: tuple[float, ...], pose: Pose | None = None) -> Shape:

@@ -176,7 +176,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Fixed-axis roll, pitch, yaw (URDF): first about x, then y, then z of the parent's frame; rad."""
+    """Fixed-axis roll, pitch, yaw (R = Rz Ry Rx): first about x, then y, then z of the parent's frame; rad."""
     (sr, cr), (sp, cp), (sy, cy) = (sine_cosine(x / 2.0) for x in (roll, pitch, yaw))
     return normalise(
         (
@@ -206,7 +206,7 @@ def to_rpy(q: Quaternion) -> Vector3:
 
 
 def to_euler_xyz(q: Quaternion) -> Vector3:
-    """Intrinsic X-Y-Z Euler angles (R = Rx Ry Rz), the convention of DART's .skel transforms."""
+    """Intrinsic X-Y-Z Euler angles (R = Rx Ry Rz); rad."""
     if q == IDENTITY:
         return (0.0, 0.0, 0.0)
     # R = Rx(a) Ry(b) Rz(c) means Rᵀ = Rz(−c) Ry(−b) Rx(−a): the roll, pitch and yaw of the inverse, negated.

@@ -10,7 +10,7 @@ free           position of the root body's **centre of mass** in the world, quat
                velocity of the centre of mass in world axes, angular velocity in the **body's** axes
 
 A free body's position is integrated at its centre of mass because that is what all engines can be made to do; integrating
-another point gives another discrete motion (measured in PyBullet: 2e-3 m after 2,000 steps of 1 ms).
+another point gives another discrete motion (measured in one of them: 2e-3 m after 2,000 steps of 1 ms).
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Pose:
 class Inertial:
     """Mass (kg), centre of mass in the body frame (m), and the inertia tensor about the centre of mass in axes
     parallel to the body frame's, as (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) in kg m²; the products of inertia are the tensor's
-    own off-diagonal elements (as in URDF)."""
+    own off-diagonal elements, with their sign."""
 
     mass: float
     centre_of_mass: Vector3 = (0.0, 0.0, 0.0)

@@ -59,7 +59,7 @@ class MujocoDialect(Dialect):
     """MJCF files for MuJoCo.
 
     Contact. The common law of every pair: in one step the normal velocity v becomes −e v + β r / dt (e restitution, r overlap,
-    β ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``; with e = 0 DART does the same by itself. MuJoCo
+    β ``contact_error_reduction``), written as ``solref="-β/dt² -(1+e)/dt"``; with e = 0 rigid contact does the same. MuJoCo
     takes the smaller number of each pair, so the larger restitution holds. Compliant contact is the same constraint with
     an impedance near zero, native contact MuJoCo's own numbers (``contact.HARDNESS``).
 

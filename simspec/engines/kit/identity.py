@@ -1,7 +1,7 @@
 """Which engine is meant: its name, and where several versions of one are at work, version and interpreter too.
 
-A *label* stands for an engine everywhere: in options of the command line, runs, certificates and tables. ``mujoco`` is what
-is installed here; ``mujoco@3.8`` is version 3.8 of it, wherever that is.
+A *label* stands for an engine everywhere: in options of the command line, runs, certificates and tables. ``NAME`` is what
+is installed here; ``NAME@3.8`` is version 3.8 of it, wherever that is.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class EngineId:
 
     @property
     def label(self) -> str:
-        """``mujoco``, or ``mujoco@3.8``."""
+        """The name, or name and version: ``NAME@3.8``."""
         return f"{self.name}{MARK}{self.version}" if self.version else self.name
 
 

@@ -55,7 +55,7 @@ LOOK_EVERY = 0.5
 """s between two looks at it; it is written half as often."""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
-BLAS changes sums from run to run (and DART is 2 to 5 % slower beside its idle threads: measured)."""
+BLAS changes sums from run to run (and one engine is 2 to 5 % slower beside its idle threads: measured)."""
 GRACE = 2.0
 """s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
 LOG_TAIL = 2000

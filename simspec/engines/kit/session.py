@@ -1,6 +1,7 @@
 """A session: an engine stepped in this process, with the artifacts that it has loaded.
 
->>> with Session("mujoco", Path("generated/double-pendulum/mujoco")) as session:
+>>> engine = next(iter(simspec.known_engines()))
+>>> with Session(engine, Path("generated/double-pendulum") / engine) as session:
 ...     session.step(1000)
 ...     poses, velocities = session.body_states()
 ...     session.reset()

@@ -16,7 +16,7 @@ from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 FLAT_MARGIN = 1.0 - 2.0**-40
 """Share of λ1 + λ2 that the largest principal moment may reach. An inertia with λmax > λ1 + λ2, even by round-off, is
-zeroed by PyBullet and refused by MuJoCo (measured: 77 of 200 flat bodies); 2⁻⁴⁰ ≈ 9e-13 is inside the 1e-12 of proof
+zeroed by one engine and refused by another (measured: 77 of 200 flat bodies); 2⁻⁴⁰ ≈ 9e-13 is inside the 1e-12 of proof
 level L0."""
 
 

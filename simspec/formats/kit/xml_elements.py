@@ -15,9 +15,9 @@ from xml.parsers import expat
 from simspec.outputs.reading import read_bytes
 
 LARGEST_FILE: Final = 128 * 2**20
-"""Bytes; the MJCF of 10,000 bodies has 20 MB."""
+"""Bytes; the largest known file, of 10,000 bodies, has 20 MB."""
 MOST_ELEMENTS: Final = 500_000
-"""The MJCF of 10,000 bodies has 50,000, its URDF 300,000."""
+"""A world of 10,000 bodies has 50,000 to 300,000, by the language."""
 MOST_DEPTH: Final = 100_000
 """Elements in one another: a chain of bodies nests each in its parent."""
 MOST_ATTRIBUTES: Final = 256

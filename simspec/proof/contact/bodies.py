@@ -9,7 +9,7 @@ from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, Vector3
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
-"""m. A box, not a plane: PyBullet's plane makes boxes tumble, and DART's gives one contact for a face."""
+"""m. A box, not a plane: on one engine's planes boxes tumble, and another's gives one contact for a face."""
 STILL = (0.0,) * 6
 """Velocity: linear of the body's frame, then angular, both in world axes."""
 

@@ -27,8 +27,8 @@ SETTLED = 10.0
 """Time constants of the slower decay after which the resting ball is looked at."""
 MOST_STEPS = 6000
 DIP_STEPS = 1.0
-"""Steps' way at the speed of arrival: when in a step contact begins, and whether the force is that of its beginning (MuJoCo)
-or its end (Bullet)."""
+"""Steps' way at the speed of arrival: when in a step contact begins, and whether the force is that of the step's beginning
+or of its end."""
 REST_DEPTH_SHARE = 0.01
 """Relative tolerance of the depth at rest, which does not depend on the timestep."""
 

@@ -30,11 +30,11 @@ WEIGHT = MASS * GRAVITY
 PUSH = 1.6
 """Push over the limit of friction. Far enough above it for the slip to be clear, and near enough for friction to matter."""
 SETTLE = 0.05
-"""s in which sliders come to rest on the floor, at least ten steps; MuJoCo's contact takes some 30 ms at 1 ms."""
+"""s in which sliders come to rest on the floor, at least ten steps; the softest contact measured takes some 30 ms at 1 ms."""
 PUSHED = 0.06
 """s of pushing, at least 40 steps; the second half counts, so that the first slip does not."""
 SPEED_OFF = 1.0
-"""m/s at most while pushed: MuJoCo's sliders hop at higher speed."""
+"""m/s at most while pushed: under an associated friction law, sliders hop at higher speed."""
 PUSH_TOLERANCE = 0.01
 """Of μ: what is promised at 1 ms; solvers of finite accuracy stay below."""
 NO_FRICTION = 1e-6

@@ -13,7 +13,7 @@ from simspec.world import frames
 from simspec.world.types import Body
 
 RESTITUTION_SPEEDS = (1.0, 2.0, 5.0)
-"""Approach speeds (m/s): where bouncing matters, and where all core engines bounce (DART does not below e v = 0.1 m/s)."""
+"""Approach speeds (m/s): where bouncing matters, and where every engine bounces (one does not below e v = 0.1 m/s)."""
 BELOW_THRESHOLD = 0.5
 """Share of the threshold speed at which nothing may bounce."""
 THRESHOLD = "threshold"
@@ -32,12 +32,12 @@ TURNED = 0.01
 ERROR_REDUCTION = 0.01
 """β of the common hardness (see ``world.types.Hardness``)."""
 OVERLAPS = (1e-5, 5e-5)
-"""Initial overlaps (m): of rest and build, and small enough for engines that limit the speed of recovery (DART, to
-1 mm/s) to have the law."""
+"""Initial overlaps (m): of rest and build, and small enough for engines that limit the speed of recovery (measured:
+to 1 mm/s) to have the law."""
 OVERLAP_SHARE = 0.02
 """Of the expected speed: what a solver of finite accuracy may miss, ten times what any core engine does."""
 OVERLAP_GRAVITY = 2e-3
-"""Of one step's gravity: MuJoCo's contacts reach 0.999 of the reference, and gravity is part of what they stop."""
+"""Of one step's gravity: soft contacts reach 0.999 of the reference, and gravity is part of what they stop."""
 
 REST_DEPTH = 1e-4
 """m: the promise for rigid contact; engines' own soft defaults lie 0.1 to 0.4 mm deep."""
@@ -173,9 +173,9 @@ class Rest(Probe):
 def hop(law: Law) -> float:
     """The speed (m/s) up to which a body at rest hops under a law with restitution.
 
-    PyBullet and DART multiply a step's speed after gravity was added. In units of g dt: a body that leaves with u stays in
+    Some engines multiply a step's speed after gravity was added. In units of g dt: a body that leaves with u stays in
     the air for up to ⌈2u⌉ steps and comes down with less than u + 1; the next step's fall makes the approach a < u + 2, and
-    u = e a. So a < 2/(1 − e), and what is seen, a − 1, stays below (1 + e)/(1 − e). Measured in PyBullet, whatever the
+    u = e a. So a < 2/(1 − e), and what is seen, a − 1, stays below (1 + e)/(1 − e). Measured, whatever the
     friction and the timestep: 0.87 of 1.86 at e = 0.3, 1.43 of 2.33 at 0.4, 4.0 of 9 at 0.8. No threshold speed is above it
     at every timestep.
     """

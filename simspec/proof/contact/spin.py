@@ -18,9 +18,9 @@ STEPS = 300
 """Steps in which a ball is slowed down to rest: one step more or less, as a probe's resolution, is 0.3 %."""
 MEASURED = (0.1, 0.6)
 """Shares of these steps between which the deceleration is taken: after the contact has settled, and before the last tenth
-of the speed, where engines whose friction takes slip back by a rate (MuJoCo) fade out instead of stopping."""
+of the speed, where engines whose friction takes slip back by a rate fade out instead of stopping."""
 DECELERATION_SHARE = 0.02
-"""Of the expected deceleration. Bullet keeps to 0.1 %, MuJoCo's elliptic cone to 0.5 % in spin; both moments
+"""Of the expected deceleration. The best engines keep to 0.1 %, a soft elliptic cone to 0.5 % in spin; both moments
 share one cone with the sliding force there, which costs a rolling ball up to 0.5 % at SLENDERNESS."""
 REST_SHARE = 1e-3
 """Of the initial speed, what may be left at twice the time to rest."""

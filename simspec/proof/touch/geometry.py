@@ -16,10 +16,10 @@ from simspec.world.types import Pose, Shape, World
 
 DIP = 0.5
 """Share of the smaller shape's inner radius by which two shapes are made to overlap: far beyond margins, not so deep that
-normals vanish. MuJoCo and PyBullet report all of 160 random poses of each two kinds of shapes at that depth; DART's detectors
-miss up to 3 of 40 where a cylinder is one of them (measured), hence further poses (``place.POSES``)."""
+normals vanish. Sound detectors report all of 160 random poses of each two kinds of shapes at that depth; the worst miss up to
+3 of 40 where a cylinder is one of them (measured), hence further poses (``place.POSES``)."""
 ENOUGH = 0.2
-"""The least such share that counts as an overlap: still reported by MuJoCo and PyBullet in every pose (measured)."""
+"""The least such share that counts as an overlap: sound detectors still report it in every pose (measured)."""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from simspec.proof.touch.geometry import Solid, gap, wanted_depth
 
 POSES = 3
 """Poses in which two shapes that may touch are tried when some detector misses overlaps of their kinds; one contact is enough.
-In the last one the centre of the one is inside the other: DART's ode takes an ellipsoid for a sphere of 0.01 m there, its fcl
-a capsule for one of 0.1 m."""
+In the last one the centre of the one is inside the other: a detector that takes a small sphere in place of a shape that it does
+not know misses every shallower overlap (measured: of 0.01 m for an ellipsoid, of 0.1 m for a capsule)."""
 EASY = frozenset({"sphere", "box", "plane"})
 """Kinds of shapes of which no detector of any engine missed an overlap (measured, see ``geometry.DIP``)."""
 SEVERAL = 4
