@@ -32,6 +32,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
 from simspec.proof.mutation_worlds import WORLDS
+from simspec.proof.selftest_worlds import SMALLER
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain
@@ -57,7 +58,8 @@ SEED = 12
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What became of one mutation: ``verdict`` is one of ``VERDICTS``, ``by`` the first level that noticed, ``why`` what it
-    said, or what the engine refused it with, or the reason that is declared for its being inert."""
+    said, or what the engine refused it with, or the reason that is declared for its being inert; ``row`` names the row of
+    the dialect's table that declares it."""
 
     engine: str
     world: str
@@ -69,17 +71,20 @@ class Verdict:
     verdict: str
     by: str = ""
     why: str = ""
+    row: str = ""
 
 
 @dataclass(frozen=True)
 class CompleteTest:
-    """All verdicts; ``skipped``: worlds that an engine cannot have, with the reason, by "engine, world"; ``versions`` by
-    engine; ``seconds`` in all."""
+    """All verdicts; ``skipped``: worlds that an engine was not tested with, with the reason, by "engine, world"; ``versions``
+    by engine; ``seconds`` in all; ``unused``: by engine the rows of its dialect's table that declare something inert and no
+    change needed, known only when every world and every change was tried."""
 
     verdicts: tuple[Verdict, ...]
     skipped: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+    unused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def count(self, engine: str | None = None, kind: str | None = None, verdict: str | None = None) -> int:
         """How many there are of an engine, a kind of change, a verdict (None: all)."""
@@ -127,35 +132,51 @@ def table_of(dialect: str) -> MutationTable:
     return table
 
 
+def unused_rows(table: MutationTable, verdicts: Iterable[Verdict]) -> tuple[str, ...]:
+    """The rows of ``table`` that declare something inert, and by which none of ``verdicts`` is."""
+    used = {verdict.row for verdict in verdicts if verdict.verdict == "inert"}
+    return tuple(dict.fromkeys(row.name for row in table.inert if row.name not in used))
+
+
 def complete_self_test(
     engines: Sequence[str],
     *,
     worlds: Sequence[str] = (),
-    only: Callable[[Mutation], bool] = lambda mutation: True,
+    only: Callable[[Mutation], bool] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> CompleteTest:
     """Try every mutation of every world (or of those named) in every engine.
 
-    ``only`` chooses among the mutations. Raises AssertionError when an unchanged world does not verify, or does not move twice
-    alike: then nothing could be said.
+    ``only`` chooses among the mutations. A world that only stands in for another (``SMALLER``) is left out for engines that
+    support that one, unless it is named. Raises AssertionError when an unchanged world does not verify, or does not move
+    twice alike: then nothing could be said.
     """
     say = progress or (lambda text: None)
     started = time.monotonic()
     verdicts: list[Verdict] = []
     skipped: dict[str, str] = {}
+    unused: dict[str, tuple[str, ...]] = {}
     for engine in engines:
+        tried: list[Verdict] = []
+        stand_ins: dict[str, str] = {}
         for name in worlds or WORLDS:
-            bench = _Bench.of(engine, name)
+            larger = stand_ins.get(name)
+            bench = f"stands in for the world {larger!r}, which the engine has" if larger else _Bench.of(engine, name)
             if isinstance(bench, str):
                 skipped[f"{engine}, {name}"] = bench
                 continue
-            begun, before = time.monotonic(), len(verdicts)
-            verdicts += bench.verdicts(only)
-            missed = sum(one.verdict == "missed" for one in verdicts[before:])
-            count = len(verdicts) - before
-            say(f"{engine}, {name}: {count} mutations, {missed} missed, {time.monotonic() - begun:.0f} s")
+            if name in SMALLER and not worlds:
+                stand_ins[SMALLER[name][0]] = name
+            begun = time.monotonic()
+            of_world = bench.verdicts(only or (lambda mutation: True))
+            tried += of_world
+            missed = sum(verdict.verdict == "missed" for verdict in of_world)
+            say(f"{engine}, {name}: {len(of_world)} mutations, {missed} missed, {time.monotonic() - begun:.0f} s")
+        verdicts += tried
+        if not worlds and only is None:
+            unused[engine] = unused_rows(table_of(find_engine(engine).DIALECT), tried)
     versions = {engine: str(find_engine(engine).version()) for engine in engines}
-    return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started)
+    return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started, unused)
 
 
 @dataclass(frozen=True)
@@ -238,7 +259,7 @@ class _Bench:
                 row = self.table.inertness(mutation) or NOTHING
                 apart = _departure(self.still, [_seen(answer) for answer in answers])
                 if apart <= row.within:
-                    verdict = self._verdict(mutation, "inert", why=row.why)
+                    verdict = self._verdict(mutation, "inert", why=row.why, row=row.name)
                 else:
                     acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
             yield mutation, verdict
@@ -291,9 +312,9 @@ class _Bench:
         refusals = [answer.result["refused"] for answer in answers if "refused" in answer.result]
         return self._verdict(mutation, "refused", why=refusals[0]) if refusals else None
 
-    def _verdict(self, mutation: Mutation, verdict: str, by: str = "", why: str = "") -> Verdict:
+    def _verdict(self, mutation: Mutation, verdict: str, by: str = "", why: str = "", row: str = "") -> Verdict:
         place = (mutation.file, mutation.kind, mutation.site, mutation.place, mutation.change)
-        return Verdict(self.engine.NAME, self.name, *place, verdict, by, why)
+        return Verdict(self.engine.NAME, self.name, *place, verdict, by, why, row)
 
     # --- asking ---------------------------------------------------------------------------------------------------
 

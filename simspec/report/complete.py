@@ -31,6 +31,7 @@ def complete_data(found: CompleteTest) -> dict[str, Any]:
         "skipped": found.skipped,
         "rows": rows,
         "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(found)],
+        "unused": found.unused,
         "mutations": found.verdicts,
     }
 
@@ -47,6 +48,9 @@ def show_complete(found: CompleteTest, screen: Console) -> None:
         screen.print(f"and {len(found.missed) - SHOWN} more (--json lists all)")
     for where, why in found.skipped.items():
         screen.print(f"{where}: {why}", markup=False)
+    for engine, rows in found.unused.items():
+        for row in rows:
+            screen.print(f"{engine}: declared inert, and no change needs it: {row}", markup=False)
     planted, missed = found.count(), len(found.missed)
     screen.print(f"missed {missed} of {planted} changes, in {found.seconds / 60.0:.0f} min")
 

@@ -89,7 +89,7 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
         Verdict("one", "world", *place, "missed" if missed else "caught", "L2", "damping"),
         Verdict("one", "world", *place, "inert", why="a reason"),
     )
-    found = CompleteTest(verdicts, {"one, other": "it cannot"}, {"one": "1.2"}, 60.0)
+    found = CompleteTest(verdicts, {"one, other": "it cannot"}, {"one": "1.2"}, 60.0, {"one": ("stale@row",)})
     monkeypatch.setattr(complete, "complete_self_test", lambda engines, progress: found)
     assert command.complete_self_test(["one"], as_json=True) == int(missed)
     answer = json.loads(capsys.readouterr().out)
@@ -105,10 +105,12 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
     }
     assert answer["inert"] == [{"engine": "one", "reason": "a reason", "count": 1}]
     assert answer["mutations"][0]["place"] == "joint[a]@damping"
+    assert answer["unused"] == {"one": ["stale@row"]}
     assert command.complete_self_test(["one"], as_json=False) == int(missed)
     said = capsys.readouterr().out
     assert ("MISSED one, world: model.xml joint[a]@damping: scaled 1 to 1.01" in said) == missed
     assert "one, other: it cannot" in said
+    assert "one: declared inert, and no change needs it: stale@row" in said
     assert f"missed {int(missed)} of 2 changes" in said
 
 
@@ -132,6 +134,33 @@ def test_the_table_counts_by_engine_and_kind():
     assert not found.passed
     assert CompleteTest(verdicts[::2]).passed
     assert not CompleteTest(()).passed, "nothing planted is nothing shown"
+
+
+def test_rows_that_no_change_needs_are_named(tested):
+    """Whether nothing matches them, or all they match is caught or refused before motion is asked."""
+    needed, stale = Inert("mujoco@model", "a name"), Inert("nothing@*", "of nothing", ("word",))
+    caught = Inert("inertial@mass", "what is caught", file="*.xml")
+    table = MutationTable(inert=(needed, stale, caught))
+    assert needed.name in {one.row for one in tested.verdicts if one.verdict == "inert"}
+    assert complete.unused_rows(table, tested.verdicts) == ("nothing@*; word", "inertial@mass; *.xml")
+    assert tested.unused == {}, "nothing is known of rows when only some changes were tried"
+
+
+@pytest.mark.parametrize("large", [True, False])
+def test_a_world_that_stands_in_for_another_is_left_out_where_that_one_is_supported(large, monkeypatch):
+    def bench_of(engine, name):
+        if name == "model" and not large:
+            return "it refuses slides"
+        verdicts = (Verdict(engine, name, "file", "word", "site", "place", "change", "caught"),)
+        return type("Bench", (), {"verdicts": lambda self, only: verdicts})()
+
+    monkeypatch.setattr(complete._Bench, "of", bench_of)
+    found = complete_self_test(["mujoco"])
+    assert {one.world for one in found.verdicts} == set(WORLDS) - {"core" if large else "model"}
+    assert ("mujoco, core" in found.skipped) == large
+    assert found.unused["mujoco"], "no row was needed"
+    named = complete_self_test(["mujoco"], worlds=["model", "core"])
+    assert {one.world for one in named.verdicts} == {"core", *(("model",) if large else ())}
 
 
 def test_a_format_without_a_table_gets_an_empty_one(monkeypatch):

@@ -101,6 +101,13 @@ class Inert:
     without: str = ""
     within: float = STILL
 
+    @property
+    def name(self) -> str:
+        """The row as a report names it: what it is restricted to."""
+        limits = (", ".join(self.kinds), *(part for part in (self.file, self.place) if part != "*"))
+        without = f"without {self.without}" if self.without else ""
+        return "; ".join(part for part in (self.site, *limits, without) if part)
+
     def says(self, mutation: Mutation) -> bool:
         """Whether this row declares ``mutation``."""
         return (
