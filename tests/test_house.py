@@ -312,6 +312,41 @@ def test_temporary_folders_are_marked(path):
     }
 
 
+def features_in_one_go(tree: ast.AST) -> list[int]:
+    """Lines that go through every feature to make something: a new feature would be declared there without a word."""
+    lines = []
+    for node in ast.walk(tree):
+        given: list[ast.expr] = []
+        if isinstance(node, ast.Call):
+            given = [*node.args, *(key.value for key in node.keywords)]
+        elif isinstance(node, (ast.comprehension, ast.For)):
+            given = [node.iter]
+        elif isinstance(node, ast.Starred):
+            given = [node.value]
+        lines.extend(one.lineno for one in given if isinstance(one, ast.Name) and one.id == "Feature")
+    return lines
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if part(path) in ("formats", "dialects", "engines")],
+    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
+)
+def test_tables_of_support_name_every_feature(path):
+    assert not features_in_one_go(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_tables_that_name_no_feature_are_seen():
+    text = """
+dict.fromkeys(Feature, EXACT)
+exactly(*Feature); dict.fromkeys(tuple(Feature)); alike(EXACT, *list(Feature))
+{feature: EXACT for feature in Feature}
+for feature in Feature: table[feature] = EXACT
+exactly(Feature.JOINT_FIXED); Feature("joint.fixed"); x: Mapping[Feature, Support] = {Feature.CONTROL: EXACT}
+"""
+    assert sorted(features_in_one_go(ast.parse(text))) == [2, 3, 3, 3, 4, 5]
+
+
 def words_as_written(tree):
     return [
         (node.lineno, node.attr if isinstance(node, ast.Attribute) else node.id)

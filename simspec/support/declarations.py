@@ -179,6 +179,16 @@ def not_yet(why: str, attempt: Attempt) -> Support:
 Table = Mapping[Feature, Support]
 
 
+def alike(support: Support, *features: Feature) -> dict[Feature, Support]:
+    """One declaration for each of ``features``. They are named, so that :func:`check_total` sees that a new one is missing."""
+    return dict.fromkeys(features, support)
+
+
+def exactly(*features: Feature) -> dict[Feature, Support]:
+    """EXACT for each of ``features``, with nothing to add."""
+    return alike(EXACT, *features)
+
+
 def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     """EXACT for the kinds of shapes in ``known``, a table of the owner's own, and never for all others: a new kind is
     refused by name where nobody has written it."""
@@ -189,9 +199,9 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     }
 
 
-NO_CONSTRAINTS_YET: Mapping[Feature, Support] = dict.fromkeys(
-    (Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
     not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
+    *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
 )
 """For dialects and engines that nobody has told ``World.constraints``."""
 

@@ -33,7 +33,17 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
 from simspec.formats.skel.format import GEOMETRY
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, shape_kinds, via_api
+from simspec.support.declarations import (
+    EXACT,
+    NO_CONSTRAINTS_YET,
+    Level,
+    Support,
+    Table,
+    exactly,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -63,7 +73,19 @@ class DartDialect(Dialect):
 
     NAME: ClassVar[str] = "dart"
     FORMAT: ClassVar[str] = "skel"
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.DRY_FRICTION,
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.CONTROL, Feature.CONTROL_NATIVE),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         **shape_kinds("DART", ("plane", *GEOMETRY)),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
         Feature.LIMIT_VELOCITY: via_api(_SIDECAR),

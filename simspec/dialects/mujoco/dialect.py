@@ -42,12 +42,12 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Key, Model
 from simspec.support.declarations import (
-    EXACT,
     NO_CONSTRAINTS_YET,
     Level,
     Support,
     Table,
     approximate,
+    exactly,
     never,
     shape_kinds,
 )
@@ -74,7 +74,30 @@ class MujocoDialect(Dialect):
     FORMAT: ClassVar[str] = "mjcf"
     SIDECAR: ClassVar[type[Sidecar] | None] = MujocoSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = SETTINGS
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.LIMIT_POSITION,
+            *(
+                Feature.DAMPING,
+                Feature.BALL_DAMPING,
+                Feature.DRY_FRICTION,
+                Feature.ARMATURE,
+                Feature.SPRING,
+                Feature.BALL_SPRING,
+            ),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
+            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            Feature.CONTROL,
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         **shape_kinds("MuJoCo", ("plane", *SIZES)),
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),

@@ -31,7 +31,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Support, Table, never, via_api
+from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, alike, exactly, never, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
@@ -67,10 +67,10 @@ class UrdfDialect(Dialect):
     FORMAT: ClassVar[str] = "urdf"
     SIDECAR: ClassVar[type[Sidecar] | None] = UrdfSidecar
     SUPPORT: ClassVar[Table] = {
-        **dict.fromkeys(_IN_THE_FILE, EXACT),
-        **dict.fromkeys(_BY_NAME, via_api(_SIDECAR)),
-        **dict.fromkeys(_NOT_OF_FILES, Support(EXACT.level)),
-        **dict.fromkeys((Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING), never(_NO_BALL)),
+        **exactly(*_IN_THE_FILE),
+        **alike(via_api(_SIDECAR), *_BY_NAME),
+        **exactly(*_NOT_OF_FILES),
+        **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING),
         **NO_CONSTRAINTS_YET,
     }
 

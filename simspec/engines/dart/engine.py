@@ -41,6 +41,7 @@ from simspec.support.declarations import (
     Support,
     Table,
     approximate,
+    exactly,
     never,
     outside,
     via_api,
@@ -124,7 +125,14 @@ class Dart(SimulatedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.DRY_FRICTION,
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY, Feature.INERTIA, Feature.INERTIA_FULL),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(
             Level.EXACT, "in the sidecar only: DART would enforce it together with the position limits"

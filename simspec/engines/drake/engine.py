@@ -25,7 +25,6 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
-    EXACT,
     NO_CONSTRAINTS_YET,
     Attempt,
     Level,
@@ -33,6 +32,7 @@ from simspec.support.declarations import (
     Support,
     Table,
     approximate,
+    exactly,
     never,
     not_here,
     not_yet,
@@ -96,7 +96,18 @@ class Drake(SimulatedEngine[Simulation]):
         Capability.NATIVE_CONTROLLERS: _PD,
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),
+            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            Feature.FRICTION,
+            Feature.HARDNESS_COMMON,
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(

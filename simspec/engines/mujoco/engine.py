@@ -17,7 +17,7 @@ import numpy as np
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
-from simspec.dialects.mujoco.choices import FLAGS
+from simspec.dialects.mujoco.choices import FLAGS, SIZES
 from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, file_name
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
@@ -35,7 +35,17 @@ from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, approximate, never, via_api
+from simspec.support.declarations import (
+    NO_CONSTRAINTS_YET,
+    Level,
+    Support,
+    Table,
+    approximate,
+    exactly,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
@@ -65,7 +75,19 @@ class MuJoCo(Engine):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.SPRING, Feature.BALL_SPRING),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            Feature.FRICTION,
+            *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
+        **shape_kinds("MuJoCo", ("plane", *SIZES)),
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
             "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",

@@ -11,7 +11,7 @@ from simspec.formats.kit.text import environment
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.reading import read_document
 from simspec.formats.mjcf.tree import Body, Model
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Level, Support, Table, never, outside
+from simspec.support.declarations import NO_CONSTRAINTS_YET, Level, Support, Table, exactly, never, outside
 from simspec.support.features import Feature
 
 MODEL: Final = "model.xml"
@@ -23,7 +23,31 @@ class Mjcf(Format):
     """The MJCF language, without what any one program makes of it."""
 
     NAME: ClassVar[str] = "mjcf"
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.LIMIT_POSITION,
+            *(
+                Feature.DAMPING,
+                Feature.BALL_DAMPING,
+                Feature.DRY_FRICTION,
+                Feature.ARMATURE,
+                Feature.SPRING,
+                Feature.BALL_SPRING,
+            ),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_CAPSULE),
+            *(Feature.SHAPE_ELLIPSOID, Feature.SHAPE_PLANE),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),

@@ -14,7 +14,7 @@ from simspec.formats.kit.contract import Format
 from simspec.formats.kit.text import environment
 from simspec.formats.skel.document import Document
 from simspec.formats.skel.tree import Body, Joint, Shape, World
-from simspec.support.declarations import EXACT, Level, Support, Table, never, outside, shape_kinds
+from simspec.support.declarations import Level, Support, Table, alike, exactly, never, outside, shape_kinds
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import Pose
@@ -51,7 +51,15 @@ class Skel(Format):
     """The .skel language, without what the program that reads it makes of it."""
 
     NAME: ClassVar[str] = "skel"
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.DRY_FRICTION,
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
         **shape_kinds(".skel", ("plane", *GEOMETRY)),
         Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
         Feature.LIMIT_POSITION: never(".skel has limits, but not whether they are enforced"),
@@ -62,32 +70,17 @@ class Skel(Format):
         Feature.SPRING: never(_IMPLICIT),
         Feature.BALL_SPRING: never(_IMPLICIT),
         Feature.ARMATURE: never(".skel has no armature"),
-        **dict.fromkeys(
-            (
-                Feature.MATERIALS_PER_BODY,
-                Feature.FRICTION,
-                Feature.FRICTION_PAIRS,
-                Feature.RESTITUTION,
-                Feature.RESTITUTION_PAIRS,
-                Feature.RESTITUTION_THRESHOLD,
-                Feature.TORSIONAL_FRICTION,
-                Feature.ROLLING_FRICTION,
-                Feature.IMPACT_FRICTION,
-                Feature.CONE_ELLIPTIC,
-                Feature.CONE_PYRAMID_INSCRIBED,
-                Feature.CONE_PYRAMID_CIRCUMSCRIBED,
-            ),
+        **alike(
             never(_SURFACE),
+            *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
+            *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
+            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC),
+            *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
         ),
-        **dict.fromkeys(
-            (
-                Feature.HARDNESS_COMMON,
-                Feature.HARDNESS_TIME_CONSTANT,
-                Feature.HARDNESS_STIFFNESS,
-                Feature.HARDNESS_NATIVE,
-                Feature.HARDNESS_PAIRS,
-            ),
+        **alike(
             never(_HARDNESS),
+            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         ),
         Feature.PASSING_PAIRS: never(_FILTER),
         Feature.COLLISION_GROUPS: never(_FILTER),

@@ -10,7 +10,16 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.urdf.from_world import GEOMETRY, UNLIMITED, Files
 from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Table, approximate, never, shape_kinds, via_api
+from simspec.support.declarations import (
+    NO_CONSTRAINTS_YET,
+    Table,
+    alike,
+    approximate,
+    exactly,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -22,14 +31,11 @@ _NO_CONTACT = "URDF has no numbers of contact"
 _IN_PLACEMENT = f"in {PLACEMENT}"
 
 SUPPORT: Final[Table] = {
-    **dict.fromkeys(
-        (
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING, Feature.DRY_FRICTION),
-            *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
-        ),
-        EXACT,
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING),
+        *(Feature.DRY_FRICTION, Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+        *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH, Feature.SHAPE_VISUAL),
+        Feature.SHAPES_PER_BODY,
     ),
     **NO_CONSTRAINTS_YET,
     Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
@@ -46,19 +52,17 @@ SUPPORT: Final[Table] = {
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),
     Feature.BALL_SPRING: never("URDF has no springs"),
-    **dict.fromkeys(
-        (
-            *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
-            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-            *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
-            *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-        ),
+    **alike(
         never(_NO_CONTACT),
+        *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
+        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+        *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
+        *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.CONE_ELLIPTIC),
+        *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     ),
-    **dict.fromkeys(
-        (Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+    **alike(
         never("URDF does not say what touches what"),
+        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
     ),
     Feature.CONTROL: never("URDF has no control laws"),
     Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),

@@ -14,7 +14,7 @@ from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, 
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Attempt, Table, not_yet
+from simspec.support.declarations import NO_CONSTRAINTS_YET, Attempt, Table, exactly, not_yet, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
@@ -29,7 +29,32 @@ class WorldJson(Format):
     """One file, ``world.json``: a :class:`simspec.formats.world.tree.Document`."""
 
     NAME: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = dict.fromkeys(Feature, EXACT) | {
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(
+                Feature.DAMPING,
+                Feature.BALL_DAMPING,
+                Feature.DRY_FRICTION,
+                Feature.ARMATURE,
+                Feature.SPRING,
+                Feature.BALL_SPRING,
+            ),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
+            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            Feature.CONTROL,
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
+        **shape_kinds("world.json", SHAPES),
         Feature.CONTROL_NATIVE: not_yet("world.json has no gains of controllers", Attempt.OWN_CONTROLLER),
         **NO_CONSTRAINTS_YET,
     }

@@ -11,7 +11,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.dialects.dart import detectors as skel_detectors
-from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, UNSOUND, choose, meeting_kinds
+from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws, meeting_kinds
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
@@ -98,7 +98,24 @@ def test_the_table_names_pairs_as_they_are_looked_up():
 def test_the_detector_is_sound_for_all_that_may_touch(floor, kinds, detector):
     world = scene(body("floor", floor), *(body(kind, kind, (i, 0.0, 1.0)) for i, kind in enumerate(kinds)))
     assert detector_of(world) == detector
-    assert not meeting_kinds(world) & set(UNSOUND[detector])
+    assert not flaws(detector, meeting_kinds(world))
+
+
+def test_every_pair_that_can_meet_is_measured():
+    pairs = {(one, other) for one in SHAPE_KINDS for other in SHAPE_KINDS if one <= other} - {("plane", "plane")}
+    assert set(SOUND) == set(UNSOUND)
+    for detector, sound in SOUND.items():
+        assert len(set(sound)) == len(sound) == len(pairs) - len(UNSOUND[detector])
+        assert {*sound, *UNSOUND[detector]} == pairs
+
+
+def test_a_pair_that_was_not_measured_is_refused_unless_accepted(monkeypatch):
+    fewer = {name: tuple(pair for pair in sound if pair != ("box", "sphere")) for name, sound in SOUND.items()}
+    monkeypatch.setattr(skel_detectors, "SOUND", fewer)
+    bodies = body("floor", "box"), body("ball", "sphere", (0.0, 0.0, 1.0))
+    with pytest.raises(UnsupportedError, match=r"between box and sphere .* has not been measured"):
+        compile_world(scene(*bodies), ["dart"])
+    assert detector_of(scene(*bodies, accept=("shape.sphere",))) == "ode"
 
 
 def test_only_what_may_touch_counts():
