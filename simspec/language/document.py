@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.reading import NotReadableError, open_regular
@@ -25,10 +25,23 @@ LARGEST_FILE = 10_000_000
 DEEPEST = 40
 """Levels of nesting; the language itself needs 9."""
 
+Key = str | int
+"""A step of a path: a key of a mapping, an index of a list."""
+
+
+class Details(TypedDict, total=False):
+    """What a problem says besides its message (see :class:`simspec.errors.Problem`); ``key``: it is about the key at its path,
+    not the value."""
+
+    key: bool
+    found: str | None
+    allowed: str | None
+    hint: str | None
+
+
 INVALID = object()
 """Stands for a value that has been reported already: what reads the data later must not report it again."""
 
-Key = str | int
 Path_ = tuple[Key, ...]
 
 _INT = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
@@ -83,9 +96,10 @@ class Document:
                 file, place = mark.file, (mark.line, mark.column)
         return Location(file, *place)
 
-    def problem(self, path: Sequence[Key], message: str, *, key: bool = False, **more: str | None) -> Problem:
+    def problem(self, path: Sequence[Key], message: str, **more: Unpack[Details]) -> Problem:
         """A problem at ``path``."""
-        return Problem(message, dotted(path), self.locate(path, key), **more)
+        place = self.locate(path, more.get("key", False))
+        return Problem(message, dotted(path), place, more.get("found"), more.get("allowed"), more.get("hint"))
 
 
 def dotted(path: Sequence[Key]) -> str:

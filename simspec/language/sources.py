@@ -35,6 +35,13 @@ class Source:
     table: Path | None = None
     """The file of `trajectory.file`, found and allowed."""
 
+    @property
+    def content(self) -> File:
+        """The model of a file without errors; only such a spec is resolved. Raises ValueError for another."""
+        if self.file is None:
+            raise ValueError(f"{self.document.file} has errors, so it is not resolved")
+        return self.file
+
     def all(self) -> Iterator[Source]:
         """This source and every other below it, each once."""
         seen: dict[int, Source] = {}

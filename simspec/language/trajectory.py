@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
@@ -136,6 +136,13 @@ class _Step(Strict):
     """Base of a step of a program."""
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("move", "grip", "wait")
+
+    if TYPE_CHECKING:  # the types of what _STEP makes; `in` is read with getattr
+        move: ToolPlace | None
+        grip: float | None
+        wait: float | None
+        straight: bool
+        squeeze: float
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

@@ -43,6 +43,13 @@ class Bodies:
     placed: tuple[Key, ...] = ()
     files: tuple[Source, ...] = ()
 
+    def content(self, name: str) -> Body:
+        """The model of a body without errors. Raises ValueError for another."""
+        body = self.typed[name]
+        if body is None:
+            raise ValueError(f"{name} has errors, so it is not resolved")
+        return body
+
     def field(self, name: str, key: str) -> Any:
         """A plain field of a body, None where there is none."""
         body = self.raw.get(name)

@@ -123,7 +123,7 @@ def _trees(bodies: Bodies, only: str | None) -> Iterator[_Tree]:
     named: set[str] = set()
     root: SpecBody | None = None
     for name in bodies.order():
-        spec = bodies.typed[name]
+        spec = bodies.content(name)
         if spec.parent is None:
             if root is not None:
                 yield _tree(current, named, root)
@@ -145,7 +145,7 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> _Tree:
     return _Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
 
 
-def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str | None]) -> Body:
+def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str]) -> Body:
     shapes = tuple(
         _shape(trees.unused(f"{name}_{index}", taken), shape, only) for index, shape in enumerate(spec.shapes)
     )
@@ -159,7 +159,8 @@ def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
     values = solid.__dict__.values()
     size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
     material = spec.material or (only if spec.collision else None) or ""
-    colour = (*spec.colour, 1.0) if len(spec.colour) == 3 else spec.colour
+    red, green, blue, *opacity = spec.colour
+    colour = (red, green, blue, opacity[0] if opacity else 1.0)
     return Shape(spec.name or name, kind, size, pose(spec.pose), material, spec.collision, spec.visual, colour)
 
 
@@ -283,7 +284,7 @@ def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
         return
     for tree in _trees(bodies, only):
         root = tree.bodies[0].name
-        array, path = bodies.typed[root].array, (*bodies.path, root)
+        array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
@@ -292,6 +293,8 @@ def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
 
 def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
     for name, use, bodies in trees.placed(source):
+        if use is None:
+            raise ValueError(f"{name} has errors, so it is not resolved")
         tree = _positioned(next(_trees(bodies, only)), use)
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
@@ -300,14 +303,15 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
             if use.velocity is not None:
                 velocity = (use.velocity.linear, use.velocity.angular)
             else:  # the root's own is in the model's axes, as its pose is: a model that is placed turned moves turned
-                velocity = tuple(frames.rotate(where.quaternion, one) for one in tree.velocity)
+                linear, angular = tree.velocity
+                velocity = (frames.rotate(where.quaternion, linear), frames.rotate(where.quaternion, angular))
             place = frames.compose(where, tree.placement)
             copied = _copy(tree, f"{model}/", "", model, place, velocity)
             if use.attach is not None:
                 copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
             yield _Instance(copied, source, bodies.placed)
             found.excluded += [
-                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.file.contact.exclude
+                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
             ]
 
 
@@ -317,8 +321,8 @@ def _own_model(source: Source, only: str | None, found: Expansion) -> Iterator[_
         return
     tree = next(_trees(bodies, only))
     path = (*bodies.path, tree.bodies[0].name)
-    yield _Instance(_copy(tree, "", "", source.file.name, tree.placement, tree.velocity), bodies.source, path)
-    found.excluded += [pair for file in bodies.files[1:] for pair in file.file.contact.exclude]
+    yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
+    found.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
 
 
 def _positioned(tree: _Tree, use: Use) -> _Tree:

@@ -29,7 +29,7 @@ RULES: Mapping[str, Callable[[float, float], float]] = {
 def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Contact, list[Problem]]:
     """The contact laws, and their problems: excluded pairs that name no body, contact too stiff for the ``timestep`` (s)."""
     files = [one.file for one in source.all() if one.file is not None]
-    given = source.file.contact
+    given = source.content.contact
     materials = {
         name: Material(
             name, material.friction, material.restitution, material.torsional_friction, material.rolling_friction
@@ -71,7 +71,10 @@ def _pairs(
     names = sorted(materials)
 
     def own(name: str, quantity: str) -> float:
-        return thresholds.get(name, 0.0) if quantity == "restitution_threshold" else getattr(materials[name], quantity)
+        number: float = (
+            thresholds.get(name, 0.0) if quantity == "restitution_threshold" else getattr(materials[name], quantity)
+        )
+        return number
 
     found = []
     for index, first in enumerate(names):
@@ -80,7 +83,7 @@ def _pairs(
             if pair is not None and not pair.collide:
                 found.append(PairContact(first, second, 0.0, 0.0, collide=False))
                 continue
-            values = {}
+            values: dict[str, float] = {}
             for quantity in LAW_QUANTITIES:
                 a, b = own(first, quantity), own(second, quantity)
                 value = getattr(pair, quantity) if pair is not None else None
@@ -88,7 +91,18 @@ def _pairs(
                     value = a if first == second else RULES[getattr(combine, quantity)](a, b)
                 values[quantity] = value
             stated = pair.hardness if pair is not None and pair.hardness is not None else given.hardness
-            found.append(PairContact(first, second, **values, hardness=hardness(*stated)))
+            found.append(
+                PairContact(
+                    first,
+                    second,
+                    friction=values["friction"],
+                    restitution=values["restitution"],
+                    torsional_friction=values["torsional_friction"],
+                    rolling_friction=values["rolling_friction"],
+                    restitution_threshold=values["restitution_threshold"],
+                    hardness=hardness(*stated),
+                )
+            )
     return tuple(found)
 
 
@@ -100,7 +114,7 @@ def hardness(kind: str, numbers: tuple[float, ...]) -> Hardness:
 def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, ...], timestep: float) -> list[Problem]:
     """Compliance that the timestep cannot resolve, at the pair or the default that states it."""
     stated = {
-        tuple(sorted(pair.between)): index for index, pair in enumerate(source.file.contact.pairs) if pair.hardness
+        tuple(sorted(pair.between)): index for index, pair in enumerate(source.content.contact.pairs) if pair.hardness
     }
     lightest = _lightest(expansion)
     found: dict[tuple[str | int, ...], Problem] = {}
@@ -162,7 +176,7 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
         if body.joint.parent is not None
     }
     problems = []
-    for index, pair in enumerate(source.file.contact.exclude):
+    for index, pair in enumerate(source.content.contact.exclude):
         for position, name in enumerate(pair):
             if name not in bodies:
                 path = ("contact", "exclude", index, position)

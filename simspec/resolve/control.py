@@ -51,7 +51,7 @@ def controllers(source: Source, bodies: Sequence[Body]) -> Driven:
     armature: dict[str, float] = {}
     found: list[Controller] = []
     taken: dict[str, str] = {}
-    for name, given in source.file.control.items():
+    for name, given in source.content.control.items():
         one = _One(source, ("control", name), given, bodies, taken)
         taken.update(dict.fromkeys(one.joints, name))
         found.append(one.controller(name))
@@ -135,8 +135,8 @@ class _One:
         self.problems: list[Problem] = []
         self._source, self._path = source, path
         self._types = {body.joint.name: body.joint.kind for body in bodies}
-        self.joints = self._joints(taken)
-        self._own = {body.joint.name: body.joint for body in bodies if body.joint.name in self.joints}
+        chosen_joints = self._joints(taken)
+        self._own = {body.joint.name: body.joint for body in bodies if body.joint.name in chosen_joints}
         self.joints = tuple(self._own)  # in the order of the bodies
         self._gear = self._numbers("gear", 1.0)
 
@@ -174,8 +174,8 @@ class _One:
             self._problem(place, f"no hinge or slide is called {entry!r}", found=entry, allowed=allowed)
         else:
             hint = near(entry, movable)
-            allowed = None if movable else "the world has no hinge and no slide"
-            self._problem(place, f"there is no joint {entry!r}", found=entry, allowed=allowed, hint=hint)
+            none = None if movable else "the world has no hinge and no slide"
+            self._problem(place, f"there is no joint {entry!r}", found=entry, allowed=none, hint=hint)
 
     # --- numbers of joints ---
 
@@ -232,12 +232,14 @@ class _One:
         """The numbers on the joint's side: multiplied by a power of the gear's ratio."""
         found = self._numbers(key)
         for name, value in found.items():
-            if value is None or self._gear[name] is None:
+            ratio = self._gear[name]
+            if value is None or ratio is None:
                 continue
-            found[name] = value * self._gear[name] ** power if power >= 0 else value / self._gear[name] ** -power
-            if found[name] > LARGEST:
+            geared = value * ratio**power if power >= 0 else value / ratio**-power
+            found[name] = geared
+            if geared > LARGEST:
                 message = f"{key} of {name} times the gear ratio is too large a number"
-                found_there = f"{value:g} × {self._gear[name]:g}^{power}"
+                found_there = f"{value:g} × {ratio:g}^{power}"
                 self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}")
                 found[name] = None
         return found

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.language.document import Key
+from simspec.language.document import Details, Key
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
 from simspec.language.trajectory import BY_JOINT
@@ -92,8 +92,8 @@ def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...]
 
 def _grasp(
     prefix: str, name: str, given: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
-) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, dict]]]:
-    wrong: list[tuple[tuple[Key, ...], str, dict]] = []
+) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
+    wrong: list[tuple[tuple[Key, ...], str, Details]] = []
     postures: dict[str, list[float]] = {"open": [], "closed": []}
     for posture, values in postures.items():
         for joint in given.open:
@@ -113,14 +113,15 @@ def _grasp(
             values.append(value)
             limits = body.joint.position_limits
             if limits is not None and not limits[0] <= value <= limits[1]:
-                more = {"found": f"{value:g}", "allowed": f"{limits[0]:g} to {limits[1]:g}"}
-                wrong.append((place, f"outside the limits of {joint}", more))
+                allowed = f"{limits[0]:g} to {limits[1]:g}"
+                wrong.append((place, f"outside the limits of {joint}", {"found": f"{value:g}", "allowed": allowed}))
     forces = []
     for index, force in enumerate(given.forces):
         body_name = prefix + force.body
         if body_name not in bodies:
-            more = {"found": force.body, "hint": near(force.body, _within(prefix, bodies))}
-            wrong.append((("forces", index, "body"), f"the model has no body {force.body!r}", more))
+            hint = near(force.body, _within(prefix, bodies))
+            message = f"the model has no body {force.body!r}"
+            wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
             continue
         if not any(one.joint.name.removeprefix(prefix) in given.open for one in _above(body_name, bodies)):
             message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"

@@ -7,21 +7,22 @@ import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.language.document import Key
+from simspec.language.document import Details, Key
 from simspec.language.joint_names import chosen
+from simspec.language.shapes import Pose as SpecPose
 from simspec.language.sources import Source
 from simspec.language.strict import near
-from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED
+from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED, Step, ToolPlace
 from simspec.language.units import article
 from simspec.resolve.grasps import Grasp
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, layout_of
-from simspec.world.types import Body, Pose, World
+from simspec.world.types import Body, Pose, Quaternion, World
 
 PATH: tuple[Key, ...] = ("trajectory", "program")
 LARGEST_JUMP = 0.5
@@ -55,9 +56,9 @@ class Rows:
 class _Stop(Exception):
     """A step cannot be done; what follows has no beginning."""
 
-    def __init__(self, message: str, key: tuple[Key, ...] = (), **more: str | None):
+    def __init__(self, message: str, place: tuple[Key, ...] = (), **more: Unpack[Details]):
         super().__init__(message)
-        self.key, self.more = key, more
+        self.place, self.more = place, more
 
 
 class Program:
@@ -65,7 +66,7 @@ class Program:
 
     def __init__(self, source: Source, world: World, known: Mapping[str, Grasp]):
         self._source, self._world, self._grasps = source, world, known
-        self._given = source.file.trajectory
+        self._given = source.content.trajectory
         self.problems: list[Problem] = []
         self._driven = {joint for one in world.controllers for joint in one.joints}
         self._grasp: Grasp | None = None
@@ -97,16 +98,17 @@ class Program:
             try:
                 self._do(rows, index, step, times, shares)
             except _Stop as stop:
-                place = (*PATH, index, *stop.key)
+                place = (*PATH, index, *stop.place)
                 self.problems.append(self._source.document.problem(place, str(stop), **stop.more))
                 return None
         return rows
 
-    def _count(self, step: Any) -> int:
+    def _count(self, step: Step) -> int:
         """How many points a step makes."""
         if step.wait is not None:
             return len(_wait(step.wait, self._given.interval))
-        return max(FEWEST, math.ceil(getattr(step, "in") / self._given.interval * (1.0 - 1e-9)))
+        lasting: float = getattr(step, "in")
+        return max(FEWEST, math.ceil(lasting / self._given.interval * (1.0 - 1e-9)))
 
     def _not_too_many(self, counts: Sequence[int], joints: int) -> None:
         total, solved = 1, 0
@@ -133,7 +135,7 @@ class Program:
                 )
                 return
 
-    def _problem(self, path: Sequence[Key], message: str, **more: Any) -> None:
+    def _problem(self, path: Sequence[Key], message: str, **more: Unpack[Details]) -> None:
         self.problems.append(self._source.document.problem(("trajectory", *path), message, **more))
 
     # --- what moves ---
@@ -151,11 +153,18 @@ class Program:
             message = "ambiguous grasp" if found else "grip requires a grasp"
             self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
             return
-        self._grasp = found[name] if name is not None else next(iter(found.values()))
-        idle = [joint for joint in self._grasp.joints if joint not in self._driven]
+        grasp = self._grasp = found[name] if name is not None else next(iter(found.values()))
+        idle = [joint for joint in grasp.joints if joint not in self._driven]
         if idle:
-            message = f"the grasp {self._grasp.name} moves {', '.join(idle[:6])}, which no controller drives"
+            message = f"the grasp {grasp.name} moves {', '.join(idle[:6])}, which no controller drives"
             self._problem(("program",), message, key=True, hint="control: {NAME: {joints: [...]}}")
+
+    @property
+    def _chosen_grasp(self) -> Grasp:
+        """The grasp; a program that has none, but grips, is refused before its way is worked out."""
+        if self._grasp is None:
+            raise ValueError("a program without a grasp does not grip")
+        return self._grasp
 
     def _choose_tool(self) -> None:
         from simspec.dynamics.tool import Tool, joints_to, tree_of
@@ -233,7 +242,7 @@ class Program:
         """The efforts (columns,) of the grasp's forces at its closed posture; the arm's makes no difference to them."""
         from simspec.dynamics.tool import tree_of
 
-        grasp = self._grasp
+        grasp = self._chosen_grasp
         bodies = tree_of(
             self._world, next(body.name for body in self._world.bodies if body.joint.name == grasp.joints[0])
         )
@@ -246,7 +255,7 @@ class Program:
         full[[self._columns[name] for name in grasp.joints]] = grasp.efforts(self._world, q, bodies)
         return full
 
-    def _do(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
+    def _do(self, rows: Rows, index: int, step: Step, times: np.ndarray, shares: np.ndarray) -> None:
         if step.wait is not None:
             for time in times:
                 self._append(rows, index, time, rows.positions[-1], rows.efforts[-1])
@@ -261,9 +270,9 @@ class Program:
         rows.efforts.append(np.round(efforts, DECIMALS))
         rows.steps.append(index)
 
-    def _do_grip(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
+    def _do_grip(self, rows: Rows, index: int, step: Step, times: np.ndarray, shares: np.ndarray) -> None:
         before, pressed = rows.positions[-1], rows.efforts[-1]
-        grasp = self._grasp
+        grasp = self._chosen_grasp
         goal = before.copy()
         columns = [self._columns[name] for name in grasp.joints]
         goal[columns] = grasp.open + step.grip * (grasp.closed - grasp.open)
@@ -282,8 +291,9 @@ class Program:
             row[column] = q[place]
         return row
 
-    def _do_move(self, rows: Rows, index: int, step: Any, times: np.ndarray, shares: np.ndarray) -> None:
+    def _do_move(self, rows: Rows, index: int, step: Step, times: np.ndarray, shares: np.ndarray) -> None:
         before, pressed = rows.positions[-1], rows.efforts[-1]
+        assert step.move is not None, "what neither waits nor grips moves"
         begun, turning = rows.times[-1], not step.move.free_orientation
         target = self._target(step.move)
         if not step.straight:
@@ -302,7 +312,7 @@ class Program:
                 self._append(rows, index, time, self._row(found, before), pressed)
         self._place = target if turning else self._tool.place(self._q)
 
-    def _target(self, given: Any) -> Any:
+    def _target(self, given: ToolPlace) -> Any:
         place = self._place.copy()
         if given.xyz is not None:
             place.translation = np.array(given.xyz)
@@ -327,7 +337,8 @@ class Program:
     def _reach(self, target: Any, turning: bool, into: str = "", far: bool = False) -> np.ndarray:
         found = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=far)
         if found.reached:
-            return found.positions
+            positions: np.ndarray = found.positions
+            return positions
         stuck = f"; at a limit: {', '.join(found.at_limit)}" if found.at_limit else ""
         off = (
             f"{1e3 * found.distance:.3g} mm and {found.angle:.3g} rad" if turning else f"{1e3 * found.distance:.3g} mm"
@@ -362,7 +373,7 @@ def _wait(lasting: float, interval: float) -> np.ndarray:
     return np.concatenate([edge, 1.0 - edge[::-1], [1.0]])
 
 
-def _turn(given: Any) -> frames.Quaternion:
+def _turn(given: ToolPlace | SpecPose) -> Quaternion:
     from simspec.resolve.poses import orientation
 
     return orientation(given)

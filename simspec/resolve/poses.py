@@ -9,13 +9,14 @@ from collections.abc import Iterator
 from simspec.language.arrays import Array, Jitter
 from simspec.language.shapes import Inertia, Orientation
 from simspec.language.shapes import Pose as SpecPose
+from simspec.language.trajectory import ToolPlace
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 
 Z_AXIS: Vector3 = (0.0, 0.0, 1.0)
 
 
-def orientation(given: SpecPose | Orientation | Inertia) -> Quaternion:
+def orientation(given: SpecPose | Orientation | Inertia | ToolPlace) -> Quaternion:
     """The rotation that `rpy` or `quat` says."""
     if given.quat is not None:
         return frames.normalise(given.quat)

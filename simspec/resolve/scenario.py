@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.document import Details, Key
 from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
 from simspec.language.models import EngineOptions as SpecOptions
 from simspec.language.models import Physics as SpecPhysics
@@ -55,7 +56,7 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
         source.document.problem(
             ("record", "show", index), f"there is no body, hinge or slide {name!r}", found=name, hint=near(name, known)
         )
-        for index, name in enumerate(source.file.record.show)
+        for index, name in enumerate(source.content.record.show)
         if name not in known
     ]
 
@@ -103,12 +104,13 @@ def expectations(
     """
     names = {body.name for body in bodies}
     found, problems = [], []
-    for index, entry in enumerate(source.file.expect):
+    for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
         given = getattr(entry, kind)
         values = {name: getattr(given, name) for name in KINDS[kind].parameters}
         values = {name: value for name, value in values.items() if value is not None}
         path = ("expect", index, kind)
+        named: list[tuple[str, tuple[Key, ...], bool]]
         named = [(values[name], (*path, name), False) for name in BODIES if name in values]
         named += [(body, (*path, "targets", body), True) for body, _ in values.get("targets", ())]
         for body, place, key in named:
@@ -130,8 +132,8 @@ def expectations(
                 problems.append(
                     source.document.problem((*path, name), why[0], found=found_at, allowed=why[1], hint=hint)
                 )
-        for place, message, more in _never(kind, values, bodies, time, recorded, bool(source.file.control)):
-            problems.append(source.document.problem((*path, *place), f"cannot be satisfied: {message}", **more))
+        for below, message, more in _never(kind, values, bodies, time, recorded, bool(source.content.control)):
+            problems.append(source.document.problem((*path, *below), f"cannot be satisfied: {message}", **more))
         if kind == "momentum_conserved" and any(time.gravity):
             shown = ", ".join(f"{value:g}" for value in time.gravity)
             message = "momentum is conserved only without gravity"
@@ -143,7 +145,7 @@ def expectations(
 
 def _never(
     kind: str, values: Mapping[str, Any], bodies: Sequence[Body], time: Physics, recorded: Record, driven: bool
-) -> Iterator[tuple[tuple[str, ...], str, dict[str, str]]]:
+) -> Iterator[tuple[tuple[str, ...], str, Details]]:
     """Why an expectation fails in every run (place, message, more): a run could not be measured for it."""
     if kind == "no_penetration_deeper_than" and "contacts" not in recorded.channels:
         yield (), "contacts are not recorded", {"hint": "add contacts to record.channels"}
@@ -172,11 +174,11 @@ def fixed_for_ever(source: Source, world: World) -> list[Problem]:
     start = {name: np.array(pose.position) for name, pose in poses(world).items()}
     still = {name for name, group in rigid_groups(world).items() if group == "world"}
     problems = []
-    for index, entry in enumerate(source.file.expect):
+    for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
         given = getattr(entry, kind)
         for place, message, found in _decided(kind, given, start, still):
-            path = ("expect", index, kind, *place)
+            path: tuple[Key, ...] = ("expect", index, kind, *place)
             problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found))
     return problems
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.language.document import Key
+from simspec.language.document import Details, Key
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
 from simspec.language.trajectory import BY_JOINT
@@ -66,7 +66,7 @@ def trajectory(
     """The trajectory of a spec for its ``world`` (controllers included), and what is wrong with it and with the grasps of
     the models. ``velocity_limits``: by the joint's full name (rad/s, m/s)."""
     known, problems = grasps(source, world)
-    given = source.file.trajectory
+    given = source.content.trajectory
     if given is None:
         return None, problems
     if not world.controllers:
@@ -95,7 +95,7 @@ def trajectory(
 # --- three ways to say one -----------------------------------------------------------------------------------------
 
 
-def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, Details]]:
     """Names that are no joints, and joints that nobody drives: (name, what is wrong, more)."""
     known = {body.joint.name for body in world.bodies}
     driven = {joint for one in world.controllers for joint in one.joints}
@@ -108,14 +108,15 @@ def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
 
 
 def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
-    points = source.file.trajectory.points
+    points = source.content.trajectory.points
     joints = tuple(points[0].positions)
 
     def path(row: int, joint: str, quantity: str = "positions") -> tuple[Key, ...]:
         return ("trajectory", "points", row, quantity, joint)
 
     for name, message, more in _unusable(world, joints):
-        problems.append(source.document.problem(path(0, name), message, key=True, **more))
+        details: Details = {**more, "key": True}
+        problems.append(source.document.problem(path(0, name), message, **details))
     if problems:
         return None
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
@@ -144,7 +145,7 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
     if source.table is None:
         raise ValueError("a spec whose table is not found is not resolved")
 
-    def refuse(message: str, **more: str | None) -> None:
+    def refuse(message: str, **more: Unpack[Details]) -> None:
         problems.append(source.document.problem(place, message, **more))
 
     table = read_table(source.table)
@@ -160,10 +161,10 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
         refuse("times must increase", found=f"{table.times[row]:g} s after {table.times[row - 1]:g} s in row {row + 1}")
     if table.times[0] < 0.0:
         refuse("times begin at 0 or later", found=f"{table.times[0]:g} s")
-    interpolation = source.file.trajectory.interpolation
+    interpolation = source.content.trajectory.interpolation
     given = {name for name in ("velocities", "accelerations") if name in table.values}
-    allowed = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
-    for name in sorted(given - allowed):
+    derivatives = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
+    for name in sorted(given - derivatives):
         refuse(f"{name} are not allowed with interpolation {interpolation}")
     if interpolation == "quintic" and len(given) == 1:
         refuse("quintic requires velocities and accelerations, or neither")
@@ -254,7 +255,8 @@ class _Check:
         for first in range(0, len(begins), together):
             part = slice(first, first + together)
             times = (begins[part, None] + BETWEEN * lasting[part, None]).ravel()
-            yield times, *course.at(times, 1)
+            places, speeds = course.at(times, 1)
+            yield times, places, speeds
 
     def _row(self, time: float) -> int:
         """The point that the trajectory is on its way to."""
@@ -283,7 +285,7 @@ class _Check:
             hint="more time, or a shorter path",
         )
 
-    def _problem(self, row: int, column: int, message: str, **more: str) -> Problem:
+    def _problem(self, row: int, column: int, message: str, **more: Unpack[Details]) -> Problem:
         return self._source.document.problem(self._draft.place(row, self._made.joints[column]), message, **more)
 
 
