@@ -7,51 +7,29 @@ from collections.abc import Iterator, Mapping
 from simspec.control.native import natives
 from simspec.dialects.mujoco.choices import (
     ACTUATOR,
-    DEFAULT_COLOUR,
-    GROUPS,
     MATERIAL_CLASS,
-    PLANE_SIZE,
-    SIZES,
     VISUAL_CLASS,
 )
-from simspec.dialects.mujoco.filter import Kind
-from simspec.dialects.mujoco.names import NO_RATING, file_name
-from simspec.formats.kit.passes import principal_axes
+from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.filter import Kind
+from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, inertial_of, place_of, size_of
+from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Value
-from simspec.world import frames
 from simspec.world.kinematics import free_rigid, rigid_groups
-from simspec.world.types import Body, Joint, Pose, Shape, World
-
-
-def depth_first(world: World) -> list[tuple[Body, int]]:
-    """The bodies in the order of the file, each with the number of bodies that it stands in."""
-    children: dict[str | None, list[Body]] = {}
-    for body in world.bodies:
-        children.setdefault(body.joint.parent, []).append(body)
-    order: list[tuple[Body, int]] = []
-    waiting = [(body, 0) for body in reversed(children.get(None, []))]
-    while waiting:
-        body, depth = waiting.pop()
-        order.append((body, depth))
-        waiting.extend((child, depth + 1) for child in reversed(children.get(body.name, [])))
-    return order
+from simspec.world.types import Body, Joint, Shape, World
 
 
 def lower_body(body: Body, depth: int, masks: Mapping[Kind, Attributes], restless: bool) -> tree.Body:
     """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
     joint = body.joint
-    place = Pose(joint.position[:3], joint.position[3:7]) if joint.kind == "free" else joint.origin  # type: ignore[arg-type]
-    inertial = None
-    if body.inertial.mass > 0.0:
-        moments, turn = principal_axes(body.inertial.inertia)
-        inertial = tree.Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
+    place = place_of(joint)
     return tree.Body(
         file_name(body.name),
         place.position,
         place.quaternion,
         depth,
-        inertial,
+        inertial_of(body),
         () if joint.kind == "fixed" else (_joint(joint),),
         tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes),
         (("sleep", "never"),) if restless else (),
@@ -87,26 +65,15 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
         more.append(("group", group))
     if shape.colour != DEFAULT_COLOUR:
         more.append(("rgba", shape.colour))
-    size: tuple[float, ...] = PLANE_SIZE
-    if shape.kind != "plane":
-        size = tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
     return tree.Geom(
         shape.name,
         shape.kind,
-        size,
+        size_of(shape),
         shape.pose.position,
         shape.pose.quaternion,
         MATERIAL_CLASS + shape.material if shape.collision else VISUAL_CLASS,
         tuple(more),
     )
-
-
-def keyframe_velocity(joint: Joint) -> tuple[float, ...]:
-    """MuJoCo's velocity of a joint: a free one turns about its own axes."""
-    if joint.kind != "free":
-        return joint.velocity
-    turn = frames.conjugate(joint.position[3:7])  # type: ignore[arg-type]
-    return (*joint.velocity[:3], *frames.rotate(turn, joint.velocity[3:]))  # type: ignore[arg-type]
 
 
 def actuators(world: World) -> Iterator[tree.Actuator]:

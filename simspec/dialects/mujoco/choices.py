@@ -10,6 +10,7 @@ from typing import Final
 
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.mujoco.names import COULOMB, NATIVE, NO_RATING
+from simspec.formats.mjcf.from_world import DEFAULT_COLOUR
 from simspec.formats.mjcf.tree import Attributes
 
 COMPILER: Final[Attributes] = (
@@ -78,7 +79,6 @@ JOINT_DEFAULTS: Final[Attributes] = (
     ("springref", 0.0),
     ("user", (NO_RATING, NO_RATING)),
 )
-DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
 GEOM_DEFAULTS: Final[Attributes] = (
     ("group", 0),
     ("contype", 1),
@@ -101,27 +101,7 @@ ACTUATOR: Final[Attributes] = (
 MATERIAL_CLASS: Final = "material/"
 """Prefix of the class of a material; shapes that only show are of class ``visual``."""
 VISUAL_CLASS: Final = "visual"
-CONES: Final[Mapping[str, str]] = {"elliptic": "elliptic", "pyramid-inscribed": "pyramidal"}
-"""MuJoCo's word for each cone; its pyramid is the inscribed one (measured: 0.355 at 45° for μ = 0.5)."""
 SOLVERS: Final[Mapping[str, str]] = {"newton": "Newton", "cg": "CG", "pgs": "PGS"}
-GROUPS: Final[Mapping[tuple[bool, bool], int]] = {
-    (True, True): 0,
-    (False, True): 2,
-    (True, False): 3,
-    (False, False): 4,
-}
-"""Geom group of (collision, visual): viewers show 0 to 2 and hide the rest; MuJoCo itself gives groups no meaning."""
-SIZES: Final[Mapping[str, tuple[float, ...]]] = {
-    "sphere": (1.0,),
-    "box": (0.5, 0.5, 0.5),
-    "cylinder": (1.0, 0.5),
-    "capsule": (1.0, 0.5),
-    "ellipsoid": (1.0, 1.0, 1.0),
-}
-"""What each number of ``Shape.size`` is multiplied with: MuJoCo wants half lengths."""
-PLANE_SIZE: Final = (0.0, 0.0, 1.0)
-"""Infinite in x and y; the third number is the spacing of a viewer's grid."""
-
 SETTINGS: Final[Mapping[str, NeededSetting]] = {
     "solver": NeededSetting(str, tuple(SOLVERS)),
     "friction": NeededSetting(str, (NATIVE, COULOMB)),

@@ -12,17 +12,15 @@ from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target
-from simspec.dialects.mujoco.bodies import actuators, depth_first, keyframe_velocity, lower_body, restless_bodies
+from simspec.dialects.mujoco.bodies import actuators, lower_body, restless_bodies
 from simspec.dialects.mujoco.choices import (
     COMPILER,
-    CONES,
     FLAGS,
     GEOM_DEFAULTS,
     JOINT_DEFAULTS,
     OPTION,
     SETTINGS,
     SIZE,
-    SIZES,
     SOLVERS,
 )
 from simspec.dialects.mujoco.contact import (
@@ -34,13 +32,15 @@ from simspec.dialects.mujoco.contact import (
     pair_defaults,
 )
 from simspec.dialects.mujoco.contact_checks import check_friction, check_laws
-from simspec.dialects.mujoco.filter import collision_masks
-from simspec.dialects.mujoco.names import KEYFRAME, file_name
+from simspec.dialects.mujoco.names import KEYFRAME
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
-from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Key, Model
+from simspec.formats.mjcf.filter import collision_masks
+from simspec.formats.mjcf.from_world import CONES, SIZES, depth_first, keyframe
+from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
     Level,
@@ -120,7 +120,6 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
-        joints = [body.joint for body, _ in order]
         model = Model(
             world.name,
             COMPILER,
@@ -142,13 +141,7 @@ class MujocoDialect(Dialect):
                 for first, second in sorted({*excluded_pairs(moved), *group_excludes})
             ),
             tuple(actuators(world)),
-            (
-                Key(
-                    KEYFRAME,
-                    tuple(value for joint in joints for value in joint.position),
-                    tuple(value for joint in joints for value in keyframe_velocity(joint)),
-                ),
-            ),
+            (keyframe(KEYFRAME, [body.joint for body, _ in order]),),
         )
         in_force = dataclasses.replace(target, settings=_in_force(world, target))
         return Lowered(

@@ -12,15 +12,3 @@ NATIVE: Final = "native"
 COULOMB: Final = "coulomb"
 """What the setting ``friction`` may be. Under coulomb, friction takes back slip at once, and what that does to the normal
 direction is corrected outside, at every step (``engines/mujoco/coulomb.py``): no cushion, and no pairs for friction's sake."""
-_RESERVED: Final = {"world": "world."}
-"""MuJoCo calls its static root ``world``; a body of that name gets one that no spec can give."""
-
-
-def file_name(name: str) -> str:
-    """The name of a body in the file."""
-    return _RESERVED.get(name, name)
-
-
-def world_name(name: str) -> str:
-    """The inverse of :func:`file_name`."""
-    return {there: here for here, there in _RESERVED.items()}.get(name, name)

@@ -10,12 +10,13 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Final, TypeVar
 
-from simspec.dialects.mujoco.names import NO_RATING, world_name
+from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.document import Body as BodyItem
 from simspec.formats.mjcf.document import Document, Item
+from simspec.formats.mjcf.names import world_name
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,

@@ -17,8 +17,8 @@ import numpy as np
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
-from simspec.dialects.mujoco.choices import FLAGS, SIZES
-from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, file_name
+from simspec.dialects.mujoco.choices import FLAGS
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
@@ -35,6 +35,8 @@ from simspec.engines.mujoco.readback import JOINT_KINDS, UNREADABLE, read_back
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.from_world import SIZES
+from simspec.formats.mjcf.names import file_name
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
     Level,

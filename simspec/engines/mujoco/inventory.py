@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.kit.sidecar import flat
-from simspec.dialects.mujoco.names import world_name
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.mujoco.fields import COUNTS, ELEMENTS, NEUTRAL, OPTIONS
+from simspec.formats.mjcf.names import world_name
 
 NEWER = ("tree_sleep_policy", "actuator_ctrlspec")
 """Fields that are compared where a version has them."""

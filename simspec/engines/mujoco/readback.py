@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING, file_name, world_name
+from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.inventory import inventory
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,

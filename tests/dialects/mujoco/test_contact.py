@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from simspec.compiler import target_of, write_folder
 from simspec.dialects.mujoco.dialect import MujocoDialect
-from simspec.dialects.mujoco.filter import FILTER_BITS
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
+from simspec.formats.mjcf.filter import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
 from simspec.proof.comparator import compare
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape, World

@@ -9,11 +9,11 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import write_folder
-from simspec.dialects.mujoco.bodies import depth_first
 from simspec.dialects.mujoco.dialect import MujocoDialect
-from simspec.dialects.mujoco.filter import FILTER_BITS
 from simspec.errors import UnsupportedError
+from simspec.formats.mjcf.filter import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.from_world import depth_first
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds

@@ -19,7 +19,7 @@ FILTER_BITS = 31
 def collision_masks(world: World) -> tuple[dict[Kind, Attributes], list[tuple[str, str]]]:
     """``contype`` and ``conaffinity`` of each kind of shape, and pairs of bodies to exclude where masks do not suffice.
 
-    MuJoCo lets two shapes touch when (type1 & affinity2) or (type2 & affinity1). Each class of kinds that must not touch
+    Two shapes touch when (type1 & affinity2) or (type2 & affinity1). Each class of kinds that must not touch
     some other has a bit of its own as its type, and the bits of all classes that it may touch as its affinity: both
     terms are then the same, and their "or" is exactly the wanted matrix. All that touches everything shares the first bit.
 
@@ -77,7 +77,7 @@ def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tu
 
 def _too_many_classes(first: str, second: str) -> Problem:
     return Problem(
-        f"some shapes of {first!r} and {second!r} may touch and others not, and MuJoCo's masks tell only {FILTER_BITS - 1} "
+        f"some shapes of {first!r} and {second!r} may touch and others not, and MJCF's masks tell only {FILTER_BITS - 1} "
         "classes of shapes apart",
         "contact",
         hint="use fewer groups that ignore others and fewer materials that pass through others, or one material for a body",

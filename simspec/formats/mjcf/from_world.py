@@ -1,0 +1,86 @@
+"""What everybody who writes a world as MJCF has in common: order, frames, inertias, shapes, keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from simspec.formats.kit.passes import principal_axes
+from simspec.formats.mjcf.tree import Inertial, Key
+from simspec.world import frames
+from simspec.world.types import Body, Joint, Pose, Shape, World
+
+DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
+GROUPS: Final[Mapping[tuple[bool, bool], int]] = {
+    (True, True): 0,
+    (False, True): 2,
+    (True, False): 3,
+    (False, False): 4,
+}
+"""Geom group of (collision, visual): viewers show 0 to 2 and hide the rest; groups have no other meaning."""
+SIZES: Final[Mapping[str, tuple[float, ...]]] = {
+    "sphere": (1.0,),
+    "box": (0.5, 0.5, 0.5),
+    "cylinder": (1.0, 0.5),
+    "capsule": (1.0, 0.5),
+    "ellipsoid": (1.0, 1.0, 1.0),
+}
+"""What each number of ``Shape.size`` is multiplied with: MJCF has half lengths."""
+PLANE_SIZE: Final = (0.0, 0.0, 1.0)
+"""Infinite in x and y; the third number is the spacing of a viewer's grid."""
+
+CONES: Final[Mapping[str, str]] = {"elliptic": "elliptic", "pyramid-inscribed": "pyramidal"}
+"""The word for each cone; the pyramid is the inscribed one."""
+
+
+def depth_first(world: World) -> list[tuple[Body, int]]:
+    """The bodies in the order of the file, each with the number of bodies that it stands in."""
+    children: dict[str | None, list[Body]] = {}
+    for body in world.bodies:
+        children.setdefault(body.joint.parent, []).append(body)
+    order: list[tuple[Body, int]] = []
+    waiting = [(body, 0) for body in reversed(children.get(None, []))]
+    while waiting:
+        body, depth = waiting.pop()
+        order.append((body, depth))
+        waiting.extend((child, depth + 1) for child in reversed(children.get(body.name, [])))
+    return order
+
+
+def place_of(joint: Joint) -> Pose:
+    """Where a body stands in its parent: of a free one, where it begins."""
+    if joint.kind != "free":
+        return joint.origin
+    return Pose(joint.position[:3], joint.position[3:7])  # type: ignore[arg-type]
+
+
+def inertial_of(body: Body) -> Inertial | None:
+    """Mass and principal moments; None without mass."""
+    if not body.inertial.mass:
+        return None
+    moments, turn = principal_axes(body.inertial.inertia)
+    return Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
+
+
+def size_of(shape: Shape) -> tuple[float, ...]:
+    """The numbers of ``size``."""
+    if shape.kind == "plane":
+        return PLANE_SIZE
+    return tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
+
+
+def keyframe(name: str, joints: Sequence[Joint]) -> Key:
+    """The initial state of the joints, which stand in the order of the file."""
+    return Key(
+        name,
+        tuple(value for joint in joints for value in joint.position),
+        tuple(value for joint in joints for value in keyframe_velocity(joint)),
+    )
+
+
+def keyframe_velocity(joint: Joint) -> tuple[float, ...]:
+    """The velocity of a joint in a keyframe: a free one turns about its own axes."""
+    if joint.kind != "free":
+        return joint.velocity
+    turn = frames.conjugate(joint.position[3:7])  # type: ignore[arg-type]
+    return (*joint.velocity[:3], *frames.rotate(turn, joint.velocity[3:]))  # type: ignore[arg-type]
