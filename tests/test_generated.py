@@ -12,6 +12,7 @@ import pytest
 from simspec import generated
 from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, output_files
+from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate, write_certificate
 from simspec.proof.certificate import Certificate, EngineProof
@@ -36,7 +37,7 @@ WORLD = spheres(2)
 
 def built(world=WORLD, engines=("first", "second"), text: str = "<model/>\n") -> Built:
     """A compiled world of made-up engines, whose files are what the real ones' are: a model and a sidecar."""
-    sidecar = json.dumps({"schema": 1, "world": sha256(world)})
+    sidecar = json.dumps({"schema": SIDECAR_SCHEMA, "world": sha256(world)})
     artifacts = Artifacts({"model.xml": text, "sidecar.json": sidecar})
     compiled = {name: Compiled(name, "x", "xml", artifacts, ()) for name in engines}
     return Built(world, compiled, output_files(world, compiled))
@@ -239,7 +240,7 @@ def test_an_edited_certificate_is_named_as_such(tmp_path, edit):
 def test_what_is_no_regular_file_is_not_read(tmp_path, kind, name):
     """A sidecar that is a link would have its target's content written into the repository."""
     secret = tmp_path / "secret"
-    secret.write_text(json.dumps({"schema": 1, "world": sha256(WORLD), "secret": 1}))
+    secret.write_text(json.dumps({"schema": SIDECAR_SCHEMA, "world": sha256(WORLD), "secret": 1}))
     folder = tmp_path / "spheres"
     generated.write(built(), folder)
     write_certificate(proof(built()), folder)

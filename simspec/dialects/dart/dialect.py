@@ -110,7 +110,7 @@ class DartDialect(Dialect):
         **NO_CONSTRAINTS_YET,
     }
 
-    SIDECAR: ClassVar[type[Sidecar] | None] = DartSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = DartSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {
         "contact_solver": NeededSetting(str, ("auto", *sorted(SOLVERS.values()))),
         "collision_detector": NeededSetting(str),
@@ -140,7 +140,7 @@ class DartDialect(Dialect):
         )
         detector = collision_detector(world, target)
         told = tree.World(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
-        return Lowered(told, _sidecar(self.FORMAT, world, target, nodes, offsets))
+        return Lowered(told, _sidecar(world, target, nodes, offsets))
 
     def raise_(self, document: Document, sidecar: DartSidecar) -> ReadBack:
         """See ``dialects/dart/raising.py``."""
@@ -266,7 +266,7 @@ def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return joint.position, joint.velocity
 
 
-def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:
+def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:
     settings = {
         **target.settings,
         "contact_solver": contact_solver(world, target),
@@ -285,7 +285,9 @@ def _sidecar(name: str, world: World, target: Target, nodes: Nodes, offsets: Map
         )
 
     return DartSidecar(
-        **common_fields(name, world, dataclasses.replace(target, settings=settings), offsets),
+        **common_fields(
+            DartDialect.NAME, DartDialect.FORMAT, world, dataclasses.replace(target, settings=settings), offsets
+        ),
         models=tuple(body.model for body in world.bodies),
         shapes=tuple(
             ShapeEntry(

@@ -26,7 +26,7 @@ class DrakeDialect(Dialect):
     NAME: ClassVar[str] = "drake"
     FORMAT: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = WorldJson.SUPPORT
-    SIDECAR: ClassVar[type[Sidecar] | None] = DrakeSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = DrakeSidecar
 
     def lower(self, world: World, target: Target) -> Lowered:
         """The document of ``world`` with the copies of the target's plan, and its sidecar."""
@@ -54,7 +54,7 @@ class DrakeDialect(Dialect):
                 tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used),
             ),
         )
-        return Lowered(document, DrakeSidecar(**common_fields(self.FORMAT, world, target, offsets)))
+        return Lowered(document, DrakeSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets)))
 
     def raise_(self, document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
         """See ``dialects/drake/raising.py``."""

@@ -22,8 +22,8 @@ class Lowered:
     """A world in an engine's dialect: the tree that the format writes, and the sidecar for what the files cannot carry."""
 
     tree: Any
-    sidecar: Sidecar | Mapping[str, Any]
-    """Of the dialect's ``SIDECAR``; plain data where it has none."""
+    sidecar: Sidecar
+    """Of the dialect's ``SIDECAR``."""
 
 
 class Dialect:
@@ -37,8 +37,8 @@ class Dialect:
     """The format of the files."""
     SUPPORT: ClassVar[Table]
     """What files and sidecar can say of each feature. ``via_api`` = it goes into the sidecar."""
-    SIDECAR: ClassVar[type[Sidecar] | None] = None
-    """What its sidecar is. None: plain data, which ``raise_`` checks itself."""
+    SIDECAR: ClassVar[type[Sidecar]]
+    """What its sidecar is."""
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {}
     """The solver settings that it reads from a target: every engine that is told worlds in this dialect must have them."""
 
@@ -53,7 +53,7 @@ class Dialect:
     def raise_(self, document: Any, sidecar: Any) -> ReadBack:
         """The model that a document of the format and its sidecar mean to the engine, in the world's frames and order.
 
-        ``sidecar`` is of the dialect's ``SIDECAR``, or plain data. It shares no code with ``lower``, so that one error cannot
+        ``sidecar`` is of the dialect's ``SIDECAR``. It shares no code with ``lower``, so that one error cannot
         hide another. Sidecar values that belong to the model are read too. Raises ValueError, KeyError for what is damaged.
         """
         raise NotImplementedError
@@ -69,14 +69,13 @@ class Dialect:
         target lacks a setting that the dialect needs."""
         check_settings(self.NAME, self.SETTINGS, target)
         lowered = self.lower(world, target)
-        sidecar = lowered.sidecar
-        plain = sidecar.plain() if isinstance(sidecar, Sidecar) else sidecar
-        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(plain)}
+        return {**self.format.write(lowered.tree), SIDECAR: sidecar_text(lowered.sidecar.plain())}
 
     def read(self, folder: Path) -> ReadBack:
         """The model that the files in ``folder`` hold (proof level L0). Raises ValueError, KeyError for damaged files."""
-        content = read_sidecar(folder)
-        sidecar = content if self.SIDECAR is None else self.SIDECAR.of(content)
+        sidecar = self.SIDECAR.of(read_sidecar(folder))
+        if sidecar.dialect != self.NAME:
+            raise ValueError(f"sidecar.dialect is {sidecar.dialect!r}, should be {self.NAME!r}")
         return self.raise_(self.format.read(folder), sidecar)
 
     @property
@@ -94,7 +93,7 @@ def _sound(name: str, kind: Any) -> Dialect:
     """The dialect, if it is one that can be used. Raises TypeError, ValueError."""
     if not (isinstance(kind, type) and issubclass(kind, Dialect)):
         raise TypeError("it is no Dialect")
-    missing = [word for word in ("NAME", "FORMAT", "SUPPORT") if not hasattr(kind, word)]
+    missing = [word for word in ("NAME", "FORMAT", "SUPPORT", "SIDECAR") if not hasattr(kind, word)]
     if missing or name != kind.NAME:
         raise ValueError(f"it does not say its {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
     if kind.FORMAT not in formats():

@@ -22,7 +22,8 @@ from simspec.world.canonical import sha256
 from simspec.world.types import Vector3, World
 
 SIDECAR = "sidecar.json"
-SIDECAR_SCHEMA = 1
+SIDECAR_SCHEMA = 2
+"""2: a sidecar names its dialect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class Sidecar:
     """What every sidecar has. A field whose default is None is left out of the text where it is None."""
 
     schema: int = SIDECAR_SCHEMA
+    dialect: str
     format: str
     engine: str
     world: str
@@ -76,9 +78,12 @@ class Sidecar:
         return content
 
 
-def common_fields(format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]) -> dict[str, Any]:
+def common_fields(
+    dialect: str, format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]
+) -> dict[str, Any]:
     """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them."""
     return {
+        "dialect": dialect,
         "format": format_name,
         "engine": target.engine,
         "world": sha256(world),
@@ -88,13 +93,6 @@ def common_fields(format_name: str, world: World, target: Target, offsets: Mappi
         ),
         "friction_cone": world.contact.friction_cone,
     }
-
-
-def sidecar(
-    format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3], **more: Any
-) -> dict[str, Any]:
-    """A sidecar as plain data, for dialects that have no dataclass yet."""
-    return {**Sidecar(**common_fields(format_name, world, target, offsets)).plain(), **more}
 
 
 def sidecar_text(content: Mapping[str, Any]) -> str:

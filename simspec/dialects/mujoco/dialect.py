@@ -72,7 +72,7 @@ class MujocoDialect(Dialect):
 
     NAME: ClassVar[str] = "mujoco"
     FORMAT: ClassVar[str] = "mjcf"
-    SIDECAR: ClassVar[type[Sidecar] | None] = MujocoSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = MujocoSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = SETTINGS
     SUPPORT: ClassVar[Table] = {
         **exactly(
@@ -147,7 +147,7 @@ class MujocoDialect(Dialect):
         return Lowered(
             model,
             MujocoSidecar(
-                **common_fields(self.FORMAT, world, in_force, offsets),
+                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets),
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},

@@ -53,7 +53,7 @@ class PybulletDialect(Dialect):
 
     NAME: ClassVar[str] = "pybullet"
     FORMAT: ClassVar[str] = "urdf"
-    SIDECAR: ClassVar[type[Sidecar] | None] = PybulletSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = PybulletSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {"sleeping": NeededSetting(bool, optional=True)}
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
@@ -119,7 +119,7 @@ class PybulletDialect(Dialect):
             parts = {body.name: split(body, target.plan) for body in bodies}
             instances.append(instance_of(files.add(robot_of(bodies, parts)), bodies, parts, coordinates))
         sidecar = PybulletSidecar(
-            **common_fields(self.FORMAT, world, target, offsets),
+            **common_fields(self.NAME, self.FORMAT, world, target, offsets),
             gravity=world.physics.gravity,
             timestep=world.physics.timestep,
             instances=tuple(instances),

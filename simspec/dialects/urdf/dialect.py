@@ -65,7 +65,7 @@ class UrdfDialect(Dialect):
 
     NAME: ClassVar[str] = "urdf"
     FORMAT: ClassVar[str] = "urdf"
-    SIDECAR: ClassVar[type[Sidecar] | None] = UrdfSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = UrdfSidecar
     SUPPORT: ClassVar[Table] = {
         **exactly(*_IN_THE_FILE),
         **alike(via_api(_SIDECAR), *_BY_NAME),
@@ -86,7 +86,7 @@ class UrdfDialect(Dialect):
             root = robot.links[0].name
             instances.append(_instance(files.add(robot, beside), root, bodies, coordinates))
         sidecar = UrdfSidecar(
-            **common_fields(self.FORMAT, world, target, offsets),
+            **common_fields(self.NAME, self.FORMAT, world, target, offsets),
             gravity=world.physics.gravity,
             timestep=world.physics.timestep,
             instances=tuple(instances),

@@ -12,7 +12,7 @@ from simspec.engines.kit.settings import written_settings
 from simspec.world.canonical import sha256
 from simspec.world.types import HeldValue, World
 
-LABELS = ("schema", "format", "engine", "world", "friction_cone")
+LABELS = ("schema", "dialect", "format", "engine", "world", "friction_cone")
 
 
 def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
@@ -25,6 +25,7 @@ def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
     """What :func:`sidecar_labels` must be for ``world``."""
     values: tuple[str | int, ...] = (
         SIDECAR_SCHEMA,
+        engine.DIALECT,
         format_of(engine),
         engine.NAME,
         sha256(world),

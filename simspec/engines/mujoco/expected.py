@@ -401,7 +401,8 @@ class _Expected:
         bodies = self.world.bodies
         free = {body.name: body.inertial.centre_of_mass for body in bodies if body.joint.kind == "free"}
         return {
-            "schema": 1,
+            "schema": 2,
+            "dialect": "mujoco",
             "format": "mjcf",
             "engine": "mujoco",
             "world": sha256(self.world),

@@ -86,17 +86,6 @@ KINDS_OF_FORMS: Mapping[type, tuple[type, str]] = {
 }
 """What a value of a form is in JSON."""
 
-COMMON: Mapping[str, Any] = {
-    "schema": int,
-    "format": str,
-    "engine": str,
-    "world": str,
-    "settings": MapOf(object),
-    "bodies": ListOf({"name": str, "kind": str, "frame_offset": ListOf(float, 3)}),
-    "friction_cone": str,
-}
-"""The fields that every format's sidecar has (``formats/kit/contract.py``)."""
-
 
 def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     """Raise ValueError naming the first place where ``value`` is not of the form."""

@@ -116,6 +116,7 @@ class Whole(Sidecar):
 
 
 WHOLE = Whole(
+    dialect="d",
     format="f",
     engine="e",
     world="w",

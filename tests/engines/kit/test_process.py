@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from simspec.contact.rules import Rules
-from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
 from simspec.engines.kit import process
 from simspec.engines.kit import registry as base
 from simspec.engines.kit.capabilities import Capability
@@ -72,7 +72,7 @@ def stub(monkeypatch, tmp_path):
     def folder_of(what: str) -> Path:
         folder = tmp_path / what
         folder.mkdir()
-        (folder / SIDECAR).write_text(f'{{"schema": 1, "what": "{what.split()[-1]}"}}')
+        (folder / SIDECAR).write_text(f'{{"schema": {SIDECAR_SCHEMA}, "what": "{what.split()[-1]}"}}')
         return folder
 
     def at_work(what: str, *before: str, deadline: float = 30.0, **parameters):
@@ -170,7 +170,7 @@ class Growing(Engine):
 
 
 def session_of(engine, folder) -> Session:
-    (folder / SIDECAR).write_text('{"schema": 1}')
+    (folder / SIDECAR).write_text(f'{{"schema": {SIDECAR_SCHEMA}}}')
     return Session(lambda: engine, folder)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.contact.rules import Rules
-from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import METHODS, Capability
@@ -71,7 +71,7 @@ class Refusing(Noting):
 @pytest.fixture
 def folder(tmp_path):
     Noting.made.clear()
-    (tmp_path / SIDECAR).write_text('{"schema": 1, "what": "this"}')
+    (tmp_path / SIDECAR).write_text(f'{{"schema": {SIDECAR_SCHEMA}, "what": "this"}}')
     return tmp_path
 
 
