@@ -52,7 +52,9 @@ class LinesDialect(Dialect):
 
     def lower(self, world, target):
         names = tuple(body.name for body in world.bodies)
-        return Lowered(names, LinesSidecar(**common_fields(self.NAME, self.FORMAT, world, target, {}), count=len(names)))
+        return Lowered(
+            names, LinesSidecar(**common_fields(self.NAME, self.FORMAT, world, target, {}), count=len(names))
+        )
 
     def raise_(self, document, sidecar):
         return document, sidecar
