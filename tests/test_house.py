@@ -366,3 +366,29 @@ shutil.rmtree(x); os.replace(a, b); path.write_text("x"); open(p, "w"); p.open("
 
 def test_imports_are_seen_wherever_they_stand():
     assert imported_parts(ast.parse("def f():\n    from simspec.report import a")) == {"report"}
+
+
+def between_tests(tree: ast.Module) -> list[str]:
+    """What a module imports from test modules, also inside its functions."""
+    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    names += [
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    ]
+    return [name for name in names if name.startswith("tests.") and ".test_" in name]
+
+
+TESTS = sorted(Path(__file__).resolve().parent.rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", TESTS, ids=lambda path: path.relative_to(TESTS[0].parent).as_posix())
+def test_no_test_imports_from_another(path):
+    """What several tests use is in modules of their own."""
+    assert not between_tests(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_a_test_that_imports_from_another_is_seen():
+    text = "import tests.a.test_b\nfrom tests.test_c import d\nfrom tests import test_e\nfrom tests.f import test_g\n"
+    assert len(between_tests(ast.parse(text + "from tests import worlds"))) >= 4

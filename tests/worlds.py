@@ -7,7 +7,7 @@ import dataclasses
 
 from simspec.testing import worlds as shipped
 from simspec.testing.worlds import *  # noqa: F403 - the same module, with options added to four of its worlds
-from simspec.world.types import EngineOptions, World
+from simspec.world.types import EngineOptions, Pose, Shape, World
 
 MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
 """What a world accepts in which something has friction and moves."""
@@ -37,3 +37,14 @@ def one_law(**law: object) -> World:
 def table(friction: dict[tuple[str, str], float], **law: object) -> World:
     """As shipped."""
     return dataclasses.replace(shipped.table(friction, **law), engines=ROUGH)
+
+
+def mixed_shapes() -> World:
+    """A body with a visual shape between two collision shapes, one of which is not seen."""
+    base = shapes_world(("box",))
+    shapes = (
+        Shape("solid", "sphere", (0.1,), Pose((0.1, 0.0, 0.0)), "default", visual=False),
+        Shape("seen", "capsule", (0.1, 0.3), Pose((0.0, 0.2, 0.0)), collision=False, colour=(0.1, 0.2, 0.3, 0.4)),
+        Shape("both", "cylinder", (0.1, 0.3), Pose((0.0, 0.0, 0.3)), "default"),
+    )
+    return dataclasses.replace(base, bodies=(base.bodies[0], dataclasses.replace(base.bodies[1], shapes=shapes)))

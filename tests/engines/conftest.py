@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import find_engine
 from simspec.testing import worlds
 from simspec.world.types import World
-from tests.dialects.dart.test_dialect import emit, write
+from tests.files import write
 
 
 @pytest.fixture
@@ -37,19 +38,18 @@ def loaded(name, tmp_path):
 
 
 @pytest.fixture
-def load_dart(tmp_path):
-    """A function that emits a world and loads it; everything is closed at the end."""
-    opened = []
+def load_files(tmp_path):
+    """A function that writes files into a folder of their own and loads them into a new engine; all are closed at the end."""
+    opened: list[Engine] = []
 
-    def of(world, change=lambda files: files, folder="artifacts"):
+    def load(engine_class: type[Engine], files: Mapping[str, str], folder: str = "artifacts") -> Engine:
         place = tmp_path / str(len(opened)) / folder
         place.mkdir(parents=True)
-        write(change(emit(world)), place)
-        engine = Dart()
+        engine = engine_class()
         opened.append(engine)
-        engine.load(place, read_sidecar(place))
+        engine.load(write(files, place), read_sidecar(place))
         return engine
 
-    yield of
+    yield load
     for engine in opened:
         engine.close()

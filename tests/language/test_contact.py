@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from simspec.errors import SpecError
@@ -13,24 +11,7 @@ from simspec.language.load import Spec, load
 from simspec.language.models import Body, File
 from simspec.language.schema import json_schema
 from simspec.language.shapes import Shape, Sphere
-
-HEAD = """simspec: 1
-name: law
-contact:
-  materials: {rubber: {friction: 0.5}, steel: {friction: 0.4}}
-"""
-BODIES = """bodies:
-  floor: {fixed: true, shapes: [{box: {size: [4, 4, 0.2]}, material: steel}]}
-  ball: {pose: {xyz: [0, 0, 1]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
-engines: {mujoco: {accept: [contact.friction.impact]}}
-"""
-
-
-def written(folder: Path, contact: str, bodies: str = BODIES) -> Path:
-    """A spec whose ``contact`` begins on line 5."""
-    path = folder / "law.yaml"
-    path.write_text(HEAD + contact + "\n" + bodies, encoding="utf-8")
-    return path
+from tests.language.contact_specs import written
 
 
 def only_pair(text: str) -> str:

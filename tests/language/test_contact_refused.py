@@ -12,7 +12,7 @@ from simspec.language.load import load
 from simspec.language.models import Contact
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from tests.language.test_contact import BODIES, written
+from tests.language.contact_specs import BODIES, written
 
 CONES = {
     "elliptic": Feature.CONE_ELLIPTIC,

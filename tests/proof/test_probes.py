@@ -15,6 +15,7 @@ from simspec.proof import motion
 from simspec.proof.probes import dynamics_checks, dynamics_operation, kinematics_checks, rotation_error
 from simspec.world.types import World
 from tests import worlds
+from tests.proof.wild import WILD, at_4_ms
 
 MISS = 1e-7
 """Planted errors: a hundred times the tolerance."""
@@ -323,23 +324,6 @@ def test_the_floor_of_chaos_is_the_tolerance():
     _, plan = moved(world)
     assert plan.floor > 1e-11
     assert plan.tolerance == max(1e-9, 100 * plan.floor)
-
-
-def at_4_ms(kinds: list[str], seed: int, parents: list[int] | None = None, **joint: float) -> World:
-    """A tree at 4 ms, for all engines."""
-    physics = dataclasses.replace(worlds.every_joint().physics, timestep=0.004)
-    return worlds.world(worlds.tree(kinds, seed, parents, **joint), physics=physics)
-
-
-WILD = [
-    (["free", "ball", "hinge"], 284, [-1, 0, 0], {}, "round-off alone"),
-    # stiff for its timestep, and far from its springs' rest at first: a gentler beginning is found. What diverges ends with
-    # whole turns in a step, and PyBullet turns nothing by more than π/4
-    (["fixed", "hinge", "ball", "ball", "ball", "hinge"], 148, None, {"spring_stiffness": 20.0}, "turns by more than"),
-    # flung out to 100 m, where one step of PyBullet is off by 1e-8
-    (["free", "hinge", "hinge", "hinge", "slide"], 311, None, {"damping": 0.3}, "slides more than"),
-    (["fixed", *["hinge"] * 7], 21, None, {}, ""),
-]
 
 
 @pytest.mark.parametrize(("kinds", "seed", "parents", "joint", "why"), WILD)

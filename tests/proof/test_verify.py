@@ -15,7 +15,7 @@ from simspec.proof.selftest import defects_of, self_test
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.canonical import sha256
 from tests import worlds
-from tests.proof.test_probes import WILD, at_4_ms
+from tests.proof.wild import WILD, at_4_ms
 
 ENGINES = sorted(engines())
 

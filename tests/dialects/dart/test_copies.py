@@ -6,19 +6,18 @@ import dataclasses
 import itertools
 import json
 import random
-from xml.etree import ElementTree
 
 import pytest
 
 from simspec.dialects.dart.copies import Nodes
 from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.formats.skel.format import WORLD
 from simspec.proof.selftest_worlds import surfaces
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
-from tests.dialects.dart.test_dialect import emit, failures, target, two_materials, write
+from tests.dialects.dart.saying import drop_filter, edited, emit, failures, target, two_materials
+from tests.files import write
 
 
 def random_world(seed, passing=0.2):
@@ -130,23 +129,11 @@ def test_a_body_called_world_has_copies_too(tmp_path):
     assert failures(world, DartDialect().read(write(emit(world), tmp_path)), text=True) == []
 
 
-def edited(change):
-    """The files of the self-test's world of surfaces with one change to the XML tree and the sidecar."""
-    files = emit(surfaces("dart"))
-    root, content = ElementTree.fromstring(files[WORLD]), json.loads(files[SIDECAR])
-    change(root, content)
-    return {WORLD: ElementTree.tostring(root, encoding="unicode"), SIDECAR: json.dumps(content)}
-
-
 def text_of(path, text):
     def change(root, content):
         root.find(path).text = text
 
     return change
-
-
-def drop_filter(root, content):
-    content["filter"]["apart"].remove(["ice.0", "rubber.0"])
 
 
 def swap_filter(root, content):

@@ -22,6 +22,7 @@ from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
+from tests.files import write
 
 SIZES = {
     "sphere": (0.1,),
@@ -64,8 +65,7 @@ def detector_of(world):
 
 
 def load(world, folder):
-    for name, text in compile_world(world, ["dart"])["dart"].files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    write(compile_world(world, ["dart"])["dart"].files, folder)
     engine = Dart()
     engine.load(folder, read_sidecar(folder))
     return engine

@@ -10,130 +10,29 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from simspec.compiler import compile_world, target_of
+from simspec.compiler import compile_world
 from simspec.dialects.dart import dialect as skel
 from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import UnsupportedError
 from simspec.formats.skel.format import WORLD
-from simspec.proof.comparator import compare
 from simspec.support.declarations import combine
 from simspec.support.negotiation import negotiate
 from simspec.world import frames
 from simspec.world.kinematics import poses
-from simspec.world.types import Contact, Material, PairContact, Pose, Shape
+from simspec.world.types import Contact
 from tests import worlds
-
-SMALL = 3e-4
-"""An initial rotation (rad) in the range that DART turns by a Taylor form."""
-
-
-def target(world):
-    return target_of(world, Dart)
-
-
-SHAPES = tuple(f"shape.{kind}" for kind in ("box", "cylinder", "capsule", "ellipsoid", "plane"))
-
-
-def emit(world):
-    """The files, with the contact of every pair of shapes accepted: no detector of DART is sound for all."""
-    given = world.options("dart")
-    accepted = worlds.with_options(
-        world, "dart", settings=given.settings, outside=given.outside, accept=(*given.accept, *SHAPES)
-    )
-    return DartDialect().emit(accepted, target(accepted))
-
-
-def write(files, folder):
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return folder
-
-
-def failures(world, held, text=False):
-    """The checks of the comparator that fail, as (name, place)."""
-    checks = compare(world, held, Dart.RULES, Dart.LAYERS, text=text)
-    assert len(checks) > 5
-    return [(check.name, check.where) for check in checks if not check.passed]
-
-
-def change_joint(world, index, **changes):
-    """The world with some fields of one body's joint changed."""
-    body = world.bodies[index]
-    body = dataclasses.replace(body, joint=dataclasses.replace(body.joint, **changes))
-    return dataclasses.replace(world, bodies=(*world.bodies[:index], body, *world.bodies[index + 1 :]))
-
-
-def mixed_shapes():
-    """A body with a visual shape between two collision shapes, one of which is not seen."""
-    base = worlds.shapes_world(("box",))
-    shapes = (
-        Shape("solid", "sphere", (0.1,), Pose((0.1, 0.0, 0.0)), "default", visual=False),
-        Shape("seen", "capsule", (0.1, 0.3), Pose((0.0, 0.2, 0.0)), collision=False, colour=(0.1, 0.2, 0.3, 0.4)),
-        Shape("both", "cylinder", (0.1, 0.3), Pose((0.0, 0.0, 0.3)), "default"),
-    )
-    return dataclasses.replace(base, bodies=(base.bodies[0], dataclasses.replace(base.bodies[1], shapes=shapes)))
-
-
-def two_materials():
-    """Two materials on one body, above a floor of a third: frictions by min, restitutions by product."""
-    base = worlds.shapes_world(("box", "sphere"))
-    names = ("ground", "rough", "slick")
-    friction = {("ground", "rough"): 0.7, ("ground", "slick"): 0.1}
-    pairs = tuple(
-        PairContact(one, other, friction.get((one, other), 0.7 if "slick" not in (one, other) else 0.1), 0.25)
-        for index, one in enumerate(names)
-        for other in names[index:]
-    )
-    floor, box, sphere = base.bodies
-    shapes = (
-        Shape("a", "box", (0.1, 0.1, 0.1), Pose(), "rough"),
-        Shape("b", "box", (0.1, 0.1, 0.1), Pose((0.2, 0.0, 0.0)), "slick"),
-    )
-    floor = dataclasses.replace(floor, shapes=(dataclasses.replace(floor.shapes[0], material="ground"),))
-    sphere = dataclasses.replace(sphere, shapes=(dataclasses.replace(sphere.shapes[0], material="rough"),))
-    contact = Contact(materials=tuple(Material(name, 0.5, 0.25) for name in names), pairs=pairs)
-    return dataclasses.replace(base, bodies=(floor, dataclasses.replace(box, shapes=shapes), sphere), contact=contact)
-
-
-def small_turns(**more):
-    """A free and a ball joint that start with a small rotation."""
-    world = worlds.world(worlds.tree(["free", "ball", "hinge"], 8, **more))
-    q = (math.cos(SMALL / 2.0), 0.6 * math.sin(SMALL / 2.0), 0.0, 0.8 * math.sin(SMALL / 2.0))
-    world = change_joint(world, 0, position=(*world.bodies[0].joint.position[:3], *q))
-    return change_joint(world, 1, position=q)
-
-
-def reserved_name():
-    """A body called as DART calls the world."""
-    bodies = worlds.tree(["hinge", "ball"], 4)
-    first = dataclasses.replace(bodies[0], name="world", model="world")
-    second = dataclasses.replace(bodies[1], model="world", joint=dataclasses.replace(bodies[1].joint, parent="world"))
-    return worlds.world((first, second), contact=Contact(excluded_bodies=(("link1", "world"),)))
-
-
-def interleaved():
-    """Two trees whose bodies alternate in the world's order."""
-    one, other = worlds.tree(["free", "hinge"], 5, prefix="a"), worlds.tree(["ball", "slide"], 6, prefix="b")
-    return worlds.world((one[0], other[0], one[1], other[1]))
-
-
-WORLDS = {
-    "every-joint": lambda: worlds.every_joint(damping=0.2),
-    "damped-springs": worlds.damped_springs,
-    "limits": lambda: worlds.limits_and_armature(armature=0.2, dry_friction=0.3),
-    "shapes": worlds.shapes_world,
-    "ellipsoid-and-plane": lambda: worlds.shapes_world(("ellipsoid", "plane")),
-    "mixed-shapes": mixed_shapes,
-    "two-materials": two_materials,
-    "spheres": worlds.spheres,
-    "gripper": worlds.gripper,
-    "small-turns": small_turns,
-    "reserved-name": reserved_name,
-    "interleaved": interleaved,
-    "hung": lambda: worlds.world(worlds.tree(["ball", "slide", "hinge"], 4, velocity_limit=2.0, effort_limit=3.0)),
-}
+from tests.dialects.dart.saying import (
+    SMALL,
+    WORLDS,
+    change_joint,
+    emit,
+    failures,
+    two_materials,
+    with_cone,
+)
+from tests.files import write
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -304,11 +203,6 @@ def test_the_detector_suits_the_shapes(kinds, detector, tmp_path):
     assert f"<collision_detector>{detector}<" in emit(world)[WORLD]
     asked = worlds.with_options(world, "dart", settings=(("collision_detector", "bullet"),))
     assert json.loads(emit(asked)[SIDECAR])["settings"]["collision_detector"] == "bullet"
-
-
-def with_cone(cone):
-    world = worlds.shapes_world()
-    return dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
 
 
 def refusals(world):

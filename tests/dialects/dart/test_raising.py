@@ -12,6 +12,7 @@ from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.formats.skel.format import WORLD
 from simspec.proof.selftest_worlds import WORLDS
+from tests.files import write
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +21,7 @@ def files():
 
 
 def _read(folder, files):
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return DartDialect().read(folder)
+    return DartDialect().read(write(files, folder))
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,8 @@ import json
 import random
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 
-from simspec.compiler import target_of
 from simspec.contact.parts import surfaces
 from simspec.contact.plan import contact_plan
 from simspec.contact.reachability import pair_needs
@@ -23,92 +21,14 @@ from simspec.support.negotiation import negotiate
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
-
-TEXT = 1e-12
-"""The tolerance of proof level L0: numbers are printed to round-trip, only frame changes round."""
-
-
-def target(world):
-    return target_of(world, PyBullet)
-
-
-def emit(world):
-    return PybulletDialect().emit(world, target(world))
-
-
-def write(files, folder):
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return folder
-
-
-def body_numbers(body):
-    joint = body.joint
-    limits = joint.position_limits or (np.inf, -np.inf)
-    return [
-        body.inertial.mass,
-        *body.inertial.centre_of_mass,
-        *body.inertial.inertia,
-        *joint.origin.position,
-        *joint.origin.quaternion,
-        *joint.axis,
-        *(-1e9 if np.isinf(x) else x for x in limits),
-        *(-1.0 if x is None else x for x in (joint.velocity_limit, joint.effort_limit)),
-        joint.damping,
-        joint.dry_friction,
-        joint.armature,
-        joint.spring_stiffness,
-        joint.spring_rest,
-        *joint.position,
-        *joint.velocity,
-    ]
-
-
-def shape_numbers(shape):
-    return [*shape.size, *shape.pose.position, *shape.pose.quaternion]
-
-
-def assert_same_bodies(wanted, found, tolerance, names=True):
-    assert [body.name for body in found] == [body.name for body in wanted]
-    for one, other in zip(wanted, found, strict=True):
-        kind = (one.model, one.joint.kind, one.joint.parent, one.joint.name)
-        assert kind == (other.model, other.joint.kind, other.joint.parent, other.joint.name)
-        np.testing.assert_allclose(
-            body_numbers(other), body_numbers(one), rtol=tolerance, atol=tolerance, err_msg=one.name
-        )
-        assert len(one.shapes) == len(other.shapes)
-        for shape, again in zip(one.shapes, other.shapes, strict=True):
-            assert (shape.kind, shape.collision, shape.visual) == (again.kind, again.collision, again.visual)
-            assert not names or shape.name == again.name
-            np.testing.assert_allclose(shape_numbers(again), shape_numbers(shape), rtol=tolerance, atol=tolerance)
-
-
-def mixed_shapes():
-    """A body with a visual shape between two collision shapes, one of which is not seen."""
-    base = worlds.shapes_world(("box",))
-    shapes = (
-        Shape("solid", "sphere", (0.1,), Pose((0.1, 0.0, 0.0)), "default", visual=False),
-        Shape("seen", "capsule", (0.1, 0.3), Pose((0.0, 0.2, 0.0)), collision=False, colour=(0.1, 0.2, 0.3, 0.4)),
-        Shape("both", "cylinder", (0.1, 0.3), Pose((0.0, 0.0, 0.3)), "default"),
-    )
-    return dataclasses.replace(base, bodies=(base.bodies[0], dataclasses.replace(base.bodies[1], shapes=shapes)))
-
-
-def all_limits():
-    """Every joint with every attribute that its kind has."""
-    return worlds.limits_and_armature(armature=0.2, dry_friction=0.3)
-
-
-WORLDS = {
-    "every-joint": lambda: worlds.every_joint(damping=0.2),
-    "damped-springs": worlds.damped_springs,
-    "limits": all_limits,
-    "shapes": worlds.shapes_world,
-    "mixed-shapes": mixed_shapes,
-    "spheres": worlds.spheres,
-    "gripper": worlds.gripper,
-    "hung": lambda: worlds.world(worlds.tree(["ball", "slide", "hinge"], 4, velocity_limit=2.0, effort_limit=3.0)),
-}
+from tests.dialects.pybullet.saying import (
+    TEXT,
+    WORLDS,
+    all_limits,
+    assert_same_bodies,
+    emit,
+)
+from tests.files import write
 
 
 @pytest.mark.parametrize("name", WORLDS)

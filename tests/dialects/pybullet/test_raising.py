@@ -16,6 +16,7 @@ from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.world.types import Hardness
 from tests import worlds
+from tests.files import write
 
 
 def emit(world):
@@ -23,9 +24,7 @@ def emit(world):
 
 
 def read(files, folder):
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return PybulletDialect().read(folder)
+    return PybulletDialect().read(write(files, folder))
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,7 @@ from simspec.proof.selftest_worlds import WORLDS as SELF_TEST
 from simspec.support.negotiation import negotiate
 from simspec.world.types import Hardness, Pose, Shape
 from tests import worlds
+from tests.files import setting, write
 
 RULES = Rules("max", "max", "max", "max", "same")
 """Of an engine whose materials have numbers of their own, and explicit pairs beside them."""
@@ -37,12 +38,6 @@ def target(world):
 
 def emit(world):
     return UrdfDialect().emit(world, target(world))
-
-
-def write(files, folder):
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    return folder
 
 
 def failures(world, folder):
@@ -179,28 +174,19 @@ def sound():
     return json.loads(emit(without_inertial())[SIDECAR])
 
 
-def _set(value, *path):
-    def change(content):
-        for key in path[:-1]:
-            content = content[key]
-        content[path[-1]] = value
-
-    return change
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (_set("sphere", "beside", 0, "kind"), "'sphere'"),
-        (_set("nobody", "beside", 0, "body"), "has no shape"),
-        (_set([1.0], "beside", 0, "size"), "has 1 numbers"),
-        (_set(True, "instances", 0, "free"), "does not fit the kinds"),
-        (_set([], "groups"), "sidecar.groups"),
-        (_set([["floor", "nobody"]], "excluded"), "'nobody'"),
-        (_set("wood", "instances", 0, "materials", 0, 0), "'wood'"),
-        (_set("soft", "materials", 0, "hardness", "kind"), "'soft'"),
-        (_set([], "materials"), "are not known"),
-        (_set([], "instances", 1, "position"), "has 0 numbers"),
+        (setting("sphere", "beside", 0, "kind"), "'sphere'"),
+        (setting("nobody", "beside", 0, "body"), "has no shape"),
+        (setting([1.0], "beside", 0, "size"), "has 1 numbers"),
+        (setting(True, "instances", 0, "free"), "does not fit the kinds"),
+        (setting([], "groups"), "sidecar.groups"),
+        (setting([["floor", "nobody"]], "excluded"), "'nobody'"),
+        (setting("wood", "instances", 0, "materials", 0, 0), "'wood'"),
+        (setting("soft", "materials", 0, "hardness", "kind"), "'soft'"),
+        (setting([], "materials"), "are not known"),
+        (setting([], "instances", 1, "position"), "has 0 numbers"),
     ],
 )
 def test_sidecars_that_do_not_fit_together_are_refused(sound, change, said):

@@ -10,66 +10,19 @@ import pytest
 
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.arrays import empty_contacts
-from simspec.world.kinematics import CollisionFilter
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
+from simspec.world.types import Pose, Shape
 from tests import worlds
-from tests.dialects.dart.test_dialect import with_cone
+from tests.dialects.dart.saying import with_cone
+from tests.engines.crowds import crowd_and_contacts
+from tests.engines.dart.scenes import scene
 
 pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not installed")
-
-
-BOX = (Shape("box", "box", (0.1, 0.1, 0.1), Pose(), "default"),)
-
-
-def crowd():
-    """Trees of all kinds whose boxes all overlap: groups, exclusions, fixed bodies with and without mass."""
-
-    def body(name, parent, kind, group="default", mass=1.0):
-        size = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}[kind]
-        position = {"fixed": (), "ball": (1.0, 0.0, 0.0, 0.0), "free": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}.get(
-            kind, (0.01,)
-        )
-        axis = (0.0, 0.0, 1.0) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
-        joint = Joint(f"{name}_joint", kind, parent, axis=axis, position=position, velocity=(0.0,) * size)
-        inertia = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0) if mass else (0.0,) * 6
-        return Body(name, name, Inertial(mass, inertia=inertia), joint, BOX, group)
-
-    bodies = (
-        body("floor", None, "fixed", mass=0.0),
-        body("wall", None, "fixed", "g", mass=3.0),
-        body("shelf", "wall", "fixed", mass=0.0),
-        body("arm", "shelf", "hinge"),
-        body("root", None, "free"),
-        body("a", "root", "hinge", "g"),
-        body("b", "a", "fixed", "h"),
-        body("c", "b", "slide"),
-        body("d", "root", "ball", "h"),
-        body("e", "c", "fixed"),
-        body("pendulum", None, "hinge", "g"),
-        body("ball", None, "free", "h"),
-    )
-    excluded = {*worlds.parent_pairs(bodies), ("ball", "d"), ("arm", "c")}
-    contact = Contact(
-        materials=(Material("default", 0.4),),
-        pairs=(PairContact("default", "default", 0.4, 0.0),),
-        ignored_groups=(("default", "h"), ("g", "g")),
-        excluded_bodies=tuple(sorted(excluded)),
-    )
-    return worlds.world(bodies, contact=contact)
 
 
 @pytest.mark.parametrize("detector", ["dart", "ode", "bullet", "fcl"])
 @pytest.mark.parametrize("parents_touch", [False, True])
 def test_what_touches_is_what_may_touch(parents_touch, detector, load_dart):
-    world = crowd()
-    if parents_touch:  # worlds always exclude parent and child; the engine must not do so by itself
-        excluded = tuple(pair for pair in world.contact.excluded_bodies if pair != ("a", "root"))
-        world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=excluded))
-    allowed = CollisionFilter(world)
-    names = [body.name for body in world.bodies]
-    wanted = [
-        [i, j] for i in range(len(names)) for j in range(i + 1, len(names)) if allowed.may_touch(names[i], names[j])
-    ]
+    world, wanted = crowd_and_contacts(parents_touch)
     engine = load_dart(worlds.with_options(world, "dart", settings=(("collision_detector", detector),)))
     assert engine.detect_contacts().tolist() == wanted
     q, v = engine.get_state()
@@ -83,27 +36,6 @@ def test_what_touches_is_what_may_touch(parents_touch, detector, load_dart):
     engine.step(1)
     assert len(engine.contacts()["distance"]) == 0
     assert engine.detect_contacts().tolist() == []
-
-
-def scene(shape, at, velocity, friction=0.0, restitution=0.0, cone="elliptic", floor="box"):
-    """One body of 1 kg above a floor that cannot move: a big box or a plane."""
-    size, pose = ((20.0, 20.0, 0.2), Pose((0.0, 0.0, -0.1))) if floor == "box" else ((), Pose())
-    ground = Body(
-        "floor",
-        "floor",
-        Inertial(0.0),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", floor, size, pose, "default"),),
-    )
-    joint = Joint("b_joint", "free", position=(*at, 1.0, 0.0, 0.0, 0.0), velocity=(*velocity, 0.0, 0.0, 0.0))
-    inertial = Inertial(1.0, inertia=(0.004, 0.004, 0.004, 0.0, 0.0, 0.0))
-    body = Body("b", "b", inertial, joint, (Shape("b_0", *shape, Pose(), "default"),))
-    contact = Contact(
-        cone,
-        materials=(Material("default", friction, restitution),),
-        pairs=(PairContact("default", "default", friction, restitution),),
-    )
-    return worlds.world((ground, body), contact=contact)
 
 
 @pytest.mark.parametrize("floor", ["box", "plane"])

@@ -16,9 +16,9 @@ from simspec.proof.selftest_worlds import surfaces
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Contact, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
-from tests.dialects.dart.test_copies import drop_filter, edited
-from tests.dialects.dart.test_dialect import failures
-from tests.engines.dart.test_contact import crowd, scene
+from tests.dialects.dart.saying import drop_filter, edited, failures
+from tests.engines.crowds import crowd
+from tests.engines.dart.scenes import scene
 
 pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not installed")
 

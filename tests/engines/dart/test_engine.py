@@ -20,7 +20,7 @@ from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape
 from tests import worlds
-from tests.dialects.dart.test_dialect import WORLDS, failures, small_turns
+from tests.dialects.dart.saying import WORLDS, failures, small_turns
 
 pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not installed")
 

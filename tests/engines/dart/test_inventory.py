@@ -4,18 +4,19 @@ left unnamed."""
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 
 import pytest
 
-from simspec.compiler import compile_world, write_folder
+from simspec.compiler import compile_world
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.dart.engine import Dart
 from simspec.engines.dart.getters import FIELDS, GETTERS
 from simspec.errors import UnsupportedError
-from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
+from tests.engines.inventories import inventory_check
 
 dartpy = pytest.importorskip("dartpy")
 
@@ -46,32 +47,21 @@ SOUND = {
 
 
 @pytest.fixture
-def load(tmp_path):
+def load(load_files):
     """A function that compiles and loads a world."""
-    folders = iter(range(100))
 
     def of(world):
-        compiled = compile_world(world, ["dart"])["dart"]
-        folder = tmp_path / str(next(folders))
-        write_folder(compiled.files, folder)
-        DartSidecar.of(read_sidecar(folder))
-        engine = Dart()
-        engine.load(folder, read_sidecar(folder))
-        return engine
+        files = compile_world(world, ["dart"])["dart"].files
+        DartSidecar.of(json.loads(files[SIDECAR]))
+        return load_files(Dart, files)
 
     return of
-
-
-def failures(world, engine):
-    held = engine.read_back()
-    (check,) = inventory_checks(Dart.expected_inventory(world, held.neutral), held.inventory)
-    return check
 
 
 @pytest.mark.parametrize("name", SOUND)
 def test_it_is_what_the_world_demands(name, load):
     world = SOUND[name]()
-    check = failures(world, load(world))
+    check = inventory_check(world, load(world))
     assert check.passed, check.detail
     assert check.count > 50
 
@@ -145,7 +135,7 @@ def test_whatever_the_engine_is_told_besides_shows(name, load):
     world = WORLDS["model"]("dart")
     engine = load(world)
     BESIDES[name](engine._simulation)
-    assert not failures(world, engine).passed
+    assert not inventory_check(world, engine).passed
 
 
 QUESTION = re.compile(r"(get|is|has|are|needs)[A-Z]")

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.compiler import compile_world, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.compiler import compile_world
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.drake.building import MOST_PLANES
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, approximation
@@ -37,24 +36,16 @@ def told(world, **settings):
 
 
 @pytest.fixture
-def load(tmp_path):
+def load(load_files):
     """A function that compiles and loads a world, with its file changed on the way."""
-    opened = []
 
     def of(world, change=lambda content: None):
-        folder = tmp_path / str(len(opened))
-        write_folder(compile_world(world, ["drake"])["drake"].files, folder)
-        content = json.loads((folder / WORLD).read_text(encoding="utf-8"))
+        files = dict(compile_world(world, ["drake"])["drake"].files)
+        content = json.loads(files[WORLD])
         change(content)
-        (folder / WORLD).write_text(json_text(content), encoding="utf-8")
-        engine = Drake()
-        opened.append(engine)
-        engine.load(folder, read_sidecar(folder))
-        return engine
+        return load_files(Drake, files | {WORLD: json_text(content)})
 
-    yield of
-    for engine in opened:
-        engine.close()
+    return of
 
 
 def boxes(count, timestep=0.001, friction=0.5, tower=True, kind="box", floor="box"):

@@ -7,8 +7,7 @@ import re
 
 import pytest
 
-from simspec.compiler import compile_world, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.compiler import compile_world
 from simspec.engines.drake.engine import Drake
 from simspec.engines.drake.getters import GETTERS
 from simspec.errors import EngineError
@@ -22,18 +21,9 @@ from pydrake.systems import framework
 
 
 @pytest.fixture
-def load(tmp_path):
+def load(load_files):
     """A function that compiles and loads a world."""
-    folders = iter(range(100))
-
-    def of(world):
-        folder = tmp_path / str(next(folders))
-        write_folder(compile_world(world, ["drake"])["drake"].files, folder)
-        engine = Drake()
-        engine.load(folder, read_sidecar(folder))
-        return engine
-
-    return of
+    return lambda world: load_files(Drake, compile_world(world, ["drake"])["drake"].files)
 
 
 def failures(world, engine):

@@ -8,9 +8,6 @@ import math
 import numpy as np
 import pytest
 
-from simspec.compiler import target_of, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.world.types import (
@@ -26,6 +23,7 @@ from simspec.world.types import (
     Shape,
     World,
 )
+from tests.dialects.mujoco.saying import emit
 
 pytest.importorskip("mujoco")
 G = 9.81
@@ -51,21 +49,9 @@ def on_floor(
 
 
 @pytest.fixture
-def load(tmp_path):
-    """Loads a world into a new engine; closes all at the end."""
-    alive: list[MuJoCo] = []
-
-    def loaded(world: World) -> MuJoCo:
-        folder = tmp_path / str(len(alive))
-        write_folder(MujocoDialect().emit(world, target_of(world, MuJoCo)), folder)
-        engine = MuJoCo()
-        engine.load(folder, read_sidecar(folder))
-        alive.append(engine)
-        return engine
-
-    yield loaded
-    for engine in alive:
-        engine.close()
+def load(load_files):
+    """A function that emits and loads a world, whatever the engine accepts of it."""
+    return lambda world: load_files(MuJoCo, emit(world))
 
 
 # --- sliding ------------------------------------------------------------------------------------------------------

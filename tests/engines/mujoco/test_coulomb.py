@@ -9,8 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.compiler import compile_world, write_folder
-from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.compiler import compile_world
 from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import coulomb as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
@@ -34,20 +33,9 @@ def coulomb(world, **settings):
 
 
 @pytest.fixture
-def load(tmp_path):
-    alive = []
-
-    def of(world):
-        folder = tmp_path / str(len(alive))
-        write_folder(compile_world(world, ["mujoco"])["mujoco"].files, folder)
-        engine = MuJoCo()
-        engine.load(folder, read_sidecar(folder))
-        alive.append(engine)
-        return engine
-
-    yield of
-    for engine in alive:
-        engine.close()
+def load(load_files):
+    """A function that compiles and loads a world."""
+    return lambda world: load_files(MuJoCo, compile_world(world, ["mujoco"])["mujoco"].files)
 
 
 def scene(*bodies, friction=0.5, restitution=0.0, cone="elliptic", floor=True, **more):

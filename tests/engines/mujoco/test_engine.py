@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simspec.compiler import target_of, write_folder
+from simspec.compiler import write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.engines.mujoco.engine import NO_EXPLICIT_PAIRS, MuJoCo
@@ -22,32 +22,20 @@ from simspec.support.negotiation import negotiate
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
-from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_held, box_world, differences, frictional
+from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_held, box_world, differences, emit, frictional
 
 mujoco = pytest.importorskip("mujoco")
 
 
 def write(world: World, folder: Path) -> Path:
-    target = target_of(world, MuJoCo)
-    write_folder(MujocoDialect().emit(world, target), folder / "a")
+    write_folder(emit(world), folder / "a")
     return folder / "a"
 
 
 @pytest.fixture
-def load(tmp_path):
-    """Loads a world into a new engine; closes all at the end."""
-    open_engines = []
-
-    def loaded(world: World) -> MuJoCo:
-        engine = MuJoCo()
-        folder = write(world, tmp_path / str(len(open_engines)))
-        engine.load(folder, read_sidecar(folder))
-        open_engines.append(engine)
-        return engine
-
-    yield loaded
-    for engine in open_engines:
-        engine.close()
+def load(load_files):
+    """A function that emits and loads a world, whatever the engine accepts of it."""
+    return lambda world: load_files(MuJoCo, emit(world))
 
 
 # --- read-back ----------------------------------------------------------------------------------------------------

@@ -18,10 +18,11 @@ from simspec.support.declarations import combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, initial_state, layout_of
+from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
-from tests.dialects.pybullet.test_dialect import WORLDS, assert_same_bodies, emit, write
+from tests.dialects.pybullet.saying import WORLDS, assert_same_bodies, emit
+from tests.engines.crowds import BOX, crowd_and_contacts
 
 pytestmark = pytest.mark.skipif(PyBullet.version() is None, reason="pybullet is not installed")
 
@@ -35,22 +36,9 @@ STEPS = 2000
 
 
 @pytest.fixture
-def load(tmp_path):
-    """A function that compiles a world and loads it; everything is closed at the end."""
-    opened = []
-
-    def of(world, change=lambda files: files):
-        folder = tmp_path / str(len(opened))
-        folder.mkdir()
-        write(change(emit(world)), folder)
-        engine = PyBullet()
-        opened.append(engine)
-        engine.load(folder, read_sidecar(folder))
-        return engine
-
-    yield of
-    for engine in opened:
-        engine.close()
+def load(load_files):
+    """A function that emits a world, changes its files, and loads them."""
+    return lambda world, change=lambda files: files: load_files(PyBullet, change(emit(world)))
 
 
 def free_of_limits(world):
@@ -282,57 +270,9 @@ def test_velocities_are_not_clamped_and_ratings_do_not_act(load):
     np.testing.assert_allclose(engine.get_state()[1][:3], v[:3], rtol=1e-14)
 
 
-BOX = (Shape("box", "box", (0.1, 0.1, 0.1), Pose(), "default"),)
-
-
-def crowd():
-    """Trees of all kinds whose boxes all overlap: groups, exclusions, fixed bodies with and without mass."""
-
-    def body(name, parent, kind, group="default", mass=1.0):
-        size = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}[kind]
-        position = {"fixed": (), "ball": (1.0, 0.0, 0.0, 0.0), "free": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}.get(
-            kind, (0.01,)
-        )
-        axis = (0.0, 0.0, 1.0) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
-        joint = Joint(f"{name}_joint", kind, parent, axis=axis, position=position, velocity=(0.0,) * size)
-        inertia = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0) if mass else (0.0,) * 6
-        return Body(name, name, Inertial(mass, inertia=inertia), joint, BOX, group)
-
-    bodies = (
-        body("floor", None, "fixed", mass=0.0),
-        body("wall", None, "fixed", "g", mass=3.0),
-        body("shelf", "wall", "fixed", mass=0.0),
-        body("arm", "shelf", "hinge"),
-        body("root", None, "free"),
-        body("a", "root", "hinge", "g"),
-        body("b", "a", "fixed", "h"),
-        body("c", "b", "slide"),
-        body("d", "root", "ball", "h"),
-        body("e", "c", "fixed"),
-        body("pendulum", None, "hinge", "g"),
-        body("ball", None, "free", "h"),
-    )
-    excluded = {*worlds.parent_pairs(bodies), ("ball", "d"), ("arm", "c")}
-    contact = Contact(
-        materials=(Material("default", 0.4),),
-        pairs=(PairContact("default", "default", 0.4, 0.0),),
-        ignored_groups=(("default", "h"), ("g", "g")),
-        excluded_bodies=tuple(sorted(excluded)),
-    )
-    return worlds.world(bodies, contact=contact)
-
-
 @pytest.mark.parametrize("parents_touch", [False, True])
 def test_what_touches_is_what_may_touch(parents_touch, load):
-    world = crowd()
-    if parents_touch:  # worlds always exclude parent and child; the engine must not do so by itself
-        excluded = tuple(pair for pair in world.contact.excluded_bodies if pair != ("a", "root"))
-        world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=excluded))
-    allowed = CollisionFilter(world)
-    names = [body.name for body in world.bodies]
-    wanted = [
-        [i, j] for i in range(len(names)) for j in range(i + 1, len(names)) if allowed.may_touch(names[i], names[j])
-    ]
+    world, wanted = crowd_and_contacts(parents_touch)
     engine = load(world)
     assert engine.detect_contacts().tolist() == wanted
     q, v = engine.get_state()
@@ -490,7 +430,7 @@ def test_several_simulations_live_side_by_side(load):
 def test_loading_again_reads_the_changed_file(load, tmp_path):
     """PyBullet caches files by path, as long as a physics client lives."""
     engine = load(slider())
-    folder = tmp_path / "0"
+    folder = tmp_path / "0" / "artifacts"
     text = (folder / "a.urdf").read_text(encoding="utf-8")
     (folder / "a.urdf").write_text(text.replace('<mass value="2"/>', '<mass value="3"/>'), encoding="utf-8")
     engine.load(folder, read_sidecar(folder))

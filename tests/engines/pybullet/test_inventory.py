@@ -13,10 +13,10 @@ from simspec.engines.pybullet.bullet_file import plain, read_blocks
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, PARAMETERS, SURFACE, WORLD, _dump
 from simspec.errors import EngineError
-from simspec.proof.comparator import inventory_checks
 from simspec.proof.mutation_worlds import WORLDS as MUTATED
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Hardness
+from tests.engines.inventories import inventory_check
 
 pytestmark = pytest.mark.skipif(PyBullet.version() is None, reason="pybullet is not installed")
 
@@ -62,34 +62,15 @@ SOUND = {
 
 
 @pytest.fixture
-def load(tmp_path):
-    """A function that compiles and loads a world; closed at the end."""
-    opened = []
-
-    def of(world):
-        compiled = compile_world(world, ["pybullet"])["pybullet"]
-        folder = tmp_path / str(len(opened))
-        write_folder(compiled.files, folder)
-        engine = PyBullet()
-        opened.append(engine)
-        engine.load(folder, read_sidecar(folder))
-        return engine
-
-    yield of
-    for engine in opened:
-        engine.close()
-
-
-def failures(world, engine):
-    held = engine.read_back()
-    (check,) = inventory_checks(PyBullet.expected_inventory(world, held.neutral), held.inventory)
-    return check
+def load(load_files):
+    """A function that compiles and loads a world."""
+    return lambda world: load_files(PyBullet, compile_world(world, ["pybullet"])["pybullet"].files)
 
 
 @pytest.mark.parametrize("name", SOUND)
 def test_it_is_what_the_world_demands(name, load):
     world = SOUND[name]()
-    check = failures(world, load(world))
+    check = inventory_check(world, load(world))
     assert check.passed, check.detail
     assert check.count > 50
 
@@ -126,7 +107,7 @@ def test_whatever_the_engine_is_told_besides_shows(name, load):
     sim = engine._sim
     cube = next(tree for tree in sim.trees if sim.names[tree.links[0].index] == "cube")
     BESIDES[name](sim.bullet, sim.client, cube.uid)
-    assert not failures(world, engine).passed
+    assert not inventory_check(world, engine).passed
 
 
 def test_a_body_that_the_sidecar_does_not_name_is_refused(load):
@@ -144,7 +125,7 @@ def test_what_is_told_while_loading_is_written_down(load):
     index = next(i for i, (name, _, given) in enumerate(calls) if "linearDamping" in given)
     name, positional, given = calls[index]
     calls[index] = (name, positional, {**given, "linearDamping": 0.04})
-    assert failures(world, engine).where.endswith(".linearDamping")
+    assert inventory_check(world, engine).where.endswith(".linearDamping")
 
 
 def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):

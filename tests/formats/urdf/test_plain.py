@@ -28,6 +28,7 @@ from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.types import Pose, Shape
 from tests import worlds
+from tests.files import write
 
 
 def library(name):
@@ -42,10 +43,9 @@ WORLDS = {
 }
 
 
-def write(world, folder):
+def written(world, folder):
     plain = Urdf().plain(world)
-    for name, text in plain.files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    write(plain.files, folder)
     return plain
 
 
@@ -58,7 +58,7 @@ def test_the_table_is_of_every_feature():
 def test_another_reader_finds_the_same_dynamics(name, tmp_path):
     """Pinocchio reads the file by its own parser; M and the joints' forces under gravity are the oracle's."""
     world = WORLDS[name]()
-    write(world, tmp_path)
+    written(world, tmp_path)
     (file,) = tmp_path.glob("*.urdf")
     model = pinocchio.buildModelFromUrdf(str(file))
     model.gravity.linear = np.array(world.physics.gravity)
@@ -94,7 +94,7 @@ def test_another_reader_finds_the_same_dynamics(name, tmp_path):
 def test_a_second_reader_sees_every_link_joint_and_shape(name, tmp_path):
     more = {"gripper": worlds.gripper, "spheres": lambda: worlds.spheres(3), "shapes": worlds.shapes_world}
     world = {**WORLDS, **more}[name]()
-    plain = write(world, tmp_path)
+    plain = written(world, tmp_path)
     placed = json.loads(plain.files[PLACEMENT])["trees"]
     assert sorted(link["name"] for tree in placed for link in tree["links"]) == sorted(b.name for b in world.bodies)
     bodies = {body.name: body for body in world.bodies}
@@ -147,7 +147,7 @@ def test_the_files_are_of_the_language_alone(tmp_path):
     for index, world in enumerate(every_feature()):
         folder = tmp_path / str(index)
         folder.mkdir()
-        write(world, folder)
+        written(world, folder)
         for robot in Urdf().read(folder).robots.values():
             assert list(strangers(robot)) == []
             for joint in robot.joints:
@@ -169,7 +169,7 @@ def test_limits_that_stand_for_none_are_listed():
 
 def test_a_ball_joint_becomes_three_hinges_that_turn_as_it_does(tmp_path):
     world = worlds.world(worlds.tree(["ball"], 4))
-    plain = write(world, tmp_path)
+    plain = written(world, tmp_path)
     (loss,) = [loss for loss in plain.losses if loss.feature == "joint.ball"]
     assert loss.fate is Fate.APPROXIMATED
     assert loss.of_the_model
@@ -236,8 +236,7 @@ def test_extensions_are_printed_and_names_escaped(tmp_path):
         extensions=(contact,),
     )
     robot = Robot("r", (link, Link("b")), (Joint("j", "spherical", link.name, "b", Origin()),))
-    for name, text in Urdf().write({"r.urdf": robot}).items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    write(Urdf().write({"r.urdf": robot}), tmp_path)
     again = Urdf().read(tmp_path).robots["r.urdf"]
     assert again.links[0].name == link.name
     assert again.links[0].inertial.inertia == link.inertial.inertia

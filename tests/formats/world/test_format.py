@@ -23,6 +23,7 @@ from simspec.formats.world.tree import (
     state_of,
 )
 from simspec.world.types import Hardness, Pose
+from tests.files import setting
 
 TURN = (0.6, 0.8, 0.0, 0.0)
 RED = (1.0, 0.0, 0.0, 1.0)
@@ -124,49 +125,40 @@ def test_parents_and_states_of_every_kind_of_joint():
     assert [tuple(map(len, state_of(joint))) for joint in joints] == [(0, 0), (1, 1), (4, 3), (7, 6)]
 
 
-def _set(value, *path):
-    def change(content):
-        for key in path[:-1]:
-            content = content[key]
-        content[path[-1]] = value
-
-    return change
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (_set(2, "schema"), "schema 2, this simspec reads 1"),
-        (_set(-0.001, "timestep"), "world.json.timestep is -0.001, should be above zero"),
-        (_set(10**400, "timestep"), "world.json.timestep is 1000"),
-        (_set("round", "friction_cone"), "world.json.friction_cone has 'round'"),
-        (_set("screw", "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint.kind has 'screw'"),
-        (_set([], "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint.kind is [], should be a text"),
-        (_set([], "bodies", 1, "joint"), "world.json.bodies.1.joint is [], should be an object"),
+        (setting(2, "schema"), "schema 2, this simspec reads 1"),
+        (setting(-0.001, "timestep"), "world.json.timestep is -0.001, should be above zero"),
+        (setting(10**400, "timestep"), "world.json.timestep is 1000"),
+        (setting("round", "friction_cone"), "world.json.friction_cone has 'round'"),
+        (setting("screw", "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint.kind has 'screw'"),
+        (setting([], "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint.kind is [], should be a text"),
+        (setting([], "bodies", 1, "joint"), "world.json.bodies.1.joint is [], should be an object"),
         (lambda content: content["bodies"][1]["joint"].pop("kind"), "bodies.1.joint.kind is None"),
-        (_set("ball", "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint lacks the fields []"),
-        (_set([0.1, 0.2], "bodies", 1, "joint", "position"), "joint.position has 2 entries, should have 1"),
-        (_set([0.0, 0.0, 2.0], "bodies", 1, "joint", "axis"), "bodies.1.joint.axis is [0.0, 0.0, 2.0]"),
-        (_set("stone", "bodies", 1, "joint", "parent"), "'stone', which is no body before it"),
-        (_set("arm", "bodies", 1, "joint", "parent"), "'arm', which is no body before it"),
-        (_set([1.0, 0.1, 0.0, 0.0], "bodies", 2, "joint", "position"), "bodies.2.joint.position"),
-        (_set([0.1, 0.1], "bodies", 0, "shapes", 0, "size"), "shapes.0.size has 2 entries, should have 1"),
-        (_set("cone", "bodies", 0, "shapes", 0, "kind"), "bodies.0.shapes.0.kind has 'cone'"),
-        (_set([], "bodies", 3, "shapes", 0, "copies"), "bodies.3.shapes.0 is neither visual nor collision"),
-        (_set("ice", "bodies", 1, "shapes", 0, "material"), "has the material 'ice' and is no collision shape"),
-        (_set(0, "bodies", 0, "shapes", 0, "copies", 1, "layer"), "not in the order of their layers"),
-        (_set(True, "bodies", 0, "shapes", 0, "copies", 1, "layer"), "layer is True, should be a whole number"),
-        (_set(None, "bodies", 0, "shapes", 0, "copies", 1, "hardness"), "hardness is None"),
-        (_set([1.0, 0.0, 0.0], "bodies", 0, "shapes", 0, "colour"), "colour has 3 entries, should have 4"),
-        (_set([["ice", "ice", 2], ["ice", "ice", 0]], "meets"), "('ice', 'ice') twice"),
-        (_set([["ice", "ice", 1]], "meets"), "no copy in that layer"),
-        (_set([["arm", "arm"]], "apart", "bodies"), "world.json.apart.bodies has 'arm' twice"),
-        (_set([["arm", "nobody"]], "apart", "bodies"), "'nobody', which is not known"),
-        (_set([["arm", "stones"]], "apart", "groups"), "'arm', which is not known"),
-        (_set("base", "bodies", 1, "name"), "world.json.bodies has 'base' twice"),
-        (_set("j0", "bodies", 1, "joint", "name"), "(joints) has 'j0' twice"),
-        (_set("base_0", "bodies", 1, "shapes", 0, "name"), "(shapes) has 'base_0' twice"),
-        (_set(0.1, "bodies", 1, "drag"), "'drag'"),
+        (setting("ball", "bodies", 1, "joint", "kind"), "world.json.bodies.1.joint lacks the fields []"),
+        (setting([0.1, 0.2], "bodies", 1, "joint", "position"), "joint.position has 2 entries, should have 1"),
+        (setting([0.0, 0.0, 2.0], "bodies", 1, "joint", "axis"), "bodies.1.joint.axis is [0.0, 0.0, 2.0]"),
+        (setting("stone", "bodies", 1, "joint", "parent"), "'stone', which is no body before it"),
+        (setting("arm", "bodies", 1, "joint", "parent"), "'arm', which is no body before it"),
+        (setting([1.0, 0.1, 0.0, 0.0], "bodies", 2, "joint", "position"), "bodies.2.joint.position"),
+        (setting([0.1, 0.1], "bodies", 0, "shapes", 0, "size"), "shapes.0.size has 2 entries, should have 1"),
+        (setting("cone", "bodies", 0, "shapes", 0, "kind"), "bodies.0.shapes.0.kind has 'cone'"),
+        (setting([], "bodies", 3, "shapes", 0, "copies"), "bodies.3.shapes.0 is neither visual nor collision"),
+        (setting("ice", "bodies", 1, "shapes", 0, "material"), "has the material 'ice' and is no collision shape"),
+        (setting(0, "bodies", 0, "shapes", 0, "copies", 1, "layer"), "not in the order of their layers"),
+        (setting(True, "bodies", 0, "shapes", 0, "copies", 1, "layer"), "layer is True, should be a whole number"),
+        (setting(None, "bodies", 0, "shapes", 0, "copies", 1, "hardness"), "hardness is None"),
+        (setting([1.0, 0.0, 0.0], "bodies", 0, "shapes", 0, "colour"), "colour has 3 entries, should have 4"),
+        (setting([["ice", "ice", 2], ["ice", "ice", 0]], "meets"), "('ice', 'ice') twice"),
+        (setting([["ice", "ice", 1]], "meets"), "no copy in that layer"),
+        (setting([["arm", "arm"]], "apart", "bodies"), "world.json.apart.bodies has 'arm' twice"),
+        (setting([["arm", "nobody"]], "apart", "bodies"), "'nobody', which is not known"),
+        (setting([["arm", "stones"]], "apart", "groups"), "'arm', which is not known"),
+        (setting("base", "bodies", 1, "name"), "world.json.bodies has 'base' twice"),
+        (setting("j0", "bodies", 1, "joint", "name"), "(joints) has 'j0' twice"),
+        (setting("base_0", "bodies", 1, "shapes", 0, "name"), "(shapes) has 'base_0' twice"),
+        (setting(0.1, "bodies", 1, "drag"), "'drag'"),
     ],
 )
 def test_what_does_not_fit_together_is_refused_by_its_place(tmp_path, change, said):

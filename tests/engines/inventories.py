@@ -1,0 +1,15 @@
+"""What an engine holds beside the world's own fields, against what the world demands."""
+
+from __future__ import annotations
+
+from simspec.engines.kit.contract import Engine
+from simspec.proof.checks import Check
+from simspec.proof.comparator import inventory_checks
+from simspec.world.types import World
+
+
+def inventory_check(world: World, engine: Engine) -> Check:
+    """The proof's check of an inventory, for an engine that is loaded in this process."""
+    held = engine.read_back()
+    (check,) = inventory_checks(type(engine).expected_inventory(world, held.neutral), held.inventory)
+    return check
