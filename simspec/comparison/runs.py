@@ -13,6 +13,7 @@ from simspec.comparison.contacts import first_difference, first_touches
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
 from simspec.comparison.horizon import horizon
 from simspec.errors import Problem, SpecError
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.canonical import sha256
@@ -332,7 +333,7 @@ def _control(run: Run) -> dict[str, float]:
     kinds = {body.joint.name: body.joint.kind for body in run.world.bodies}
     clipped = [count for count in about["clipped"] if count is not None]  # of its own controllers only the engine knows
     found = {"efforts clipped, most steps of a joint": float(max(clipped))} if clipped else {}
-    for kind in ("hinge", "slide"):
+    for kind in SCALAR_JOINTS:
         errors = [
             math.inf if error is None else error
             for name, error in zip(about["joints"], about["error"], strict=True)

@@ -16,6 +16,7 @@ import numpy as np
 from simspec.control.native import Native, Servos, natives
 from simspec.control.reference import Reference
 from simspec.errors import SimspecError
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.control import Controller
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World
@@ -171,7 +172,7 @@ class _Group:
 
 
 def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -> Any:
-    odd = [body for body in bodies if body.joint.kind not in ("fixed", "hinge", "slide")]
+    odd = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
     if odd:
         names = ", ".join(sorted({one.name for one in asked}))
         raise ControlError(

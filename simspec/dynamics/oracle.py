@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.mapped import blocks
 from simspec.world import frames
 from simspec.world.kinematics import layout_of, trees
@@ -118,7 +119,7 @@ class Tree:
                 continue
             q_start, v_start = self.model.idx_qs[index], self.model.idx_vs[index]
             order = np.arange(q.stop - q.start)
-            if body.joint.kind in ("ball", "free"):
+            if body.joint.kind in QUATERNION_JOINTS:
                 order[-4:] = np.roll(order[-4:], 1)  # w x y z is found at x y z w's positions 3 0 1 2
             q_index[q] = q_start + order
             v_index[v] = v_start + np.arange(v.stop - v.start)

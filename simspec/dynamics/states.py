@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World
 
@@ -24,12 +25,12 @@ def random_states(world: World, count: int, seed: int = SEED, speed: float = 1.0
         at = 0
         for body in world.bodies:
             joint = body.joint
-            if joint.kind in ("hinge", "slide"):
+            if joint.kind in SCALAR_JOINTS:
                 reach = math.pi if joint.kind == "hinge" else 0.5
                 low, high = joint.position_limits or (-reach, reach)
                 low, high = max(low, -reach), min(high, reach)
                 q.append(generator.uniform(low, high) if low < high else sum(joint.position_limits or (0.0, 0.0)) / 2)
-            elif joint.kind in ("ball", "free"):
+            elif joint.kind in QUATERNION_JOINTS:
                 if joint.kind == "free":
                     q.extend(start[at : at + 3] + generator.uniform(-1, 1, 3))
                 turn = generator.normal(size=4)

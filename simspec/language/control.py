@@ -13,7 +13,7 @@ from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_
 from simspec.language.joints import DIMENSION, check_suits_driven
 from simspec.language.quantities import Flag, Number, Reader, Word
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, replace_loc, show
-from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, DRIVEN_KINDS
+from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
 
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6
@@ -56,7 +56,7 @@ class PerJoint(Reader):
     most: float | None = None
 
     def number(self, kind: str) -> Number:
-        """The number of a joint of a type (``DRIVEN_KINDS``)."""
+        """The number of a joint of a type (``SCALAR_JOINTS``)."""
         dimension = DIMENSION[kind][self.quantity] if self.quantity else "number"
         return Number(dimension, self.least, self.most)
 
@@ -87,14 +87,14 @@ class PerJoint(Reader):
 
     def describe(self) -> str:
         bounds = (
-            self.number(DRIVEN_KINDS[0])
+            self.number(SCALAR_JOINTS[0])
             .describe()
-            .removeprefix(Number(self.number(DRIVEN_KINDS[0]).dimension).describe())
+            .removeprefix(Number(self.number(SCALAR_JOINTS[0]).dimension).describe())
         )
         return f"a number{bounds}, or numbers by joint"
 
     def schema(self) -> dict[str, Any]:
-        number = self.number(DRIVEN_KINDS[0]).schema()
+        number = self.number(SCALAR_JOINTS[0]).schema()
         by_joint = {
             "type": "object",
             "propertyNames": {"pattern": f"^{PATTERN.pattern}$"},

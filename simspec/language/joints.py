@@ -11,7 +11,7 @@ from simspec.language.document import INVALID
 from simspec.language.quantities import ByJointType, Direction, Number, Vector, Word
 from simspec.language.shapes import NameOf, Orientation, Pose
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
-from simspec.language.vocabulary import DRIVEN_KINDS, JOINT_KINDS
+from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS
 
 DIMENSION: Mapping[str, Mapping[str, str]] = {
     "fixed": {},
@@ -40,7 +40,6 @@ DIMENSION: Mapping[str, Mapping[str, str]] = {
 }
 """The dimension of each plain number of a joint, by the joint's type."""
 
-_NEEDS_AXIS = ("hinge", "slide")
 _MOTION = ("axis", "limits", "damping", "dry_friction", "armature", "spring")
 _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     "fixed": dict.fromkeys((*_MOTION, "position", "velocity"), "a fixed joint does not move"),
@@ -63,7 +62,7 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
 def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
     """Raise Faults where a value is the ``number`` of no type of driven joint (those of the first type)."""
     refused = None
-    for kind in DRIVEN_KINDS:
+    for kind in SCALAR_JOINTS:
         try:
             number(kind).read(value)
         except Faults as error:
@@ -146,7 +145,7 @@ class Joint(Strict):
         for key, why in _MEANINGLESS[kind].items():
             if key in data:
                 yield Fault((key,), f"{key} is not allowed on a {kind} joint: {why}")
-        if kind in _NEEDS_AXIS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
+        if kind in SCALAR_JOINTS and "axis" not in data and not misspelt("axis", data, cls.model_fields):
             yield Fault((), f"a {kind} joint needs an axis", None, None, "axis: [0, 0, 1]")
 
     @classmethod

@@ -21,7 +21,7 @@ from simspec.language.quantities import FileName, Name, Number, Reader, Setting,
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, show
 from simspec.language.trajectory import Grasp, Trajectory
-from simspec.language.vocabulary import CHANNELS
+from simspec.language.vocabulary import CHANNELS, TREE_JOINTS
 
 VERSION = 1
 MOST_STEPS = 10**9
@@ -110,9 +110,9 @@ def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Itera
         yield Fault(
             ("pose",), "pose and joint.origin exclude each other: both place the root in the world", None, "one of them"
         )
-    held = data.get("fixed") is True or kind in ("fixed", "hinge", "slide", "ball")
+    held = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
     if "velocity" in data and held:
-        hint = "write joint: {velocity: ...}" if kind in ("hinge", "slide", "ball") else "remove it"
+        hint = "write joint: {velocity: ...}" if kind in TREE_JOINTS else "remove it"
         yield Fault(("velocity",), "velocity is only for free roots", None, None, hint)
 
 

@@ -13,7 +13,7 @@ from simspec.language.models import File
 from simspec.language.quantities import NAME, Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
-from simspec.language.vocabulary import COMBINATIONS
+from simspec.language.vocabulary import COMBINATIONS, SCALAR_JOINTS
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"
@@ -98,7 +98,7 @@ def _rules(model: type[Strict]) -> list[dict[str, Any]]:
     if "rpy" in fields and "quat" in fields:
         rules.append({"not": {"required": ["rpy", "quat"]}})
     if model is Joint:
-        with_axis = {"properties": {"type": {"enum": ["hinge", "slide"]}}, "required": ["type"]}
+        with_axis = {"properties": {"type": {"enum": list(SCALAR_JOINTS)}}, "required": ["type"]}
         rules.append({"if": with_axis, "then": {"required": ["axis"]}, "else": {"not": {"required": ["axis"]}}})
     if model is File:
         rules.append({"anyOf": [{"required": ["bodies"]}, {"required": ["models"]}, {"required": ["model"]}]})

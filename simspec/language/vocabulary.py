@@ -6,8 +6,12 @@ It imports nothing, so that an engine's process can have it too.
 from __future__ import annotations
 
 JOINT_KINDS = ("fixed", "hinge", "slide", "ball", "free")
-DRIVEN_KINDS = ("hinge", "slide")
-"""Kinds of joints with one coordinate: a controller drives them, and a trajectory moves them."""
+SCALAR_JOINTS = ("hinge", "slide")
+"""Kinds of joints with an axis and one coordinate: a controller drives them, and a trajectory moves them."""
+TREE_JOINTS = (*SCALAR_JOINTS, "ball")
+"""Kinds of joints that move a body against its parent."""
+QUATERNION_JOINTS = ("ball", "free")
+"""Kinds of joints whose position ends with a quaternion w x y z."""
 SHAPE_KINDS = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
 """Each has a row in ``world/shapes.py``."""
 

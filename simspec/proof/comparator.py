@@ -14,7 +14,7 @@ from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
-from simspec.language.vocabulary import COMBINED_QUANTITIES
+from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
@@ -220,11 +220,11 @@ class _Comparison:
             self.vector("joint", "origin, position", one.origin.position, other.origin.position, at, place)
             turned = turn_between(one.origin.quaternion, other.origin.quaternion)
             self.note("joint", "origin, orientation", turned, at, f"{other.origin.quaternion}")
-        if one.kind in ("hinge", "slide"):
+        if one.kind in SCALAR_JOINTS:
             self.vector("joint", "axis", one.axis, other.axis, f"{where}.axis")
             if self.readable("joint.position_limits"):
                 self.limits(one, other, where)
-        if one.kind in ("hinge", "slide", "ball"):
+        if one.kind in TREE_JOINTS:
             for name in JOINT_NUMBERS:
                 if self.readable(f"joint.{name}"):
                     at = f"{where}.{name}"
@@ -268,7 +268,7 @@ class _Comparison:
         place = max(1.0, math.sqrt(sum(x * x for x in straight)))
         if straight:
             self.vector("joint", name, straight, other.position[: len(straight)], at, place)
-        if one.kind in ("ball", "free"):
+        if one.kind in QUATERNION_JOINTS:
             turned = turn_between(one.position[-4:], other.position[-4:])
             self.note("joint", name, turned, at, f"{other.position}, should be {one.position}")
 

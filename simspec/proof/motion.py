@@ -15,6 +15,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, random_states
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
 from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, rubbing
@@ -180,7 +181,7 @@ def _turns(world: World, oracle: Oracle, speeds: np.ndarray) -> np.ndarray:
     """The largest angle (instants,) by which a joint turns in a step, at each instant; NaN where motion has diverged."""
     found = np.zeros(len(speeds))
     for body, part in zip(world.bodies, oracle.layout.velocity, strict=True):
-        if body.joint.kind in ("hinge", "ball", "free"):
+        if body.joint.kind in ("hinge", *QUATERNION_JOINTS):
             turning = speeds[:, part][:, -3:]
             with np.errstate(invalid="ignore", over="ignore"):
                 found = np.maximum(found, np.sqrt((turning * turning).sum(axis=1)))

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.types import (
     Body,
     Contact,
@@ -102,7 +103,7 @@ def core(engine: str) -> World:
 
     def bare(body: Body) -> Body:
         joint = body.joint
-        if joint.kind in ("hinge", "slide"):
+        if joint.kind in SCALAR_JOINTS:
             joint = Joint(joint.name, "hinge", joint.parent, joint.origin, joint.axis, position=(0.2,), velocity=(0.1,))
         return dataclasses.replace(body, joint=joint, shapes=())
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.report.kit import table
 from simspec.runner.run import Run
 from simspec.world.frames import to_rpy
@@ -30,7 +31,7 @@ def shown_bodies(world: World, show: Sequence[str]) -> list[str]:
 
 def shown_joints(world: World, show: Sequence[str]) -> list[str]:
     """The hinges and slides of `record.show`; where it names none, all of them."""
-    movable = [body.joint.name for body in world.bodies if body.joint.kind in ("hinge", "slide")]
+    movable = [body.joint.name for body in world.bodies if body.joint.kind in SCALAR_JOINTS]
     return [name for name in show if name in movable] if show else movable
 
 

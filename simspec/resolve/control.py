@@ -15,7 +15,7 @@ from simspec.language.joint_names import chosen
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
 from simspec.language.units import LARGEST, article
-from simspec.language.vocabulary import DRIVEN_KINDS
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.control import Controller
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -89,7 +89,7 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
     found = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
-        odd = next((body for body in bodies if body.joint.kind not in ("fixed", *DRIVEN_KINDS)), None)
+        odd = next((body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)), None)
         found += [
             source.document.problem(
                 ("control", one.name),
@@ -144,11 +144,11 @@ class _One:
 
     def _joints(self, taken: Mapping[str, str]) -> dict[str, None]:
         found: dict[str, None] = {}
-        movable = [name for name, kind in self._types.items() if kind in DRIVEN_KINDS]
+        movable = [name for name, kind in self._types.items() if kind in SCALAR_JOINTS]
         for index, entry in enumerate(self.given.joints):
             place = (*self._path, "joints", index)
             meant = (
-                chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in DRIVEN_KINDS else []
+                chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in SCALAR_JOINTS else []
             )
             if not meant:
                 self._none(place, entry, movable)

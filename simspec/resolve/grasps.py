@@ -14,7 +14,7 @@ from simspec.language.strict import Faults, near
 from simspec.language.trajectory import BY_JOINT
 from simspec.language.trajectory import Grasp as SpecGrasp
 from simspec.language.trees import model_of, placed
-from simspec.language.vocabulary import DRIVEN_KINDS
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.bodies import elements
 from simspec.world.types import Body, Pose, World
 
@@ -99,9 +99,9 @@ def _grasp(
         for joint in given.open:
             body = joints.get(prefix + joint)
             place = (posture, joint)
-            if body is None or body.joint.kind not in DRIVEN_KINDS:
+            if body is None or body.joint.kind not in SCALAR_JOINTS:
                 kind = "not a hinge or slide" if body is not None else "no joint of the model"
-                movable = [own for own, one in joints.items() if one.joint.kind in DRIVEN_KINDS]
+                movable = [own for own, one in joints.items() if one.joint.kind in SCALAR_JOINTS]
                 hint = near(joint, _within(prefix, movable))
                 wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
                 continue

@@ -17,7 +17,7 @@ from simspec.language.models import Record as SpecRecord
 from simspec.language.models import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import near
-from simspec.language.vocabulary import DRIVEN_KINDS
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.mapped import RECORDED_BYTES
 from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
@@ -51,7 +51,7 @@ def record(given: SpecRecord, time: Physics) -> Record:
 
 def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
     """The problems of `record.show`: names of no body and no joint that has one position."""
-    known = {body.name for body in bodies} | {body.joint.name for body in bodies if body.joint.kind in DRIVEN_KINDS}
+    known = {body.name for body in bodies} | {body.joint.name for body in bodies if body.joint.kind in SCALAR_JOINTS}
     return [
         source.document.problem(
             ("record", "show", index), f"there is no body, hinge or slide {name!r}", found=name, hint=near(name, known)

@@ -12,6 +12,7 @@ import numpy as np
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import EngineOptions, Record, World
@@ -97,7 +98,7 @@ def perturbed_state(world: World, amount: float, seed: int | None = None) -> tup
         dq, dv = generator.uniform(-amount, amount, len(q)), generator.uniform(-amount, amount, len(v))
     moved = np.where(q == 0.0, dq, q * (1.0 + dq))
     for body, part in zip(world.bodies, layout_of(world).position, strict=True):
-        if body.joint.kind in ("ball", "free"):
+        if body.joint.kind in QUATERNION_JOINTS:
             turn = slice(part.stop - 4, part.stop)
             moved[part.stop - 4] = q[part.stop - 4]
             moved[turn] /= np.linalg.norm(moved[turn])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import World
@@ -79,9 +80,7 @@ def needs(world: World) -> list[Need]:
                 note(feature, f"{path}.joint.limits.{name.split('_')[0]}")
         if any(joint.velocity):
             note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
-        if (joint.kind in ("hinge", "slide") and any(joint.position)) or (
-            joint.kind == "ball" and any(joint.position[1:])
-        ):
+        if (joint.kind in SCALAR_JOINTS and any(joint.position)) or (joint.kind == "ball" and any(joint.position[1:])):
             note(Feature.INITIAL_POSITION, f"{path}.joint.position")
         if groups[body.name] != "world":
             note(Feature.INERTIA, f"{path}.mass")

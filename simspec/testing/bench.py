@@ -16,6 +16,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.certificate import EngineProof
 from simspec.proof.probes import rotation_error
 from simspec.proof.verify import LEVELS, verify
@@ -144,7 +145,7 @@ def state_error(world: World, measured: np.ndarray, expected: np.ndarray) -> flo
         size = len(body.joint.position)
         one, other = measured[at : at + size], expected[at : at + size]
         at += size
-        if body.joint.kind in ("ball", "free"):
+        if body.joint.kind in QUATERNION_JOINTS:
             worst = max(worst, float(rotation_error(one[-4:], other[-4:])))
             one, other = one[:-4], other[:-4]
         worst = max(worst, float(np.abs(one - other).max(initial=0.0)))

@@ -13,6 +13,7 @@ from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import UnsupportedError
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.runner.run import Run
@@ -42,7 +43,7 @@ def with_load(damping: float = 0.0) -> World:
 
 def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
     """``base`` with its hinges and slides under the engine's own controllers."""
-    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in ("hinge", "slide"))
+    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
     count = len(joints)
     one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
     return dataclasses.replace(base, controllers=(one,))

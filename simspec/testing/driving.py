@@ -9,6 +9,7 @@ import numpy as np
 
 from simspec.control.law import Control
 from simspec.dynamics.oracle import Oracle
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.testing import worlds
 from simspec.world.control import Controller, Trajectory
 from simspec.world.kinematics import initial_state
@@ -18,7 +19,7 @@ from simspec.world.types import Body, Inertial, Joint, Physics, World
 def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] | None = None, **more: Any) -> World:
     """``world`` with one controller on all its hinges and slides (or ``joints``), and gains that suit a body of 1 kg."""
     if joints is None:
-        joints = tuple(body.joint.name for body in world.bodies if body.joint.kind in ("hinge", "slide"))
+        joints = tuple(body.joint.name for body in world.bodies if body.joint.kind in SCALAR_JOINTS)
     given: dict[str, Any] = {"effort_limits": (None,) * len(joints)}
     if law == "computed-torque":
         given |= {"natural_frequency": 20.0, "damping_ratio": 1.0}

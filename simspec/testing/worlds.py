@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from simspec.compiler import missing_options
-from simspec.language.vocabulary import JOINT_KINDS
+from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.types import (
@@ -60,7 +60,7 @@ def inertial(generator: random.Random, reach: float = 0.1) -> Inertial:
 def joint(kind: str, name: str, parent: str | None, generator: random.Random, **more: Any) -> Joint:
     """A random joint with an initial state."""
     axis = (0.0, 0.0, 0.0)
-    if kind in ("hinge", "slide"):
+    if kind in SCALAR_JOINTS:
         raw = [generator.gauss(0, 1) for _ in range(3)]
         length = math.sqrt(sum(x * x for x in raw))
         axis = tuple(x / length for x in raw)
@@ -88,7 +88,7 @@ def tree(
     for index, kind in enumerate(kinds):
         above = (parents or range(-1, len(kinds) - 1))[index]
         name = f"{prefix}link{index}"
-        given = {key: value for key, value in more.items() if kind in ("hinge", "slide", "ball")}
+        given = {key: value for key, value in more.items() if kind in TREE_JOINTS}
         if kind == "ball":
             given = {key: value for key, value in given.items() if key in ("damping", "spring_stiffness")}
         parent = bodies[above].name if above >= 0 else None
@@ -120,7 +120,7 @@ def damped_springs() -> World:
     bodies = tree(["fixed", "hinge", "slide", "ball"], 11, damping=0.3, spring_stiffness=4.0)
     bodies = tuple(
         dataclasses.replace(b, joint=dataclasses.replace(b.joint, spring_rest=0.1))
-        if b.joint.kind in ("hinge", "slide")
+        if b.joint.kind in SCALAR_JOINTS
         else b
         for b in bodies
     )

@@ -52,6 +52,52 @@ def test_a_second_list_is_seen():
     assert not repeated(ast.parse('X = ("hinge", "slide"), ("fixed", "hinge", "slide")'))
 
 
+JOINT_LISTS = frozenset(frozenset(words) for name, words in vars(vocabulary).items() if name.endswith("_JOINTS"))
+
+
+def joint_kinds_asked(tree: ast.AST) -> list[int]:
+    """Lines that ask for a joint's kind by a list of words that the vocabulary has."""
+    lines: list[int] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            for side in (node.left, *node.comparators):
+                words = {word.value for word in ast.walk(side) if isinstance(word, ast.Constant)}
+                if isinstance(side, (ast.Tuple, ast.List, ast.Set)) and any(known <= words for known in JOINT_LISTS):
+                    lines.append(node.lineno)
+    return lines
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_kinds_of_joints_are_asked_for_by_what_they_have(path):
+    assert not joint_kinds_asked(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def test_a_list_of_joint_kinds_is_seen():
+    assert (
+        len(
+            joint_kinds_asked(
+                ast.parse("""
+kind in ("hinge", "slide")
+kind not in ["fixed", "slide", "hinge"]
+kinds <= {"free", "ball"}
+kind in SCALAR_JOINTS; kind in ("hinge", *QUATERNION_JOINTS); kind == "ball"; X = ("hinge", "slide")
+""")
+            )
+        )
+        == 3
+    )
+
+
+def test_kinds_of_joints_are_what_their_sizes_say():
+    assert set(vocabulary.SCALAR_JOINTS) == {kind for kind, size in POSITION_SIZE.items() if size == 1}
+    assert set(vocabulary.QUATERNION_JOINTS) == {
+        kind for kind in POSITION_SIZE if POSITION_SIZE[kind] > VELOCITY_SIZE[kind]
+    }
+    assert set(vocabulary.TREE_JOINTS) == {
+        kind for kind, size in VELOCITY_SIZE.items() if 0 < size < VELOCITY_SIZE["free"]
+    }
+
+
 def test_no_word_stands_twice_in_a_list():
     assert len(LISTS) >= 12
     assert all(len(words) == len(getattr(vocabulary, name)) for name, words in LISTS.items())

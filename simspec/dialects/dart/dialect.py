@@ -33,6 +33,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
 from simspec.formats.skel.format import GEOMETRY
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
     NO_CONSTRAINTS_YET,
@@ -244,7 +245,7 @@ def _joint(body: Body) -> tree.Joint:
         joint.kind,
         None if joint.parent is None else file_name(joint.parent),
         file_name(body.name),
-        joint.axis if joint.kind in ("hinge", "slide") else None,
+        joint.axis if joint.kind in SCALAR_JOINTS else None,
         joint.position_limits,
         joint.dry_friction,
         *_coordinates(joint),

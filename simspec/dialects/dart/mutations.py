@@ -7,6 +7,7 @@ The elements and attributes are those that DART's reader knows (its SkelParser),
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = (
     *(
@@ -172,7 +173,7 @@ TABLE = MutationTable(
         "joint@type": JOINT_TYPES,
         "collision_detector/text()": ("dart", "ode", "bullet", "fcl", "fcl_mesh", "something-else"),
         "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
-        "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+        "bodies.*.kind": (*JOINT_KINDS, "something-else"),
         "settings.contact_solver": ("auto", "nsgs", "dantzig", "something-else"),
         "settings.collision_detector": ("auto", "dart", "ode", "bullet", "fcl", "something-else"),
         "settings.exact_rotation": ("auto", "always", "never", "something-else"),

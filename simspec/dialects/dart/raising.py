@@ -16,6 +16,7 @@ from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.skel import document as skel
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
 
@@ -133,7 +134,7 @@ def _joint(joint: skel.Joint, places: Mapping[str, Pose]) -> Joint:
             raise item.refused(f"the parent {parent!r} is not there")
         start = frames.compose(frames.inverse(places[parent]), start)
     read = Joint(joint.name, kind, parent, start)
-    if kind in ("hinge", "slide"):
+    if kind in SCALAR_JOINTS:
         read = _about_axis(read, _needed(item, joint.axis, "axis"))
     elif joint.axis is not None:
         raise item.refused("has an axis")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.language.vocabulary import JOINT_KINDS
 
 WORLD = "world.json"
 COPY = '{"layer": 7, "friction": 0.3, "torsional_friction": 0, "rolling_friction": 0, "restitution": 0}'
@@ -25,8 +26,8 @@ SYMMETRIC = "the order of what is found by name, or of two that are told of each
 
 TABLE = MutationTable(
     words={
-        "bodies.*.joint.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
-        "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+        "bodies.*.joint.kind": (*JOINT_KINDS, "something-else"),
+        "bodies.*.kind": (*JOINT_KINDS, "something-else"),
         "bodies.*.shapes.*.kind": ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "something-else"),
         "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
         "settings.contact_approximation": ("auto", "sap", "tamsi", "something-else"),

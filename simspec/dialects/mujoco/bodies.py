@@ -16,6 +16,7 @@ from simspec.formats.mjcf.filter import Kind
 from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, inertial_of, place_of, size_of
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Value
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Shape, World
 
@@ -38,7 +39,7 @@ def lower_body(body: Body, depth: int, masks: Mapping[Kind, Attributes], restles
 
 def _joint(joint: Joint) -> tree.Joint:
     more: list[tuple[str, Value]] = []
-    if joint.kind in ("hinge", "slide"):
+    if joint.kind in SCALAR_JOINTS:
         more.append(("axis", joint.axis))
     if joint.position_limits is not None:
         more += [("limited", True), ("range", joint.position_limits)]

@@ -9,6 +9,7 @@ from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.dialects.mujoco.mutation_additions import ATTRIBUTES, ELEMENTS, NOT_OF_VELOCITY
 from simspec.dialects.mujoco.mutation_inert import INERT
 from simspec.formats.mjcf.format import MODEL
+from simspec.language.vocabulary import JOINT_KINDS
 
 WORDS: Mapping[str, tuple[str, ...]] = {
     "option@cone": ("pyramidal", "elliptic"),
@@ -26,7 +27,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "body@sleep": ("auto", "never", "allowed", "init"),
     "settings.solver": ("newton", "cg", "pgs"),
     "friction_cone": ("elliptic", "pyramid-inscribed", "pyramid-circumscribed"),
-    "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free"),
+    "bodies.*.kind": JOINT_KINDS,
 }
 INTEGERS = frozenset(
     {

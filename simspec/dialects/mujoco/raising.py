@@ -17,6 +17,7 @@ from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.document import Body as BodyItem
 from simspec.formats.mjcf.document import Document, Item
 from simspec.formats.mjcf.names import world_name
+from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -162,7 +163,7 @@ class _Raising:
             return Joint(self._sidecar.fixed_joints[name], "fixed", parent, place)
         item = _only(body.all("joint"), body.item)
         kind = item.text("type")
-        if kind not in ("hinge", "slide", "ball", "free"):
+        if kind not in (*SCALAR_JOINTS, *QUATERNION_JOINTS):
             raise item.refused(f"type is {kind[:60]!r}, should be hinge, slide, ball or free")
         if any(item.numbers("pos")) or item.number("ref") != 0.0:
             raise item.refused("is not at its body's origin and zero")
@@ -177,7 +178,7 @@ class _Raising:
             kind,
             parent,
             Pose() if kind == "free" else place,
-            _vector(item, "axis") if kind in ("hinge", "slide") else (0.0, 0.0, 0.0),
+            _vector(item, "axis") if kind in SCALAR_JOINTS else (0.0, 0.0, 0.0),
             limits,
             velocity_limit,
             effort_limit,

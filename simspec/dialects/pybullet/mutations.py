@@ -7,6 +7,7 @@ not. See ``dialects/kit/mutations.py``.
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
 MASSLESS = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
@@ -157,7 +158,7 @@ TABLE = MutationTable(
         "joint@type": JOINT_TYPES,
         "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
         "instances.*.root": ("free", "fixed", "world link", "something-else"),
-        "bodies.*.kind": ("fixed", "hinge", "slide", "ball", "free", "something-else"),
+        "bodies.*.kind": (*JOINT_KINDS, "something-else"),
     },
     additions={"*.urdf": URDF_ADDITIONS, "sidecar.json": SIDECAR_ADDITIONS},
     inert=(

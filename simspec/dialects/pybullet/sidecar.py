@@ -10,6 +10,7 @@ from typing import Annotated, Final
 from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct, check_known
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Pose, Vector3
 
 UNIT: Final = 1e-9
@@ -170,7 +171,7 @@ def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None
     turns: list[Sequence[float]] = [base.quaternion]
     for body in instance.bodies:
         own = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
-        if kinds[body] in ("ball", "free"):
+        if kinds[body] in QUATERNION_JOINTS:
             turns.append(own[-4:])
     if any(abs(math.hypot(*turn) - 1.0) > UNIT for turn in turns):
         raise ValueError(f"{at} has a quaternion that is not of unit length")

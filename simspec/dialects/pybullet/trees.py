@@ -30,6 +30,7 @@ from simspec.formats.urdf.tree import (
     Robot,
     Visual,
 )
+from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.world.types import Body, Pose, Shape, Surface
 
 Parts = Mapping[str, tuple[Part, ...]]
@@ -66,7 +67,7 @@ def has_world_link(root: Body) -> bool:
     A root on a hinge, slide or ball has a joint to the world, and PyBullet drops the mass of a fixed base (measured:
     read back as 0), so that a fixed root with a mass must be a link as well.
     """
-    return root.joint.kind in ("hinge", "slide", "ball") or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
+    return root.joint.kind in TREE_JOINTS or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
 
 
 def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: Coordinates) -> Instance:
@@ -161,7 +162,7 @@ def _joint(body: Body, parent: str, origin: Pose) -> Joint:
         parent,
         body.name,
         origin_of(origin),
-        joint.axis if joint.kind in ("hinge", "slide") else NO_AXIS,
+        joint.axis if joint.kind in SCALAR_JOINTS else NO_AXIS,
         Dynamics(joint.damping, joint.dry_friction) if joint.kind != "fixed" else None,
         limits,
     )

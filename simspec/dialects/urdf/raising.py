@@ -12,6 +12,7 @@ from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
 from simspec.formats.urdf.to_world import DEFAULT_AXIS, check_empty, inertial_of, pose_of, shapes_of
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import (
     POSITION_SIZE,
@@ -163,7 +164,7 @@ def _joint(joint: JointRead) -> Joint:
     if joint.type not in KINDS:
         raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
     kind = KINDS[joint.type]
-    moves = kind in ("hinge", "slide")
+    moves = kind in SCALAR_JOINTS
     limits = joint.limit if moves else None
     dynamics = joint.dynamics
     if not moves and (joint.limit is not None or dynamics is not None):

@@ -17,6 +17,7 @@ import numpy as np
 from simspec.dialects.dart.dialect import SMALL_TURN
 from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion, Vector3
 
@@ -175,7 +176,7 @@ class Coordinates:
                 continue
             start = joint.getIndexInSkeleton(0)
             block.extend(range(v.start, v.stop))
-            if kind in ("hinge", "slide"):
+            if kind in SCALAR_JOINTS:
                 straight.append((start, v.start, q.start))
             else:
                 turners.append(Turner(joint, kind, start, dofs.start + start, q, v))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.drake.building import Built
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
 
@@ -70,7 +71,7 @@ class Coordinates:
         straight, free, ball = [], [], []
         for index, (kind, body, joint) in enumerate(zip(kinds, built.bodies, built.joints, strict=True)):
             own = (index, int(q[index]), int(v[index]))
-            if kind in ("hinge", "slide"):
+            if kind in SCALAR_JOINTS:
                 straight.append((*own, joint.position_start(), joint.velocity_start()))
             elif kind == "ball":
                 ball.append((*own, joint.position_start(), joint.velocity_start()))

@@ -11,7 +11,7 @@ import numpy as np
 from simspec.control.reference import driven_joints
 from simspec.engines.kit.answer_forms import BadAnswerError, Operation, planned_rows
 from simspec.errors import clipped
-from simspec.language.vocabulary import JOINT_KINDS, SHAPE_KINDS
+from simspec.language.vocabulary import JOINT_KINDS, QUATERNION_JOINTS, SHAPE_KINDS
 from simspec.mapped import all_finite, parts, release, zeros
 from simspec.world.canonical import from_plain
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
@@ -39,7 +39,7 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
             if len(numbers) not in (0, table[joint.kind]):
                 raise BadAnswerError(f"{place}: {what} has {len(numbers)} numbers, should have {table[joint.kind]}")
         turns: list[tuple[float, ...]] = [joint.origin.quaternion, *(shape.pose.quaternion for shape in body.shapes)]
-        if joint.kind in ("ball", "free") and joint.position:
+        if joint.kind in QUATERNION_JOINTS and joint.position:
             turns.append(joint.position[-4:])
         if not all(abs(math.hypot(*turn) - 1.0) <= UNIT for turn in turns):
             raise BadAnswerError(f"{place}: the orientation is not a unit quaternion")

@@ -16,6 +16,7 @@ from simspec.contact.rules import Rules
 from simspec.control.native import natives
 from simspec.dialects.kit.sidecar import flat
 from simspec.engines.mujoco.fields import NEUTRAL
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import free_rigid, rigid_groups
@@ -180,7 +181,7 @@ class _Expected:
             return {}
         dofs = VELOCITY_SIZE[joint.kind]
         position = self._start(body)
-        straight = joint.kind in ("hinge", "slide")
+        straight = joint.kind in SCALAR_JOINTS
         limit, friction = (float(self.settings[f"{name}_impedance"]) for name in ("limit", "dry_friction"))
         values = {
             "jnt.{}.solref": (-float(self.settings["limit_error_reduction"]) / dt**2, -1.0 / dt),

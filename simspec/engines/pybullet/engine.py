@@ -38,6 +38,7 @@ from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
 from simspec.engines.pybullet.settings import SETTINGS
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
     NO_CONSTRAINTS_YET,
@@ -65,7 +66,7 @@ def _armature_covered(world: World) -> Refinement | None:
 
 
 def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
-    if not {body.joint.kind for body in bodies} <= {"fixed", "hinge", "slide"}:
+    if not {body.joint.kind for body in bodies} <= {"fixed", *SCALAR_JOINTS}:
         return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
     if any(body.joint.dry_friction for body in bodies):
         return f"the tree of {armed!r} has dry friction, whose impulses would not feel the armature"

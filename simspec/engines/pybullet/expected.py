@@ -15,6 +15,7 @@ from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
 from simspec.world.types import Body, HeldValue, Surface, World
 
@@ -240,7 +241,7 @@ def _collider(
 
 def _motor(body: Body) -> dict[str, HeldValue]:
     """A hinge's and slide's motor is its dry friction; a ball's is off."""
-    if body.joint.kind in ("hinge", "slide"):
+    if body.joint.kind in SCALAR_JOINTS:
         held: dict[str, HeldValue] = {"mode": "velocity", "targetVelocity": 0.0, "force": body.joint.dry_friction}
     elif body.joint.kind == "ball":
         held = {"mode": "position", "targetPosition": (0.0, 0.0, 0.0, 1.0), "force": (0.0, 0.0, 0.0)}

@@ -15,6 +15,7 @@ from simspec.engines.pybullet.simulation import JOINT_KINDS, Link, Simulation, T
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
 
@@ -116,7 +117,7 @@ def _joint(
     if above not in by_link:
         origin = frames.compose(_base_pose(sim, tree, parent), origin)
     stiffness, rest = efforts.springs.get(link.index, (0.0, 0.0))
-    moves = kind in ("hinge", "slide")
+    moves = kind in SCALAR_JOINTS
     lower, upper, effort, velocity = info[8:12]
     return Joint(
         "",

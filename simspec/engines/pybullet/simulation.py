@@ -18,6 +18,7 @@ from simspec.engines.pybullet.carriers import carriers
 from simspec.engines.pybullet.sleeping import Sleepers
 from simspec.engines.pybullet.turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
 from simspec.errors import EngineError
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.world import frames
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
 
@@ -189,7 +190,7 @@ class Simulation:
             turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
             self._check_kind(uid, link, name, instance.root)
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
-        movers = tuple(link for link in links if link.kind in ("hinge", "slide", "ball"))
+        movers = tuple(link for link in links if link.kind in TREE_JOINTS)
         first = len(instance.bodies) - 1 + extra
         copies = tuple((first + k, self.place[copy.body]) for k, copy in enumerate(instance.copies))
         tree = Tree(uid, instance.root, tuple(links), movers, copies)

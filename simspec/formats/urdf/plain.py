@@ -10,6 +10,7 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.urdf.from_world import GEOMETRY, UNLIMITED, Files
 from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
     Table,
@@ -96,7 +97,7 @@ def _placed(file: str, first: tuple[Body, ...], bodies: tuple[Body, ...]) -> dic
             "velocity": body.joint.velocity,
         }
         for in_file, body in zip(first, bodies, strict=True)
-        if body.joint.kind in ("hinge", "slide", "ball")
+        if body.joint.kind in TREE_JOINTS
     ]
     start = {
         "position": root.position[:3],

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simspec.dynamics.oracle import Tree
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.touch.geometry import Gap, Solid, gap, wanted_depth
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import World
@@ -50,7 +51,7 @@ class Mechanism:
         self._turns = np.ones(self._model.nv, dtype=bool)
         for body, at, at_v in zip(bodies, self.tree.layout.position, self.tree.layout.velocity, strict=True):
             joint = body.joint
-            if joint.kind in ("hinge", "slide"):
+            if joint.kind in SCALAR_JOINTS:
                 k, v = int(self.tree.q_index[at][0]), int(self.tree.v_index[at_v][0])
                 self._single.append((k, v))
                 self._turns[v] = joint.kind == "hinge"
