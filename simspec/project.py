@@ -1,0 +1,230 @@
+"""``simspec.toml``, the project file: which engines a project takes by default, in which interpreters, and where packages lie.
+
+It is found upward from the working folder, up to the root of the repository (the folder with ``.git``) or of the file system.
+Paths in it are relative to it. What the command line says comes first.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import json
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from simspec.engines.kit.identity import parse
+from simspec.engines.kit.registry import engines, format_of
+from simspec.errors import Location, Problem, SpecError
+from simspec.reading import NotReadableError, read_bytes
+
+PROJECT_FILE = "simspec.toml"
+REPOSITORY = ".git"
+"""What the root of a repository has: no project file is sought above it."""
+LARGEST = 1_000_000
+"""Bytes of a project file."""
+KEYS: Mapping[str, str] = {
+    "engines": "Options of engines by label: NAME, or NAME@VERSION in quotes",
+    "default-engines": "Engines of every command that is given none: labels, or names of formats",
+    "package-paths": "Folders in which packages (package://NAME/...) are sought, relative to this file",
+}
+ENGINE_KEYS: Mapping[str, str] = {"python": "Python interpreter that has this engine; a path, relative to this file"}
+TITLE = "simspec: a project file"
+_HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
+_ENTRY = re.compile(r"""\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_KEY = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
+_SYNTAX = re.compile(r" \(at line (\d+), column (\d+)\)$")
+
+
+@dataclass(frozen=True)
+class Project:
+    """A project file. ``file``: None where there is none; ``interpreters``: by engine's label; ``default_engines``: empty where
+    the file names none; ``package_paths``: folders."""
+
+    file: Path | None = None
+    interpreters: Mapping[str, str] = field(default_factory=dict)
+    default_engines: tuple[str, ...] = ()
+    package_paths: tuple[Path, ...] = ()
+
+
+def find_project(start: Path) -> Path | None:
+    """The project file that is in force in the folder ``start``; None where there is none."""
+    for folder in (start, *start.parents):
+        if (folder / PROJECT_FILE).exists():
+            return folder / PROJECT_FILE
+        if (folder / REPOSITORY).exists():
+            return None
+    return None
+
+
+def load_project(start: Path | None = None) -> Project:
+    """The project of the folder ``start`` (None: the working folder). Raises SpecError, with the place of every problem."""
+    file = find_project(start or Path.cwd())
+    return read_project(file) if file is not None else Project()
+
+
+def read_project(file: Path) -> Project:
+    """Read one project file. Raises SpecError, with the place of every problem."""
+    try:
+        text = read_bytes(file, LARGEST, links=True).decode()
+    except (NotReadableError, OSError) as error:
+        why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+        raise SpecError([Problem(f"{file}: cannot be read: {why}")]) from None
+    except UnicodeDecodeError as error:
+        raise SpecError([Problem(f"{file}: not UTF-8 at byte {error.start}")]) from None
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SpecError([_syntax(file, str(error) if isinstance(error, ValueError) else "nested too deeply")]) from None
+    return _Reader(file, data, _lines(text)).project()
+
+
+def _syntax(file: Path, message: str) -> Problem:
+    place = _SYNTAX.search(message)
+    location = Location(str(file), int(place[1]), int(place[2])) if place else None
+    return Problem(f"{'' if place else f'{file}: '}not TOML: {_SYNTAX.sub('', message)}", location=location)
+
+
+def _lines(text: str) -> dict[tuple[str, ...], int]:
+    """The line (from 1) of every key and table that begins a line; what stands in texts of several lines is no key."""
+    lines: dict[tuple[str, ...], int] = {}
+    table: tuple[str, ...] = ()
+    quote = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        inside = bool(quote)
+        for mark in re.findall(r'"""|\'\'\'', line):
+            quote = "" if quote == mark else quote or mark
+        if inside:
+            continue
+        if header := _HEADER.fullmatch(line):
+            table = _path(header[1])
+            lines.setdefault(table, number)
+        elif entry := _ENTRY.match(line):
+            lines.setdefault((*table, *_path(entry[1])), number)
+    return lines
+
+
+def _path(text: str) -> tuple[str, ...]:
+    return tuple(key.strip("\"'") for key in _KEY.findall(text))
+
+
+class _Reader:
+    """Checks the data of one file; collects every problem."""
+
+    def __init__(self, file: Path, data: Mapping[str, Any], lines: Mapping[tuple[str, ...], int]):
+        self._file, self._data, self._lines = file, data, lines
+        self._problems: list[Problem] = []
+
+    def project(self) -> Project:
+        self._known((), self._data, KEYS)
+        found = Project(
+            self._file,
+            dict(self._interpreters()),
+            tuple(self._texts("default-engines", self._check_engine)),
+            tuple(self._file.parent / text for text in self._texts("package-paths", self._check_folder)),
+        )
+        if self._problems:
+            raise SpecError(self._problems)
+        return found
+
+    def _problem(self, path: tuple[str, ...], message: str, **more: str | None) -> None:
+        place = next((self._lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in self._lines), 1)
+        self._problems.append(Problem(message, ".".join(path), Location(str(self._file), place, 1), **more))
+
+    def _known(self, path: tuple[str, ...], table: Mapping[str, Any], keys: Mapping[str, str]) -> None:
+        for key in table:
+            if key not in keys:
+                near = difflib.get_close_matches(key, keys, 1)
+                hint = f"did you mean {near[0]}?" if near else None
+                self._problem((*path, key), f"unknown key {key!r}", allowed=", ".join(keys), hint=hint)
+
+    def _interpreters(self) -> Iterator[tuple[str, str]]:
+        tables = self._data.get("engines", {})
+        if not isinstance(tables, Mapping):
+            hint = "[engines.NAME] with python = ...; a list of engines is default-engines = [...]"
+            self._problem(("engines",), "expected tables by engine", found=_shown(tables), hint=hint)
+            return
+        for label, table in tables.items():
+            path = ("engines", label)
+            if not isinstance(table, Mapping):
+                self._problem(path, "expected a table", found=_shown(table), hint=f"[engines.{_quoted(label)}]")
+                continue
+            self._check_label(path, label)
+            self._known(path, table, ENGINE_KEYS)
+            python = table.get("python")
+            if isinstance(python, str) and python and "\0" not in python:
+                yield label, str(self._file.parent / python)
+            elif "python" in table:
+                self._problem((*path, "python"), "expected the path of an interpreter", found=_shown(python))
+
+    def _texts(self, key: str, check: Callable[[tuple[str, ...], str], None]) -> Iterator[str]:
+        texts = self._data.get(key, [])
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            self._problem((key,), "expected a list of strings", found=_shown(texts))
+            return
+        if key in self._data and not texts:
+            self._problem((key,), "an empty list", hint="remove it, or list at least one")
+        for text in dict.fromkeys(texts):
+            check((key,), text)
+            yield text
+
+    def _check_engine(self, path: tuple[str, ...], word: str) -> None:
+        if word not in {format_of(engine) for engine in engines().values()}:
+            self._check_label(path, word)
+
+    def _check_label(self, path: tuple[str, ...], label: str) -> None:
+        try:
+            identity = parse(label)
+        except SpecError:
+            self._problem(path, f"{label!r} is not an engine's label", allowed="NAME, or NAME@VERSION in quotes")
+            return
+        if identity.python is not None:
+            name = _quoted(identity.label)
+            self._problem(path, f"{label!r} contains an interpreter", hint=f"[engines.{name}] with python = ...")
+        elif identity.name not in engines():
+            near = difflib.get_close_matches(identity.name, engines(), 1)
+            hint = f"did you mean {near[0]}?" if near else None
+            self._problem(path, f"unknown engine {identity.name!r}", allowed=", ".join(engines()), hint=hint)
+
+    def _check_folder(self, path: tuple[str, ...], text: str) -> None:
+        if "\0" in text or not text or not (self._file.parent / text).is_dir():
+            self._problem(path, "not a folder", found=_shown(text), hint="paths are relative to this file")
+
+
+def _shown(value: Any) -> str:
+    return repr(value)
+
+
+def _quoted(label: str) -> str:
+    return label if re.fullmatch(r"[A-Za-z0-9_-]+", label) else json.dumps(label, ensure_ascii=False)
+
+
+@functools.cache
+def schema_text() -> str:
+    """The JSON Schema of the file, for editors."""
+    texts = {"type": "array", "minItems": 1, "items": {"type": "string", "minLength": 1}}
+    options = {name: {"type": "string", "minLength": 1, "description": text} for name, text in ENGINE_KEYS.items()}
+    table = {"type": "object", "properties": options, "additionalProperties": False}
+    schema = {
+        "$schema": "http://json-schema.org/draft-07/schema#",
+        "title": TITLE,
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {
+            "engines": {"description": KEYS["engines"], "type": "object", "additionalProperties": table},
+            **{key: {"description": KEYS[key], **texts} for key in ("default-engines", "package-paths")},
+        },
+    }
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def is_schema(content: bytes) -> bool:
+    """Whether a file is that schema, of whatever version: by its title, as JSON."""
+    try:
+        data = json.loads(content)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and data.get("title") == TITLE
