@@ -30,6 +30,7 @@ check: setup
 	$(BIN)/simspec schema --check
 	$(BIN)/simspec schema --of engine-request --check
 	$(BIN)/simspec schema --of engine-result --check
+	$(BIN)/simspec schema --of project --check
 	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml
 	$(BIN)/simspec engines --markdown --check
 	$(BIN)/simspec compile --check
@@ -53,6 +54,7 @@ generated: setup
 	$(BIN)/simspec schema
 	$(BIN)/simspec schema --of engine-request
 	$(BIN)/simspec schema --of engine-result
+	$(BIN)/simspec schema --of project
 	$(BIN)/simspec engines --markdown
 	$(BIN)/python tools/readme.py
 	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done

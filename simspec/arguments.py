@@ -54,6 +54,7 @@ class SchemaName(StrEnum):
     LANGUAGE = "language"
     ENGINE_REQUEST = "engine-request"
     ENGINE_RESULT = "engine-result"
+    PROJECT = "project"
 
 
 def print_json(value: Any) -> None:
@@ -98,22 +99,31 @@ def load_spec(
 
 
 def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
-    """The interpreters that ``--python`` and ``--engine`` name, by the engine's label."""
+    """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file, by the
+    engine's label."""
     from simspec.engines.kit.identity import parse
     from simspec.engines.kit.registry import find_engine
+    from simspec.project import load_project
 
-    found = {}
+    typed: dict[str, str] = {}
     for word in words or ():
-        given = parse(word)
-        if given.python is None:
+        engine = parse(word)
+        if engine.python is None:
             raise SpecError([Problem(f"--python {word}: no interpreter given", allowed="ENGINE=/path/to/python")])
-        find_engine(given.name)
-        found[given.label] = given.python
-    for one in map(parse, engine_words or ()):
-        if one.python is not None and found.setdefault(one.label, one.python) != one.python:
-            problem = Problem(f"{one.label} is given two interpreters", found=f"{found[one.label]} and {one.python}")
-            raise SpecError([problem])
-    return found
+        find_engine(engine.name)
+        typed[engine.label] = engine.python
+    for engine in map(parse, engine_words or ()):
+        if engine.python is not None and typed.setdefault(engine.label, engine.python) != engine.python:
+            message = f"{engine.label} is given two interpreters"
+            raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}")])
+    return {**load_project().interpreters, **typed}
+
+
+def chosen_engines(words: list[str] | None) -> list[str]:
+    """The engines that ``--engine`` names, else the default engines of the project file; empty where there are none."""
+    from simspec.project import load_project
+
+    return words or list(load_project().default_engines)
 
 
 def engine_names(words: list[str]) -> list[str]:

@@ -102,9 +102,9 @@ def accept_command(
 ) -> int:
     """Add the `accept` and `outside` entries that engines need to a spec, each with its reason as a comment.
 
-    Without --engine: for the installed engines; those that do not support the spec at all are listed. Review the
-    entries: each one is a difference from the spec. If a named engine does not support a feature at all, this is an
-    error, and nothing is written.
+    Without --engine and default-engines (simspec.toml): for the installed engines; those that do not support the spec at
+    all are listed. Review the entries: each one is a difference from the spec. If a named engine does not
+    support a feature at all, this is an error, and nothing is written.
 
     \b
     simspec accept arm.yaml
@@ -138,7 +138,9 @@ def fmt_command(
 def schema_command(
     of: Annotated[
         SchemaName,
-        typer.Option("--of", help="Schema of the language, or of the files exchanged with engine processes."),
+        typer.Option(
+            "--of", help="Schema of the language, of simspec.toml, or of the files exchanged with engine processes."
+        ),
     ] = SchemaName.LANGUAGE,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Output file (default schema/…); - for standard output.")
@@ -146,13 +148,14 @@ def schema_command(
     check: Annotated[bool, typer.Option("--check", help="Write nothing; exit with 1 if FILE is not current.")] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Write a JSON Schema: of the language, for editors, or of the requests and results of engine processes.
+    """Write a JSON Schema: of the language or of simspec.toml, for editors, or of requests and results of engine processes.
 
     \b
     simspec schema --out simspec.schema.json
     First line of a spec, for the YAML language server:
       # yaml-language-server: $schema=simspec.schema.json
     simspec schema --of engine-request --out -
+    simspec schema --of project
     """
     from simspec.commands.schema import schema
 
@@ -186,7 +189,8 @@ def compile_command(
 ) -> int:
     """Compile specs to the formats of the engines: generated/NAME/ with world.json and one folder per engine.
 
-    Without SPEC: all files in ./specs. Without --engine: for every known engine; those that do not support a spec are listed.
+    Without SPEC: all files in ./specs. Without --engine and default-engines (simspec.toml): for every known engine; those
+    that do not support a spec are listed.
 
     \b
     simspec compile robot.yaml
@@ -245,7 +249,8 @@ def verify_command(
 ) -> int:
     """Prove that every engine has the spec's model; writes generated/NAME/certificate.json.
 
-    Without --engine: in every installed engine; those that do not support the spec are listed.
+    Without --engine and default-engines (simspec.toml): in every installed engine; those that do not support the
+    spec are listed.
 
     \b
     simspec verify robot.yaml
@@ -380,7 +385,7 @@ def engines_command(
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """List the engines, their versions and the features they support.
+    """List the engines, their versions, here and in the interpreters of simspec.toml, and the features they support.
 
     \b
     simspec engines

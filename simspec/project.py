@@ -1,7 +1,8 @@
 """``simspec.toml``, the project file: which engines a project takes by default, in which interpreters, and where packages lie.
 
 It is found upward from the working folder, up to the root of the repository (the folder with ``.git``) or of the file system.
-Paths in it are relative to it. What the command line says comes first.
+Paths in it are relative to it. The command line comes before the file, and the file before the defaults. Only the command line
+reads it: what Python calls is given its engines and interpreters.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ from __future__ import annotations
 import difflib
 import functools
 import json
+import os
 import re
+import reprlib
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,23 +20,27 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.identity import parse
-from simspec.engines.kit.registry import engines, format_of
+from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
-from simspec.reading import NotReadableError, read_bytes
+from simspec.outputs.reading import read_text
 
 PROJECT_FILE = "simspec.toml"
 REPOSITORY = ".git"
 """What the root of a repository has: no project file is sought above it."""
-LARGEST = 1_000_000
+LARGEST = 64_000
 """Bytes of a project file."""
+LONGEST_LINE = 2000
+"""Characters of a line: the reader of TOML takes the square of the number of keys that dots join."""
+MOST_ENGINES = 32
+"""Engines with options: each interpreter is a process while versions are asked for."""
 KEYS: Mapping[str, str] = {
     "engines": "Options of engines by label: NAME, or NAME@VERSION in quotes",
-    "default-engines": "Engines of every command that is given none: labels, or names of formats",
+    "default-engines": "Engines of every command that is given neither --engine nor --all-engines: NAME, or NAME@VERSION",
     "package-paths": "Folders in which packages (package://NAME/...) are sought, relative to this file",
 }
 ENGINE_KEYS: Mapping[str, str] = {"python": "Python interpreter that has this engine; a path, relative to this file"}
 TITLE = "simspec: a project file"
-_HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
+_HEADER = re.compile(r"\s*\[\[?([^\[\]]*)\]")
 _ENTRY = re.compile(r"""\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
 _KEY = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 _SYNTAX = re.compile(r" \(at line (\d+), column (\d+)\)$")
@@ -53,28 +60,38 @@ class Project:
 def find_project(start: Path) -> Path | None:
     """The project file that is in force in the folder ``start``; None where there is none."""
     for folder in (start, *start.parents):
-        if (folder / PROJECT_FILE).exists():
+        if os.path.lexists(folder / PROJECT_FILE):
             return folder / PROJECT_FILE
-        if (folder / REPOSITORY).exists():
+        if os.path.lexists(folder / REPOSITORY):
             return None
     return None
 
 
 def load_project(start: Path | None = None) -> Project:
     """The project of the folder ``start`` (None: the working folder). Raises SpecError, with the place of every problem."""
-    file = find_project(start or Path.cwd())
-    return read_project(file) if file is not None else Project()
+    folder = Path.cwd() if start is None else start.absolute()
+    file = find_project(folder)
+    if file is None:
+        return Project()
+    _demand_owner(file, folder)
+    return read_project(file)
+
+
+def _demand_owner(file: Path, start: Path) -> None:
+    """Raise SpecError where a file above the working folder is a stranger's: it names programs that are started."""
+    owner = os.lstat(file).st_uid
+    if owner not in {os.geteuid(), 0, os.stat(start).st_uid}:
+        message = f"{file}: belongs to another user, and is not used"
+        raise SpecError([Problem(message, hint=f"a {PROJECT_FILE} or {REPOSITORY} of your own, nearer, comes first")])
 
 
 def read_project(file: Path) -> Project:
     """Read one project file. Raises SpecError, with the place of every problem."""
-    try:
-        text = read_bytes(file, LARGEST, links=True).decode()
-    except (NotReadableError, OSError) as error:
-        why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-        raise SpecError([Problem(f"{file}: cannot be read: {why}")]) from None
-    except UnicodeDecodeError as error:
-        raise SpecError([Problem(f"{file}: not UTF-8 at byte {error.start}")]) from None
+    text = read_text(file, LARGEST)
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > LONGEST_LINE:
+            message = f"a line of {len(line):,} characters, more than the {LONGEST_LINE:,} that are read"
+            raise SpecError([Problem(message, location=Location(str(file), number, 1))])
     try:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -99,7 +116,7 @@ def _lines(text: str) -> dict[tuple[str, ...], int]:
             quote = "" if quote == mark else quote or mark
         if inside:
             continue
-        if header := _HEADER.fullmatch(line):
+        if header := _HEADER.match(line):
             table = _path(header[1])
             lines.setdefault(table, number)
         elif entry := _ENTRY.match(line):
@@ -120,19 +137,28 @@ class _Reader:
 
     def project(self) -> Project:
         self._known((), self._data, KEYS)
-        found = Project(
+        project = Project(
             self._file,
             dict(self._interpreters()),
-            tuple(self._texts("default-engines", self._check_engine)),
+            tuple(self._texts("default-engines", self._check_label)),
             tuple(self._file.parent / text for text in self._texts("package-paths", self._check_folder)),
         )
         if self._problems:
             raise SpecError(self._problems)
-        return found
+        return project
 
-    def _problem(self, path: tuple[str, ...], message: str, **more: str | None) -> None:
-        place = next((self._lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in self._lines), 1)
-        self._problems.append(Problem(message, ".".join(path), Location(str(self._file), place, 1), **more))
+    def _problem(
+        self,
+        path: tuple[str, ...],
+        message: str,
+        *,
+        found: str | None = None,
+        allowed: str | None = None,
+        hint: str | None = None,
+    ) -> None:
+        line = next((self._lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in self._lines), 1)
+        place = Location(str(self._file), line, 1)
+        self._problems.append(Problem(message, ".".join(path), place, found, allowed, hint))
 
     def _known(self, path: tuple[str, ...], table: Mapping[str, Any], keys: Mapping[str, str]) -> None:
         for key in table:
@@ -147,6 +173,9 @@ class _Reader:
             hint = "[engines.NAME] with python = ...; a list of engines is default-engines = [...]"
             self._problem(("engines",), "expected tables by engine", found=_shown(tables), hint=hint)
             return
+        if len(tables) > MOST_ENGINES:
+            self._problem(("engines",), f"{len(tables):,} engines, more than the {MOST_ENGINES} that are read")
+            return
         for label, table in tables.items():
             path = ("engines", label)
             if not isinstance(table, Mapping):
@@ -159,6 +188,8 @@ class _Reader:
                 yield label, str(self._file.parent / python)
             elif "python" in table:
                 self._problem((*path, "python"), "expected the path of an interpreter", found=_shown(python))
+            else:
+                self._problem(path, "no option", hint="python = ... names an interpreter")
 
     def _texts(self, key: str, check: Callable[[tuple[str, ...], str], None]) -> Iterator[str]:
         texts = self._data.get(key, [])
@@ -170,10 +201,6 @@ class _Reader:
         for text in dict.fromkeys(texts):
             check((key,), text)
             yield text
-
-    def _check_engine(self, path: tuple[str, ...], word: str) -> None:
-        if word not in {format_of(engine) for engine in engines().values()}:
-            self._check_label(path, word)
 
     def _check_label(self, path: tuple[str, ...], label: str) -> None:
         try:
@@ -195,7 +222,7 @@ class _Reader:
 
 
 def _shown(value: Any) -> str:
-    return repr(value)
+    return reprlib.repr(value)  # nested tables of any depth
 
 
 def _quoted(label: str) -> str:
@@ -207,14 +234,19 @@ def schema_text() -> str:
     """The JSON Schema of the file, for editors."""
     texts = {"type": "array", "minItems": 1, "items": {"type": "string", "minLength": 1}}
     options = {name: {"type": "string", "minLength": 1, "description": text} for name, text in ENGINE_KEYS.items()}
-    table = {"type": "object", "properties": options, "additionalProperties": False}
+    table = {"type": "object", "properties": options, "required": list(options), "additionalProperties": False}
     schema = {
         "$schema": "http://json-schema.org/draft-07/schema#",
         "title": TITLE,
         "type": "object",
         "additionalProperties": False,
         "properties": {
-            "engines": {"description": KEYS["engines"], "type": "object", "additionalProperties": table},
+            "engines": {
+                "description": KEYS["engines"],
+                "type": "object",
+                "maxProperties": MOST_ENGINES,
+                "additionalProperties": table,
+            },
             **{key: {"description": KEYS[key], **texts} for key in ("default-engines", "package-paths")},
         },
     }

@@ -453,6 +453,63 @@ def test_engines(folder):
     assert (folder / "docs" / "support-matrix.md").is_file()
 
 
+PROJECT = """\
+default-engines = ["dart", "{label}"]
+[engines."{label}"]
+python = "here/python"
+[engines."mujoco@2"]
+python = "nothing/python"
+"""
+
+
+@pytest.fixture
+def project(folder, monkeypatch):
+    """A project whose file names a second label of DART, in a way from the file to this interpreter; the label."""
+    label = f"dart@{engines()['dart'].version()}"
+    (folder / "here").mkdir()
+    # not a link: a virtual environment is found by the name that its interpreter is started by
+    (folder / "here" / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    (folder / "here" / "python").chmod(0o755)
+    (folder / "simspec.toml").write_text(PROJECT.format(label=label))
+    (folder / "below").mkdir()
+    monkeypatch.chdir(folder / "below")
+    return label
+
+
+def test_engines_of_the_project_file(project, folder):
+    answer = data("engines")
+    assert answer["project"] == str(folder / "simspec.toml")
+    rows = {one["label"]: one for one in answer["instances"]}
+    assert rows[project]["version"] == engines()["dart"].version()
+    assert rows[project]["python"] == str(folder / "here" / "python")
+    assert rows["mujoco@2"]["version"] is None
+    assert "cannot be started" in rows["mujoco@2"]["problem"]
+    assert project in simspec("engines").output
+
+
+def test_two_labels_of_the_project_file_at_work(project, folder):
+    study = data("run", "../fall.yaml", "--no-repeats")
+    assert set(study["runs"]) == {"dart", project}
+    assert len(study["diffs"]) == 1
+    assert set(data("verify", "../fall.yaml", "--engine", "mujoco")["certificate"]["engines"]) == {"mujoco"}
+    assert set(data("run", "../fall.yaml", "--no-repeats", "--all-engines")["runs"]) == set(engines())
+
+
+def test_the_command_line_comes_before_the_project_file(project, folder):
+    (folder / "here" / "python").write_text("#!/bin/sh\nexit 3\n")
+    assert project in simspec("run", "../fall.yaml", "--no-repeats", code=3).output
+    simspec("run", "../fall.yaml", "--no-repeats", "--python", f"{project}={sys.executable}")
+    simspec("run", "../fall.yaml", "--no-repeats", "--engine", f"{project}={sys.executable}")
+
+
+def test_a_bad_project_file_is_an_error_of_the_command(project, folder):
+    (folder / "simspec.toml").write_text("\ndefault-engine = ['dart']\n")
+    for words in (("check", "../fall.yaml"), ("compile", "../fall.yaml"), ("engines",), ("verify", "../fall.yaml")):
+        answer = data(*words, code=2)
+        assert answer["error"]["problems"][0]["location"]["line"] == 2
+    simspec("new", "other")
+
+
 def test_the_library_is_known_by_name(folder):
     names = [path.stem for path in resource_folder("specs").glob("*.yaml")]
     simspec("check", *names)

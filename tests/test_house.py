@@ -29,6 +29,7 @@ ORDER = (
     "formats",
     "dialects",
     "engines",
+    "project",
     "compiler",
     "selection",
     "proof",

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import engines_at_work, engines_for_files, load_spec
+from simspec.arguments import chosen_engines, engines_at_work, engines_for_files, interpreters, load_spec
 from simspec.compiler import missing_options
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
@@ -24,9 +24,10 @@ from simspec.world.types import World
 
 
 def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
-    """Write what the engines named by ``engine`` (without: those installed) need into the file ``spec``."""
+    """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
     loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
-    selection = engines_for_files(engine) if engine else engines_at_work(None, {})
+    words = chosen_engines(engine)
+    selection = engines_for_files(words) if words else engines_at_work(None, interpreters(None))
     return accept_world(loaded, world, selection, as_json)
 
 

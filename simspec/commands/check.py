@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from simspec.arguments import load_spec, names_alone, print_json
+from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.report.screen import say
@@ -30,7 +30,9 @@ def check(
     strict: bool,
     as_json: bool,
 ) -> int:
-    """Check ``specs``; with ``engine``, compile them for these engines too. Raises SpecError with the problems of all specs."""
+    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. Raises SpecError
+    with the problems of all specs."""
+    engine = chosen_engines(engine)
     problems: list[Problem] = []
     rows: list[Row] = []
     for name in specs:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
-from simspec.arguments import engines_for_files, load_spec
+from simspec.arguments import chosen_engines, engines_for_files, load_spec
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
@@ -61,7 +61,14 @@ def compile_specs(
 
         return write_plain(names, load, format_name, out, check=check, strict=strict, as_json=as_json, warnings=warned)
     return compile_all(
-        names, load, engines_for_files(engine), out, check=check, explain=explain, as_json=as_json, warnings=warned
+        names,
+        load,
+        engines_for_files(chosen_engines(engine)),
+        out,
+        check=check,
+        explain=explain,
+        as_json=as_json,
+        warnings=warned,
     )
 
 

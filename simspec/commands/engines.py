@@ -6,7 +6,9 @@ from pathlib import Path
 
 from simspec.arguments import print_json
 from simspec.commands.generated_file import generated_file
+from simspec.engines.kit.installed import instances
 from simspec.errors import EXIT_OK
+from simspec.project import load_project
 from simspec.report import matrix
 from simspec.report.screen import console, say
 from simspec.report.terminal import engine_tables
@@ -17,10 +19,12 @@ def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
     if markdown:
         return generated_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
     data = matrix.engine_data()
+    project = load_project()
+    rows = instances(project.interpreters, project.default_engines)
     if as_json:
-        print_json({"engines": data, "broken": matrix.broken()})
+        print_json({"instances": rows, "project": project.file, "engines": data, "broken": matrix.broken()})
         return EXIT_OK
-    for table in engine_tables(data):
+    for table in engine_tables(rows, data):
         console().print(table)
     for name, why in matrix.broken().items():
         say(f"{name}: {why}")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import engines_at_work, interpreters, load_spec, source_of
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of
 from simspec.commands.diff import diff_code
 from simspec.commands.study_folder import Results
 from simspec.comparison.study import study
@@ -41,14 +41,18 @@ def run(
     deadline: float,
     as_json: bool,
 ) -> int:
-    """Study ``spec`` in all engines, or in those named by ``engine``, and write ``out``/NAME."""
-    if all_engines == bool(engine):
-        raise SpecError([Problem("no engines selected", allowed="--all-engines, or --engine NAME (repeatable)")])
+    """Study ``spec`` in all engines, in those named by ``engine`` or in the project's, and write ``out``/NAME."""
+    if all_engines and engine:
+        raise SpecError([Problem("--all-engines and --engine exclude each other")])
+    words = None if all_engines else chosen_engines(engine)
+    if not all_engines and not words:
+        allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
+        raise SpecError([Problem("no engines selected", allowed=allowed)])
     loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
     pythons = interpreters(python, engine)
     return run_world(
         world,
-        engines_at_work(engine, pythons, demand=False),
+        engines_at_work(words, pythons, demand=False),
         out / world.name,
         spec=find_spec(spec),
         locate=loaded.locate,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.arguments import engines_at_work, interpreters, load_spec
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec
 from simspec.commands.self_test import complete_self_test, self_test
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
@@ -51,9 +51,9 @@ def verify(
     pythons = interpreters(python, engine)
     if (spec is None) != planted:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
-    if complete and (spec is not None or pythons):
-        raise SpecError([Problem("--complete requires --self-test, without --python")])
-    selection = engines_at_work(engine, pythons)
+    selection = engines_at_work(chosen_engines(engine), pythons)
+    if complete and (spec is not None or pythons.keys() & selection.engines):
+        raise SpecError([Problem("--complete requires --self-test, and engines of simspec's own interpreter")])
     if complete:
         return complete_self_test(selection.engines, as_json)
     if spec is None:

@@ -28,6 +28,7 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 
 if TYPE_CHECKING:
+    from simspec.engines.kit.installed import Instance
     from simspec.proof.certificate import Certificate, EngineProof
     from simspec.proof.checks import Check
     from simspec.proof.selftest import Outcome as DefectOutcome
@@ -270,16 +271,17 @@ def decisions(compiled: Compiled) -> Table:
     return found
 
 
-def engine_tables(data: Mapping[str, Any]) -> list[Table]:
-    """The engines, and what each can do."""
-    versions = table("Engines", "engine", "format", "version", "")
-    for name, one in data.items():
-        installed = one["version"] is not None
+def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any]) -> list[Table]:
+    """The engines with their versions, and what each engine of ``data`` supports."""
+    versions = table("Engines", "engine", "version", "format", "dialect", "python", "")
+    for one in instances:
         versions.add_row(
-            name,
-            one["format"],
-            one["version"] or Text("not installed", style="red"),
-            "" if installed else one["install"],
+            one.label,
+            one.version or Text("none", style="red"),
+            one.format,
+            one.dialect,
+            Text(one.python or "this one"),
+            Text(one.problem or "", style="red"),
         )
     support = table("Supported features  (details: simspec engines --json)", "feature", *data)
     for feature in Feature:

@@ -1,46 +1,159 @@
-"""What is installed in another interpreter."""
+"""The engines that can be used, by label: their versions, here and in other interpreters."""
 
 from __future__ import annotations
 
 import json
+import os
+import selectors
+import signal
 import subprocess
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from typing import IO
 
 from simspec.engines.kit.contract import Engine
-from simspec.errors import EngineError
+from simspec.engines.kit.identity import engine_name, other_version
+from simspec.engines.kit.installing import left_out
+from simspec.engines.kit.registry import engines, find_engine, format_of
+from simspec.errors import clipped, visible
 
 PATIENCE = 30.0
-"""s that an interpreter may take to say what it has: a cold disk needs a few."""
+"""s that all interpreters together may take to give their versions: a cold disk needs a few."""
+MOST_OUTPUT = 64_000
+"""Bytes that an interpreter may write for it."""
+MOST_REASON = 200
+"""Characters of its last line that a reason quotes."""
 _ASK = """
 import importlib.metadata, json, sys
 try:
     version = importlib.metadata.version(sys.argv[1])
 except importlib.metadata.PackageNotFoundError:
     version = None
-json.dump({"version": version}, sys.stdout)
+print()
+print(json.dumps({"version": version}))
 """
 
 
-def version_in(python: str, engine: type[Engine]) -> str | None:
-    """The version of ``engine`` that the interpreter ``python`` has; None: it has none. Raises EngineError where it cannot be
-    asked."""
+class NoVersionError(ValueError):
+    """An interpreter gave no version; the message is the reason."""
+
+
+@dataclass(frozen=True)
+class Instance:
+    """An engine by ``label``. ``version``: None where it cannot be used, for the reason ``problem``; ``python``: its
+    interpreter, None for this one."""
+
+    label: str
+    engine: str
+    version: str | None
+    python: str | None
+    dialect: str
+    format: str
+    problem: str | None = None
+
+
+def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> list[Instance]:
+    """Every known engine and, beside it, its versions that ``interpreters`` (by label) and ``labels`` name.
+
+    Interpreters are asked side by side, within ``PATIENCE``; one that gives no version is an instance with a problem.
+    """
+    named = dict.fromkeys([*interpreters, *labels])
+    ordered = [
+        word for name in engines() for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
+    ]
+    ends = time.monotonic() + PATIENCE
+    with ExitStack() as stack:
+        asked = {
+            label: stack.enter_context(_asked(interpreters[label], find_engine(label)))
+            for label in ordered
+            if label in interpreters
+        }
+        return [_instance(label, interpreters.get(label), asked.get(label), ends) for label in ordered]
+
+
+def _instance(label: str, python: str | None, asked: _Asked | None, ends: float) -> Instance:
+    engine = find_engine(label)
+    version, problem = None, None
     try:
-        done = subprocess.run(
+        version = engine.version() if asked is None else _answer(asked, ends)
+    except NoVersionError as error:
+        problem = f"{python} {error}"
+    else:
+        if version is None:
+            problem = _how_to_install(engine) if asked is None else f"{python} does not have {engine.DISTRIBUTION}"
+        else:
+            problem = other_version(label, version)
+    return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem)
+
+
+def _how_to_install(engine: type[Engine]) -> str:
+    return left_out().get(engine.NAME) or f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+
+
+_Asked = subprocess.Popen[bytes] | NoVersionError
+"""An interpreter at work, or why it could not be started."""
+
+
+@contextmanager
+def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
+    """The interpreter ``python``, started; nothing of it is left at the end of the block."""
+    try:
+        process = subprocess.Popen(
             [python, "-c", _ASK, engine.DISTRIBUTION],
             stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=PATIENCE,
-            check=False,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            cwd="/",  # the working folder is on the path of python -c, and may have a json.py
+            env={**os.environ, "PYTHONNOUSERSITE": "1"},  # as an engine's process has it
+            start_new_session=True,
         )
-    except OSError as error:
-        raise EngineError(engine.NAME, f"{python} cannot be started: {error.strerror or error}") from None
-    except subprocess.TimeoutExpired:
-        raise EngineError(engine.NAME, f"{python} gave no version within {PATIENCE:g} s") from None
+    except (OSError, ValueError) as error:
+        yield NoVersionError(f"cannot be started: {getattr(error, 'strerror', None) or error}")
+        return
     try:
-        answer = json.loads(done.stdout)
-    except ValueError:
+        yield process
+    finally:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def _answer(asked: _Asked, ends: float) -> str | None:
+    """The version that an interpreter gives; None: it does not have the engine. Raises NoVersionError."""
+    if isinstance(asked, NoVersionError):
+        raise asked
+    if asked.stdout is None:
+        raise AssertionError("started with a pipe")
+    lines = _output(asked.stdout, ends).decode(errors="replace").strip().splitlines() or [""]
+    try:
+        code = asked.wait(max(0.0, ends - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        raise NoVersionError(f"gave no version within {PATIENCE:g} s") from None
+    try:
+        answer = json.loads(lines[-1])
+    except (ValueError, RecursionError):
         answer = None
-    if done.returncode or not isinstance(answer, Mapping) or not isinstance(answer.get("version"), str | None):
-        tail = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise EngineError(engine.NAME, f"{python} gave no version: {tail[0][:200]}")
-    return answer["version"]
+    version = answer.get("version", answer) if isinstance(answer, dict) else answer
+    if code or not isinstance(answer, dict) or not (version is None or isinstance(version, str)):
+        said = f": {clipped(visible(lines[-1]), MOST_REASON)}" if lines[-1] else ""
+        raise NoVersionError(f"gave no version, exit code {code}{said}")
+    return version
+
+
+def _output(pipe: IO[bytes], ends: float) -> bytes:
+    """What a process writes until it ends. Raises NoVersionError where that is too much, or takes too long."""
+    output = b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(pipe, selectors.EVENT_READ)
+        while selector.select(max(0.0, ends - time.monotonic())):
+            block = os.read(pipe.fileno(), MOST_OUTPUT)
+            output += block
+            if not block:
+                return output
+            if len(output) > MOST_OUTPUT:
+                raise NoVersionError(f"wrote more than {MOST_OUTPUT:,} bytes instead of a version")
+    raise NoVersionError(f"gave no version within {PATIENCE:g} s")

@@ -1,0 +1,94 @@
+"""Versions of engines in other interpreters: a broken interpreter is a row with its reason."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from simspec.engines.kit import installed
+from simspec.engines.kit.installed import instances
+from simspec.engines.kit.registry import engines, format_of
+
+
+def program(folder: Path, text: str) -> str:
+    """An executable script."""
+    path = folder / "python"
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def row(label: str, python: str):
+    return next(one for one in instances({label: python}) if one.label == label)
+
+
+def test_without_interpreters_these_are_the_known_engines():
+    rows = instances({})
+    assert [one.label for one in rows] == list(engines())
+    for one in rows:
+        engine = engines()[one.engine]
+        assert (one.version, one.python, one.dialect, one.format) == (
+            *(engine.version(), None),
+            *(engine.DIALECT, format_of(engine)),
+        )
+        assert (one.problem is None) == (one.version is not None)
+
+
+@pytest.mark.parametrize("name", list(engines()))
+def test_versions_stand_beside_their_engine(name):
+    version = engines()[name].version()
+    if version is None:
+        pytest.skip("this interpreter has no version to find")
+    first = version.split(".")[0]
+    rows = [one for one in instances({f"{name}@{first}": sys.executable}, [name, f"{name}@999"]) if one.engine == name]
+    assert [(one.label, one.version, one.python) for one in rows] == [
+        (name, version, None),
+        (f"{name}@{first}", version, sys.executable),
+        (f"{name}@999", version, None),
+    ]
+    assert [one.problem is None for one in rows] == [True, True, False]
+    assert f"is version {version}, not 999" in str(rows[2].problem)
+
+
+def test_an_interpreter_of_a_name_stands_in_for_this_one(tmp_path):
+    rows = [one for one in instances({"dart": program(tmp_path, "exit 3")}) if one.engine == "dart"]
+    assert [(one.label, one.version) for one in rows] == [("dart", None)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("exit 3", "gave no version, exit code 3"),
+        ("echo no such thing >&2; exit 1", "exit code 1: no such thing"),
+        ("echo not json", "exit code 0: not json"),
+        ("echo '[1]'", "gave no version"),
+        ("echo '{}'", "gave no version"),
+        ("""echo '{"version": 3}'""", "gave no version"),
+        ("""echo '{"version": "6.20.0"}'; exit 1""", "gave no version"),
+        ("""echo '{"version": null}'""", "does not have dartpy"),
+        ("kill -9 $$", "exit code -9"),
+        ("yes", "wrote more than"),
+        ("head -c 60000 /dev/zero | tr '\\0' '['", "gave no version"),
+    ],
+)
+def test_a_broken_interpreter_is_a_row_with_its_reason(tmp_path, text, words):
+    one = row("dart@6", program(tmp_path, text))
+    assert one.version is None
+    assert words in str(one.problem)
+
+
+def test_an_interpreter_that_is_none(tmp_path):
+    assert "cannot be started: No such file" in str(row("dart", str(tmp_path / "nothing")).problem)
+    assert "cannot be started: Permission denied" in str(row("dart", str(tmp_path)).problem)
+
+
+def test_an_interpreter_that_does_not_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(installed, "PATIENCE", 0.3)
+    for text in ("sleep 600", "sleep 600 & exit 0", "exec >&- 2>&-; sleep 600"):
+        assert "no version within 0.3 s" in str(
+            row("dart@6", program(tmp_path, f"echo $$ > {tmp_path}/pid\n{text}")).problem
+        )
+        group = int((tmp_path / "pid").read_text())
+        assert not Path(f"/proc/{group}").exists(), "it is ended"
