@@ -150,7 +150,12 @@ def missing_options(world: World, engine: str) -> dict[str, dict[str, str]]:
         key, name = OPTION_OF.get(decision.level), decision.feature.value
         if key is None or name in getattr(options, key):
             continue
-        without = dataclasses.replace(allowed, **{key: tuple(word for word in getattr(allowed, key) if word != name)})
+        others = tuple(word for word in getattr(allowed, key) if word != name)
+        without = (
+            dataclasses.replace(allowed, accept=others)
+            if key == "accept"
+            else dataclasses.replace(allowed, outside=others)
+        )
         try:
             tried = _with_options(world, without)
             needed_decisions(tried, engine)

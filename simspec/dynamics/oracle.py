@@ -179,15 +179,17 @@ class Tree:
         """M (nv, nv), armature included."""
         full = self.pin.crba(self.model, self.data, self.spread(q)[0])
         full = np.triu(full) + np.triu(full, 1).T
-        return full[np.ix_(self.v_index, self.v_index)]
+        matrix: np.ndarray = full[np.ix_(self.v_index, self.v_index)]
+        return matrix
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
-        return self.pin.nonLinearEffects(self.model, self.data, *self.spread(q, v))[self.v_index].copy()
+        bias: np.ndarray = self.pin.nonLinearEffects(self.model, self.data, *self.spread(q, v))[self.v_index].copy()
+        return bias
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
-        effort = -self._damping * v
+        effort: np.ndarray = -self._damping * v
         if len(self._hinge_v):
             effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
         for at_q, at_v, stiffness in self._sprung_balls:
@@ -216,7 +218,8 @@ class Tree:
         ours_q, ours_v = self.spread(q, v)
         tau = np.zeros(self.model.nv)
         tau[self.v_index] = effort + self.joint_effort(q, v)
-        return self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
+        acceleration: np.ndarray = self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
+        return acceleration
 
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
@@ -419,4 +422,5 @@ def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
     sine = np.sqrt(xyz @ xyz)
     if sine == 0.0:
         return np.zeros(3)
-    return xyz * (2.0 * np.arctan2(sine, w) / sine)
+    vector: np.ndarray = xyz * (2.0 * np.arctan2(sine, w) / sine)
+    return vector

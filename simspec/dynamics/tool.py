@@ -65,7 +65,8 @@ class Tool:
         self._q = np.array([parts.position[row].start for row in rows], dtype=int)
         self._v = np.array([parts.velocity[row].start for row in rows], dtype=int)
         limits = [self.bodies[row].joint.position_limits or (-np.inf, np.inf) for row in rows]
-        self._low, self._high = (np.array(side) for side in zip(*limits, strict=True)) if rows else np.zeros((2, 0))
+        self._low = np.array([low for low, _ in limits], dtype=float)
+        self._high = np.array([high for _, high in limits], dtype=float)
         self._any = initial_state(dataclasses.replace(world, bodies=self.bodies))[0]
         self._ranks: dict[int, int] = {}
 
@@ -79,7 +80,8 @@ class Tool:
         ours = self._tree.spread(q)[0]
         # of a tree with one coordinate Pinocchio gives a vector
         full = self._pin.computeJointJacobian(self._model, self._data, ours, self._joint).reshape(6, -1)
-        return (self._placement.toActionMatrixInverse() @ full)[:, self._tree.v_index[self._v]]
+        jacobian: np.ndarray = (self._placement.toActionMatrixInverse() @ full)[:, self._tree.v_index[self._v]]
+        return jacobian
 
     def solve(
         self,
@@ -215,7 +217,8 @@ class Tool:
         """Jᵀ F (joints,): the efforts on the tool's joints that press with ``force`` (N) at ``point`` (m), both in the frame's
         axes, at positions ``q``."""
         jacobian = self.jacobian(q)
-        return jacobian[:3].T @ force + jacobian[3:].T @ np.cross(point, force)
+        efforts: np.ndarray = jacobian[:3].T @ force + jacobian[3:].T @ np.cross(point, force)
+        return efforts
 
 
 def _farness(found: Solution) -> float:

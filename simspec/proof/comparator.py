@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TypeGuard
 
 from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
@@ -19,6 +21,7 @@ from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES, Round
+from simspec.world.tuples import ordered, quaternion
 from simspec.world.types import (
     Body,
     Hardness,
@@ -100,10 +103,10 @@ def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, Held
 
 def held_apart(expected: object, found: object) -> float | None:
     """How far two held values are apart: relative for numbers, else 0 when they are the same and None when they are not."""
-    several = isinstance(expected, (list, tuple))
-    if several != isinstance(found, (list, tuple)):
+    if isinstance(expected, (list, tuple)) != isinstance(found, (list, tuple)):
         return None
-    one, two = (expected, found) if several else ((expected,), (found,))
+    one: Sequence[object] = expected if isinstance(expected, (list, tuple)) else (expected,)
+    two: Sequence[object] = found if isinstance(found, (list, tuple)) else (found,)
     if len(one) != len(two):
         return None
     scale = max((abs(x) for x in (*one, *two) if _is_number(x)), default=0.0)
@@ -117,7 +120,7 @@ def held_apart(expected: object, found: object) -> float | None:
     return apart
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
@@ -147,7 +150,7 @@ class _Comparison:
 
     def vector(
         self, part: str, name: str, expected: Sequence[float], found: Sequence[float], where: str, scale: float = 1.0
-    ):
+    ) -> None:
         if len(expected) != len(found):
             self.note(part, name, None, where, f"{len(found)} numbers, should be {len(expected)}")
         else:
@@ -187,9 +190,9 @@ class _Comparison:
             shape.collision for body in self.world.bodies for shape in body.shapes
         ):
             accepted = self.held.friction_cone == self.accepted_cone
-            expected = self.held.friction_cone if accepted else self.world.contact.friction_cone
+            cone = self.held.friction_cone if accepted else self.world.contact.friction_cone
             place = "contact.friction_cone"
-            self.tally.equal(self.levels["geometry"], "friction cone", expected, self.held.friction_cone, place)
+            self.tally.equal(self.levels["geometry"], "friction cone", cone, self.held.friction_cone, place)
         return self.tally.checks()
 
     def mass(self, body: Body, found: Body, moves: bool) -> None:
@@ -269,7 +272,7 @@ class _Comparison:
         if straight:
             self.vector("joint", name, straight, other.position[: len(straight)], at, place)
         if one.kind in QUATERNION_JOINTS:
-            turned = turn_between(one.position[-4:], other.position[-4:])
+            turned = turn_between(quaternion(one.position[-4:]), quaternion(other.position[-4:]))
             self.note("joint", name, turned, at, f"{other.position}, should be {one.position}")
 
     def shapes(self, body: Body, found: Body) -> None:
@@ -285,7 +288,7 @@ class _Comparison:
                 self.note("geometry", "shape type", None, at, f"{kinds}, should be {shape.kind}")
                 continue
             self.note("geometry", "shape type", 0.0, at)
-            other = min(same_kind, key=lambda candidate, shape=shape: _unlike(shape, candidate))
+            other = min(same_kind, key=partial(_unlike, shape))
             left.remove(other)
             self.shape(shape, other, at)
         extra = [shape for shape in left if shape.collision or self.readable("shape.visual")]
@@ -350,7 +353,7 @@ class _Comparison:
         for pair in self.held.pairs:
             at = f"pair {pair.first}, {pair.second}"
             held.add((pair.first, pair.second))
-            both = tuple(sorted(material.get(name, "") for name in (pair.first, pair.second)))
+            both = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
             if both not in laws:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
                 continue

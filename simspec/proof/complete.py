@@ -242,13 +242,10 @@ class _Bench:
     def _held(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """By what the engine says it holds."""
         for mutation, answers in self._ask(batch, [Operation("read_back")]):
-            yield (
-                mutation,
-                self._refused(mutation, answers)
-                or self._judged(
-                    mutation, lambda given=answers: read_back_checks(self.world, self.engine, _held(given))
-                ),
-            )
+            verdict = self._refused(mutation, answers)
+            if verdict is None and not isinstance(answers, EngineError):
+                verdict = self._judged(mutation, partial(self._read_back_checks, answers))
+            yield mutation, verdict
 
     def _unmoved(self, batch: Sequence[Mutation], acting: dict[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """What is declared inert must move as the sound files do; what does not is noted in ``acting``, and goes on."""
@@ -267,13 +264,10 @@ class _Bench:
     def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """By every probe but those of contact."""
         for mutation, answers in self._ask(batch, self.probes.operations(self.engine)):
-            yield (
-                mutation,
-                self._refused(mutation, answers)
-                or self._judged(
-                    mutation, lambda given=answers: engine_checks(self.world, self.engine, given, self.probes)[0]
-                ),
-            )
+            verdict = self._refused(mutation, answers)
+            if verdict is None and not isinstance(answers, EngineError):
+                verdict = self._judged(mutation, partial(self._probe_checks, answers))
+            yield mutation, verdict
 
     def _whole(self, batch: Sequence[Mutation], acting: Mapping[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
         """By the whole proof, with its contact probes; else it is missed."""
@@ -294,6 +288,12 @@ class _Bench:
             return self._judged(mutation, checks)
 
     # --- judging --------------------------------------------------------------------------------------------------
+
+    def _read_back_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
+        return read_back_checks(self.world, self.engine, _held(answers))
+
+    def _probe_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
+        return engine_checks(self.world, self.engine, answers, self.probes)[0]
 
     def _judged(self, mutation: Mutation, checks: Callable[[], Iterable[Check]]) -> Verdict | None:
         try:

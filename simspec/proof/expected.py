@@ -97,7 +97,7 @@ def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str,
     compared = {check.level for check in checks if check.count}
     compared_checks = {(check.level, check.name) for check in checks if check.count}
     known = {(check.level, check.name) for check in checks} | {(check.level, "") for check in checks}
-    found = []
+    found: list[Check] = []
     for (level, name), why in expected(world).items():
         done = (level, name) in compared_checks if name else level in compared
         if done or why or level in not_compared or title(level, name) in not_compared or (level, name) in known:

@@ -96,8 +96,10 @@ def plan(world: World, oracle: Oracle) -> Motion:
     for attempt in range(HELD, TRIES + len(GENTLER)):
         if found.steps >= FEWEST or unstable(world):
             break  # enough, or nothing gentler helps
-        one = _planned(world, oracle, _tried(world, oracle, *_beginning(world, oracle, attempt, most), most), most)
-        found = max(found, one, key=lambda motion: motion.steps)
+        begun = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
+        gentler = _planned(world, oracle, begun, most)
+        if gentler.steps > found.steps:
+            found = gentler
     return found
 
 
@@ -109,8 +111,8 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int) -> Moti
     floors = np.zeros(len(exact))
     generator = np.random.default_rng(SEED + 200)
     for _ in range(DISTURBED):
-        beginning = [_disturb(state, generator) for state in (q, v)]
-        disturbed = _poses(oracle, _motion(oracle, *beginning, effort, steps, every)[0])
+        off_q, off_v = _disturb(q, generator), _disturb(v, generator)
+        disturbed = _poses(oracle, _motion(oracle, off_q, off_v, effort, steps, every)[0])
         with np.errstate(invalid="ignore", over="ignore"):
             found = deviation(exact, disturbed).max(axis=1, initial=0.0)
         floors = np.maximum(floors, np.where(np.isfinite(found), found, np.inf))
@@ -167,14 +169,16 @@ def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray
     index = np.array([row[0] for row in rows])
     low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     margin = 0.05 * (high - low)
-    return ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
+    near: np.ndarray = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
+    return near
 
 
 def _slides(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
     """How far (instants,) the slide that went farthest is from where it began, at each instant; NaN where motion diverged."""
     parts = zip(world.bodies, oracle.layout.position, strict=True)
     index = [at.start for body, at in parts if body.joint.kind == "slide"]
-    return np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
+    farthest: np.ndarray = np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
+    return farthest
 
 
 def _turns(world: World, oracle: Oracle, speeds: np.ndarray) -> np.ndarray:
@@ -247,7 +251,8 @@ def deviation(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
     plus radians."""
     reach = np.maximum(1.0, np.linalg.norm(expected[..., :3], axis=-1))
     away = np.linalg.norm(found[..., :3] - expected[..., :3], axis=-1) / reach
-    return away + rotation_error(found[..., 3:], expected[..., 3:])
+    apart: np.ndarray = away + rotation_error(found[..., 3:], expected[..., 3:])
+    return apart
 
 
 def motion_checks(world: World, motion: Motion, found: Mapping[str, np.ndarray]) -> list[Check]:

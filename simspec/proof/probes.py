@@ -78,9 +78,9 @@ def dynamics_checks(
             root = np.sqrt(np.diag(mass))
             if held is not None:
                 error = np.abs(held.reshape(mass.shape) - mass) / np.outer(root, root)
-                i, j = np.unravel_index(int(np.argmax(error)), error.shape)
-                where = f"bodies.{names[block[i]]}, bodies.{names[block[j]]}, state {row}"
-                tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[i, j]), where)
+                at_row, at_column = np.unravel_index(int(np.argmax(error)), error.shape)
+                where = f"bodies.{names[block[at_row]]}, bodies.{names[block[at_column]]}, state {row}"
+                tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[at_row, at_column]), where)
             for name, (expected, measured) in forces.items():
                 force = expected[block]
                 strength = math.sqrt(max(0.0, float(force @ np.linalg.solve(mass, force))))
@@ -95,4 +95,5 @@ def rotation_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     w, xyz = a[..., :1], a[..., 1:]
     other_w, other = b[..., :1], b[..., 1:]
     apart = w * other - other_w * xyz - np.cross(xyz, other)
-    return 2.0 * np.linalg.norm(apart, axis=-1)
+    angles: np.ndarray = 2.0 * np.linalg.norm(apart, axis=-1)
+    return angles

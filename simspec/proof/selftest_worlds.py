@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import TypedDict, Unpack
 
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.types import (
@@ -31,15 +32,33 @@ def _options(engine: str, *accept: str, outside: tuple[str, ...] = ()) -> tuple[
     return (EngineOptions(engine, accept=tuple(sorted(accept)), outside=outside),)
 
 
-def _contact(restitution: float = 0.0, **more: object) -> Contact:
+class _JointNumbers(TypedDict, total=False):
+    """Limits and numbers of a joint (see :class:`simspec.world.types.Joint`)."""
+
+    position_limits: tuple[float, float]
+    velocity_limit: float
+    effort_limit: float
+    damping: float
+    dry_friction: float
+    armature: float
+    spring_stiffness: float
+    spring_rest: float
+
+
+def _contact(
+    restitution: float = 0.0,
+    ignored_groups: tuple[tuple[str, str], ...] = (),
+    excluded_bodies: tuple[tuple[str, str], ...] = (),
+) -> Contact:
     return Contact(
         materials=(Material("rubber", 0.5, restitution),),
         pairs=(PairContact("rubber", "rubber", 0.5, restitution),),
-        **more,
+        ignored_groups=ignored_groups,
+        excluded_bodies=excluded_bodies,
     )
 
 
-def _hinge(name: str, parent: str | None, **more: object) -> Joint:
+def _hinge(name: str, parent: str | None, **more: Unpack[_JointNumbers]) -> Joint:
     tilt = Pose((0.05, 0.02, 0.3), (math.sqrt(0.75), 0.5, 0.0, 0.0))
     return Joint(f"{name}_joint", "hinge", parent, tilt, (0.6, 0.0, 0.8), position=(0.2,), velocity=(0.1,), **more)
 
@@ -55,8 +74,15 @@ def model(engine: str) -> World:
         "cube": Shape("cube_0", "box", (0.1, 0.1, 0.1), Pose(), "rubber"),
         "quiet": Shape("quiet_0", "box", (0.1, 0.1, 0.1), Pose(), "rubber"),
     }
-    limits = {"position_limits": (-1.5, 1.7), "velocity_limit": 3.0, "effort_limit": 40.0}
-    spring = {"damping": 0.4, "spring_stiffness": 5.0, "spring_rest": 0.1}
+    upper: _JointNumbers = {
+        "position_limits": (-1.5, 1.7),
+        "velocity_limit": 3.0,
+        "effort_limit": 40.0,
+        "damping": 0.4,
+        "spring_stiffness": 5.0,
+        "spring_rest": 0.1,
+    }
+    lower: _JointNumbers = {**upper, "position_limits": (-0.4, 0.5)}
     slide = Joint(
         "lower_joint",
         "slide",
@@ -65,7 +91,7 @@ def model(engine: str) -> World:
         (0.0, 0.6, 0.8),
         position=(0.05,),
         velocity=(0.2,),
-        **(limits | spring | {"position_limits": (-0.4, 0.5)}),
+        **lower,
     )
     solid = Inertial(1.2, (0.02, 0.01, 0.08), TENSOR)
 
@@ -78,7 +104,7 @@ def model(engine: str) -> World:
     bodies = (
         Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (shape["floor"],)),
         Body("base", "base", Inertial(2.0, inertia=TENSOR), Joint("base_joint", "fixed", origin=Pose((0.0, 0.0, 0.8)))),
-        Body("upper", "base", solid, _hinge("upper", "base", **limits, **spring), (shape["upper"],), "arm"),
+        Body("upper", "base", solid, _hinge("upper", "base", **upper), (shape["upper"],), "arm"),
         Body("lower", "base", Inertial(0.7, (0.0, 0.03, 0.05), TENSOR), slide, (shape["lower"],), "arm"),
         free("ball", 0.0),
         free("cube", 0.5),
@@ -118,7 +144,7 @@ def core(engine: str) -> World:
     return World("self-test-core", bodies, Contact(excluded_bodies=excluded), PHYSICS, engines=_options(engine))
 
 
-def bench(engine: str, **joint: float) -> World:
+def bench(engine: str, **joint: Unpack[_JointNumbers]) -> World:
     """A fixed base and two hinges that touch nothing."""
     bodies = (
         Body("base", "base", Inertial(2.0, inertia=TENSOR), Joint("base_joint", "fixed")),

@@ -291,7 +291,9 @@ def engine_checks(
     return checks, not_checked(world, held.unreadable)
 
 
-def _proof(compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None):
+def _proof(
+    compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None
+) -> EngineProof:
     approximations = {
         decision.feature.value: f"{decision.level.value}: {decision.how}"
         for decision in compiled.decisions

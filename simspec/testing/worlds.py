@@ -16,6 +16,7 @@ from simspec.compiler import missing_options
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
+from simspec.world.tuples import ordered, quaternion, vector3
 from simspec.world.types import (
     Body,
     Contact,
@@ -42,8 +43,8 @@ SIZES = {
 
 def pose(generator: random.Random, reach: float = 0.3) -> Pose:
     """A random pose."""
-    position = tuple(generator.uniform(-reach, reach) for _ in range(3))
-    turn = frames.normalise(tuple(generator.gauss(0, 1) for _ in range(4)))
+    position = vector3(generator.uniform(-reach, reach) for _ in range(3))
+    turn = frames.normalise(quaternion(generator.gauss(0, 1) for _ in range(4)))
     return Pose(position, turn)
 
 
@@ -52,8 +53,8 @@ def inertial(generator: random.Random, reach: float = 0.1) -> Inertial:
     mass = generator.uniform(0.5, 3.0)
     moments = [mass * generator.uniform(0.002, 0.02) for _ in range(3)]
     principal = (moments[1] + moments[2], moments[0] + moments[2], moments[0] + moments[1])
-    turn = frames.normalise(tuple(generator.gauss(0, 1) for _ in range(4)))
-    centre = tuple(generator.uniform(-reach, reach) for _ in range(3))
+    turn = frames.normalise(quaternion(generator.gauss(0, 1) for _ in range(4)))
+    centre = vector3(generator.uniform(-reach, reach) for _ in range(3))
     return Inertial(mass, centre, frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0)))
 
 
@@ -63,7 +64,7 @@ def joint(kind: str, name: str, parent: str | None, generator: random.Random, **
     if kind in SCALAR_JOINTS:
         raw = [generator.gauss(0, 1) for _ in range(3)]
         length = math.sqrt(sum(x * x for x in raw))
-        axis = tuple(x / length for x in raw)
+        axis = vector3(x / length for x in raw)
     start = pose(generator)
     position = {
         "fixed": (),
@@ -99,7 +100,7 @@ def tree(
 
 def parent_pairs(bodies: tuple[Body, ...]) -> tuple[tuple[str, str], ...]:
     """The sorted pairs of bodies joined by a joint."""
-    return tuple(sorted(tuple(sorted((b.name, b.joint.parent))) for b in bodies if b.joint.parent is not None))
+    return tuple(sorted(ordered(b.name, b.joint.parent) for b in bodies if b.joint.parent is not None))
 
 
 def world(bodies: tuple[Body, ...], name: str = "test", **more: Any) -> World:

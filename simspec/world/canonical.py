@@ -12,6 +12,7 @@ import hashlib
 import json
 import types
 import typing
+from collections.abc import Callable
 from typing import Any
 
 from simspec.world.derived import derived
@@ -35,21 +36,23 @@ def to_plain(value: Any) -> Any:
     return plain
 
 
-@functools.cache
-def _field_names(cls: type) -> tuple[str, ...]:
+def _names_of_fields(cls: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
 
 
-@functools.cache
-def _left_out(cls: type) -> tuple[str, ...]:
-    """The fields that are left out while they are empty."""
+def _fields_left_out(cls: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls) if field.metadata.get("left_out"))
 
 
-@functools.cache
-def _field_types(cls: type) -> tuple[tuple[str, Any], ...]:
+def _types_of_fields(cls: type) -> tuple[tuple[str, Any], ...]:
     hints = typing.get_type_hints(cls)
     return tuple((field.name, hints[field.name]) for field in dataclasses.fields(cls))
+
+
+_field_names: Callable[[type], tuple[str, ...]] = functools.cache(_names_of_fields)
+_left_out: Callable[[type], tuple[str, ...]] = functools.cache(_fields_left_out)
+"""The fields that are left out while they are empty."""
+_field_types: Callable[[type], tuple[tuple[str, Any], ...]] = functools.cache(_types_of_fields)
 
 
 def from_plain(kind: Any, value: Any) -> Any:
@@ -57,7 +60,7 @@ def from_plain(kind: Any, value: Any) -> Any:
 
     Raises KeyError for a missing field and TypeError for a value of another type, so that a damaged file is noticed.
     """
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         unknown = set(value) - set(_field_names(kind))
         if unknown:
             raise KeyError(f"{kind.__name__} has no field {sorted(unknown)}")

@@ -28,7 +28,7 @@ def derived(function: Callable[Concatenate[World, More], Result]) -> Callable[Co
     """
 
     @functools.wraps(function)
-    def once(world: World, *more: More.args, **named: More.kwargs) -> Result:
+    def once(world: World, /, *more: More.args, **named: More.kwargs) -> Result:
         if named:
             raise TypeError(f"{function.__name__} takes its arguments by position")
         kept = _KEPT.get(id(world))
@@ -37,7 +37,7 @@ def derived(function: Callable[Concatenate[World, More], Result]) -> Callable[Co
             kept = _KEPT[id(world)] = {}
         key = (function, *more)
         if key not in kept:
-            kept[key] = function(world, *more)
+            kept[key] = function(world, *more, **named)
         result: Result = kept[key]  # type: ignore[assignment]
         return result
 

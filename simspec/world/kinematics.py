@@ -23,6 +23,7 @@ import numpy as np
 
 from simspec.world import frames
 from simspec.world.derived import derived
+from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Pose, World
 
 
@@ -70,10 +71,10 @@ def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:
             q.extend(joint.position)
             v.extend(joint.velocity)
             continue
-        turn = joint.position[3:7]
+        turn = quaternion(joint.position[3:7])
         lever = frames.rotate(turn, body.inertial.centre_of_mass)
-        linear, angular = joint.velocity[:3], joint.velocity[3:]
-        q.extend(frames.add(joint.position[:3], lever))
+        linear, angular = vector3(joint.velocity[:3]), vector3(joint.velocity[3:])
+        q.extend(frames.add(vector3(joint.position[:3]), lever))
         q.extend(turn)
         v.extend(frames.add(linear, frames.cross(angular, lever)))
         v.extend(frames.rotate(frames.conjugate(turn), angular))
@@ -91,8 +92,8 @@ def joint_displacement(body: Body, position: Sequence[float]) -> Pose:
         x, y, z = body.joint.axis
         return Pose((x * position[0], y * position[0], z * position[0]))
     if kind == "ball":
-        return Pose(quaternion=tuple(position))
-    return Pose(tuple(position[:3]), tuple(position[3:7]))
+        return Pose(quaternion=quaternion(position))
+    return Pose(vector3(position[:3]), quaternion(position[3:7]))
 
 
 def poses(world: World, at_zero: bool = False) -> dict[str, Pose]:

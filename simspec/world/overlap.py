@@ -154,7 +154,8 @@ def _meeting(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
         pairs = np.concatenate(found)
     first, second = pairs.T
     apart = np.linalg.norm(centre[first] - centre[second], axis=1)
-    return pairs[apart < radius[first] + radius[second]]
+    close: np.ndarray = pairs[apart < radius[first] + radius[second]]
+    return close
 
 
 def _sphere_of_directions() -> np.ndarray:

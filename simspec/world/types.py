@@ -28,8 +28,9 @@ Quaternion = tuple[float, float, float, float]
 LEFT_OUT = {"left_out": True}
 """Metadata of a field that canonical JSON leaves out while it is empty: younger than worlds whose hashes must stay."""
 
-HeldValue = bool | int | float | str | tuple[bool | int | float | str, ...]
-"""A plain value that an engine holds under a name of its own."""
+PlainValue = bool | int | float | str
+HeldValue = PlainValue | tuple[PlainValue, ...]
+"""A plain value, or several, that an engine holds under a name of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,8 @@ def turns_of(vectors: np.ndarray) -> np.ndarray:
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by unit quaternions (n, 4)."""
     across = cross(q[:, 1:], v)
-    return v + 2.0 * (q[:, :1] * across + cross(q[:, 1:], across))
+    turned: np.ndarray = v + 2.0 * (q[:, :1] * across + cross(q[:, 1:], across))
+    return turned
 
 
 _INVERSE = np.array([1.0, -1.0, -1.0, -1.0])

@@ -106,7 +106,7 @@ class Efforts:
 
     def _stretch(self, tree: Tree) -> np.ndarray:
         """q − rest of one tree, in DART's coordinates: of a ball joint log R."""
-        found = tree.skeleton.getPositions() - self.rest[tree.dofs]
+        found: np.ndarray = tree.skeleton.getPositions() - self.rest[tree.dofs]
         for one in tree.turners:
             if one.kind == "ball":
                 found[one.start : one.start + 3] = shortest(found[one.start : one.start + 3])

@@ -91,7 +91,7 @@ def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], d
         least = [settings["tolerance"]]
         if any(body.joint.dry_friction for body in world.bodies):
             least.append(settings["dry_friction_tolerance"])
-        found |= {"nsgs.maxSweeps": settings["iterations"], "nsgs.tolerance": min(least)}  # type: ignore[type-var]
+        found |= {"nsgs.maxSweeps": settings["iterations"], "nsgs.tolerance": min(least)}
     return found
 
 

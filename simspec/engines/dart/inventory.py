@@ -15,7 +15,7 @@ from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.expected_filter import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.world.types import HeldValue
+from simspec.world.types import HeldValue, PlainValue
 
 SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")
 DEACTIVATION = ("mEnabled", "mLinearSpeedThreshold", "mAngularSpeedThreshold", "mTimeUntilSleep", "mWakeThresholdScale")
@@ -122,7 +122,7 @@ def of_world(dartpy: Any, world: Any) -> dict[str, HeldValue]:
     return found
 
 
-def _value(value: Any) -> HeldValue:
+def _value(value: Any) -> PlainValue:
     """A number or flag as it is, unlimited ones and the names of choices as words."""
     if isinstance(value, bool):
         return value
@@ -196,7 +196,7 @@ def _parts(sim: Simulation) -> dict[str, HeldValue]:
     on: dict[str, set[str]] = {}
     still: set[str] = set()
     shapes = sim.sidecar.shapes
-    numbers: dict[str, dict[str, tuple[HeldValue, ...]]] = {"friction": {}, "restitution": {}}
+    numbers: dict[str, dict[str, tuple[PlainValue, ...]]] = {"friction": {}, "restitution": {}}
     for index, body in enumerate(sim.bodies):
         for node in sim.nodes.of(index):
             for shape in collision_nodes(node):
@@ -233,6 +233,6 @@ def part_name(body: str, material: str, layer: int) -> str:
     return f"{body}/{material}/{layer}"
 
 
-def finite(values: Iterable[float]) -> tuple[HeldValue, ...]:
+def finite(values: Iterable[float]) -> tuple[PlainValue, ...]:
     """Numbers as an inventory has them."""
     return tuple(_value(value) for value in values)

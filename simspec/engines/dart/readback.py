@@ -98,13 +98,13 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         return held
     if kind == "free":
         start = held.origin
-        place = frames.compose(start, Pose(position[:3], frames.normalise(position[3:])))  # type: ignore[arg-type]
-        angular = frames.rotate(place.quaternion, velocity[3:])  # type: ignore[arg-type]
+        place = frames.compose(start, Pose(position[:3], frames.normalise(position[3:])))
+        angular = frames.rotate(place.quaternion, velocity[3:])
         return dataclasses.replace(
             held,
             origin=Pose(),
             position=(*place.position, *place.quaternion),
-            velocity=(*frames.rotate(start.quaternion, velocity[:3]), *angular),  # type: ignore[arg-type]
+            velocity=(*frames.rotate(start.quaternion, velocity[:3]), *angular),
         )
     if joint.getSpringStiffness(0):
         raise EngineError(NAME, f"joint {joint.getName()!r} has a spring of DART's own, which is implicit in time")
@@ -115,7 +115,7 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
         # DART's own damping stands for the armature; what it has beyond that damps
         damping=float(efforts.damping[dof] + joint.getDampingCoefficient(0) - efforts.armature[dof] / sim.timestep),
         spring_stiffness=float(efforts.stiffness[dof]),
-        position=position if kind != "ball" else frames.normalise(position),  # type: ignore[arg-type]
+        position=position if kind != "ball" else frames.normalise(position),
         velocity=velocity,
     )
     if kind == "ball":
@@ -172,7 +172,7 @@ def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) ->
     found: list[Shape] = []
     for number, entry in given:
         parts = copies.get(number, []) + ([seen.pop(0)] if entry.visual else [])
-        kept = []
+        kept: list[Shape] = []
         for part in parts:
             alike = next((at for at, one in enumerate(kept) if _same(one, part)), None)
             if alike is None:

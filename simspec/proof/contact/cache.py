@@ -67,11 +67,14 @@ def code_digest() -> str:
     return _digest(files, package)
 
 
-@functools.cache
 def engine_digest(engine: type[Engine]) -> str:
     """The hash of the code of an engine's module and of those beside it, which may be another package's."""
-    own = Path(inspect.getfile(engine)).resolve().parent
-    return _digest(sorted(own.glob("*.py")), own)
+    return _folder_digest(Path(inspect.getfile(engine)).resolve().parent)
+
+
+@functools.cache
+def _folder_digest(folder: Path) -> str:
+    return _digest(sorted(folder.glob("*.py")), folder)
 
 
 def _digest(files: Sequence[Path], root: Path) -> str:

@@ -135,7 +135,10 @@ class Compliance(Probe):
             ("ball at rest", oscillator.rest, resting, REST_DEPTH_SHARE * oscillator.rest),
             (f"arriving at {arrival:.3g} m/s, deepest", deepest, measured, DIP_STEPS * arrival * law.timestep),
         ]
-        return [Figure(self.NAME, subject(law), case, "depth", "m", *numbers) for case, *numbers in found]
+        return [
+            Figure(self.NAME, subject(law), case, "depth", "m", wanted, measured, tolerance)
+            for case, wanted, measured, tolerance in found
+        ]
 
 
 PROBES: Mapping[str, Probe] = {Compliance.NAME: Compliance()}

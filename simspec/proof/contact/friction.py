@@ -82,7 +82,7 @@ def _pushes(law: Law, strength: float) -> dict[float, np.ndarray]:
     return {degrees: strength * law.pair.friction * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
 
 
-def _efforts(pushes: Mapping[float, np.ndarray]) -> dict[str, tuple[float, ...]]:
+def _efforts(pushes: Mapping[float, np.ndarray]) -> dict[str, tuple[float, float, float, float, float, float]]:
     return {_name(degrees): (float(push[0]), float(push[1]), 0.0, 0.0, 0.0, 0.0) for degrees, push in pushes.items()}
 
 

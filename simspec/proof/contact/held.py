@@ -21,6 +21,7 @@ from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
+from simspec.world.tuples import ordered
 from simspec.world.types import Contact, EngineOptions, Hardness, PairContact, ReadBack, Surface, World
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
@@ -128,22 +129,29 @@ def _distance(one: Surface, other: Surface) -> float:
     )
 
 
+def _known(number: float | None, law: float) -> float:
+    """What an engine says, or the law's own number where it cannot tell."""
+    return law if number is None else number
+
+
 def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
     """The world's laws, with those of explicit pairs as they are held."""
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
     laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
     found = dict(laws)
     for pair in read.pairs:
-        names = tuple(sorted(material.get(name, "") for name in (pair.first, pair.second)))
+        names = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
         if names not in laws:
             continue  # a stray pair is the comparator's to find
-        law = laws[names]
-        known: Mapping[str, object] = {
-            name: value
-            for name in (*COMBINED_QUANTITIES, "hardness")
-            if (value := getattr(pair.surface, name)) is not None
-        }
-        told = dataclasses.replace(law, **known)
+        law, surface = laws[names], pair.surface
+        told = dataclasses.replace(
+            law,
+            friction=_known(surface.friction, law.friction),
+            torsional_friction=_known(surface.torsional_friction, law.torsional_friction),
+            rolling_friction=_known(surface.rolling_friction, law.rolling_friction),
+            restitution=_known(surface.restitution, law.restitution),
+            hardness=law.hardness if surface.hardness is None else surface.hardness,
+        )
         if _apart(told, law) > _apart(found[names], law):
             found[names] = told
     return tuple(found.values())

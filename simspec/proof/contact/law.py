@@ -24,7 +24,8 @@ def _disc(vector: np.ndarray, size: float) -> np.ndarray:
 
 
 def _square(vector: np.ndarray, size: float) -> np.ndarray:
-    return np.clip(vector, -size, size)
+    clipped: np.ndarray = np.clip(vector, -size, size)
+    return clipped
 
 
 def _diamond(vector: np.ndarray, size: float) -> np.ndarray:
@@ -35,8 +36,10 @@ def _diamond(vector: np.ndarray, size: float) -> np.ndarray:
     off = (magnitude.sum() - size) / 2.0
     if off > magnitude.min():  # one coordinate is used up: the nearest point is a corner
         kept = np.where(magnitude == magnitude.max(), size, 0.0)
-        return np.sign(vector) * kept
-    return np.sign(vector) * (magnitude - off)
+        corner: np.ndarray = np.sign(vector) * kept
+        return corner
+    nearest: np.ndarray = np.sign(vector) * (magnitude - off)
+    return nearest
 
 
 _SECTIONS = {"elliptic": _disc, "pyramid-inscribed": _diamond, "pyramid-circumscribed": _square}
@@ -49,7 +52,8 @@ def outline(size: float, friction_cone: str, points: int = 181) -> np.ndarray:
     if friction_cone == "elliptic":
         return size * directions
     norm = np.abs(directions).sum(axis=1) if friction_cone == "pyramid-inscribed" else np.abs(directions).max(axis=1)
-    return size * directions / norm[:, None]
+    boundary: np.ndarray = size * directions / norm[:, None]
+    return boundary
 
 
 def slide(

@@ -36,7 +36,13 @@ from simspec.world.kinematics import layout_of
 from simspec.world.types import Body, Physics, World
 
 LEVEL = "L5"
-PROBES: Mapping[str, Probe] = friction.PROBES | impact.PROBES | oblique.PROBES | compliance.PROBES | spin.PROBES
+PROBES: Mapping[str, Probe] = {
+    **friction.PROBES,
+    **impact.PROBES,
+    **oblique.PROBES,
+    **compliance.PROBES,
+    **spin.PROBES,
+}
 """Every probe of two materials, by name, in the order of reports."""
 MOVING = "probe"
 """Collision group of what moves in a probe world: only the floor is met."""

@@ -16,6 +16,7 @@ from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.tuples import ordered, vector3
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
 
 NAME = "size"
@@ -72,11 +73,11 @@ def _box(size: Sequence[float]) -> Iterator[SurfacePoint]:
     half = [edge / 2 for edge in size]
     for axis in range(3):
         for sign in (1.0, -1.0):
-            normal = tuple(sign if index == axis else 0.0 for index in range(3))
+            normal = vector3(sign if index == axis else 0.0 for index in range(3))
             name = f"face {'+' if sign > 0 else '-'}{'xyz'[axis]}"
-            centre = tuple(half[index] * normal[index] for index in range(3))
+            centre = vector3(half[index] * normal[index] for index in range(3))
             yield SurfacePoint(name, centre, normal)
-            corner = tuple(centre[index] or 0.8 * half[index] for index in range(3))
+            corner = vector3(centre[index] or 0.8 * half[index] for index in range(3))
             yield SurfacePoint(f"{name} near a corner", corner, normal)
 
 
@@ -112,7 +113,7 @@ def _ellipsoid(size: Sequence[float]) -> Iterator[SurfacePoint]:
     for unit in _directions(
         ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (1, 1, 1), (-1, 1, 2))
     ):
-        point = tuple(unit[index] * size[index] for index in range(3))
+        point = vector3(unit[index] * size[index] for index in range(3))
         normal = _unit(tuple(unit[index] / size[index] for index in range(3)))
         yield SurfacePoint(_along(unit), point, normal)
 
@@ -149,6 +150,9 @@ def _along(normal: Sequence[float]) -> str:
     return "end " + axes[0] if len(axes) == 1 else "towards " + " ".join(axes)
 
 
+_Probed = tuple[str, str, str, tuple[SurfacePoint, ...], Pose]
+"""What is probed, the body that carries it, its ball, points of its surface, and the pose of the shape in the world."""
+
 # --- the world ----------------------------------------------------------------------------------------------------
 
 
@@ -171,7 +175,7 @@ def size_trial(world: World) -> SizeTrial | None:
     if not distinct:
         return None
     bodies: list[Body] = []
-    probed: list[tuple[str, str, str, tuple[SurfacePoint, ...], Pose]] = []
+    probed: list[_Probed] = []
     excluded = []
     at = 0.0
     chosen = list(distinct.values())[:MOST_SHAPES]
@@ -183,7 +187,7 @@ def size_trial(world: World) -> SizeTrial | None:
         at += reach
         name, ball = f"shape_{index}", f"ball_{index}"
         made = _carrier(name, shape, role, place)
-        excluded += [tuple(sorted((body.name, body.joint.parent))) for body in made if body.joint.parent is not None]
+        excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
         text = " × ".join(f"{value:g}" for value in shape.size)
         subject = f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}, {role}"
@@ -199,7 +203,7 @@ def size_trial(world: World) -> SizeTrial | None:
     return _states(trial_world, probed, len(distinct) - len(chosen))
 
 
-def _states(world: World, probed: Sequence[tuple], left_out: int) -> SizeTrial:
+def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial:
     place_of = layout_of(world).position
     index_of = {body.name: index for index, body in enumerate(world.bodies)}
     start, _ = initial_state(world)
@@ -209,7 +213,7 @@ def _states(world: World, probed: Sequence[tuple], left_out: int) -> SizeTrial:
             q = start.copy()
             for _, _, ball, points, pose in probed:
                 one = points[min(number, len(points) - 1)]
-                off = tuple(one.point[axis] + one.normal[axis] * (BALL + gap) for axis in range(3))
+                off = vector3(one.point[axis] + one.normal[axis] * (BALL + gap) for axis in range(3))
                 first = place_of[index_of[ball]].start
                 q[first : first + 3] = frames.add(pose.position, frames.rotate(pose.quaternion, off))
             states.append(q)

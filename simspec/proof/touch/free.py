@@ -174,7 +174,8 @@ class FreePairs:
 
     def _place(self, solid: Solid, frame: np.ndarray | None) -> np.ndarray:
         held = self._scene.in_root[solid.number]
-        return held if frame is None else frame @ held
+        place: np.ndarray = held if frame is None else frame @ held
+        return place
 
     def _alone(self, mover: Solid, root: np.ndarray, host: Solid, frame: np.ndarray | None) -> bool:
         """Whether no other shapes of the same bodies and materials overlap."""

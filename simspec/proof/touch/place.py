@@ -164,7 +164,8 @@ def _rotation(number: int) -> np.ndarray:
 
 
 def _unit(values: np.ndarray) -> np.ndarray:
-    return values / np.linalg.norm(values)
+    unit: np.ndarray = values / np.linalg.norm(values)
+    return unit
 
 
 # --- which pairs in which state -----------------------------------------------------------------------------------

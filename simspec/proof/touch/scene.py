@@ -76,7 +76,10 @@ class Scene:
         """Poses (solids, 4, 4) of all shapes, from those (bodies, 4, 4) of all bodies."""
         if not self.solids:
             return np.zeros((0, 4, 4))
-        return poses[[solid.body for solid in self.solids]] @ np.array([solid.pose for solid in self.solids])
+        placed: np.ndarray = poses[[solid.body for solid in self.solids]] @ np.array(
+            [solid.pose for solid in self.solids]
+        )
+        return placed
 
     def _extents(self) -> None:
         """Radii of the free trees' shapes about their roots' frames, and in these frames where each shape is."""

@@ -70,7 +70,8 @@ class Mechanism:
         into[self._places] = q[self.tree.q_index]
 
     def _pose(self, solid: Solid, name: str) -> np.ndarray:
-        return self._data.oMi[self._joint[name]].homogeneous @ self._placement[name] @ solid.pose
+        pose: np.ndarray = self._data.oMi[self._joint[name]].homogeneous @ self._placement[name] @ solid.pose
+        return pose
 
     def between(self, q: np.ndarray, one: Solid, other: Solid, names: tuple[str, str]) -> Gap:
         """The gap of two shapes of the bodies ``names`` in a state of Pinocchio's."""
@@ -122,7 +123,8 @@ class Mechanism:
         return distance, q, looks
 
     def _clipped(self, q: np.ndarray) -> np.ndarray:
-        return np.clip(q, self.low, self.high)
+        clipped: np.ndarray = np.clip(q, self.low, self.high)
+        return clipped
 
     def _inward(self, q: np.ndarray, slope: np.ndarray) -> np.ndarray:
         """The slope without the joints that stand at a limit and would be driven beyond it."""
