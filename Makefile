@@ -1,6 +1,7 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in four engines, then a robot arm
-# make test    what CI runs: lint, stale files, tests
+# make test    what CI runs: lint, types, stale files, tests
+# make check   lint, types (mypy, strict) and stale files alone
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
@@ -27,6 +28,7 @@ demo: setup
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 	$(BIN)/simspec schema --check
 	$(BIN)/simspec schema --of engine-request --check
 	$(BIN)/simspec schema --of engine-result --check
