@@ -186,7 +186,7 @@ EDITS = {
     "compared nothing": (change_of("L2", "joint type", count=0, worst=None), "first: L2 joint type"),
     "compared less": (change_of("L1", "mass", count=1), "L1 mass: 1 comparisons, this world has 2"),
     "a level dropped": (level_dropped, "first: L3"),
-    "a level excused": (excused, "does not lie in this world"),
+    "a level excused": (excused, "does not apply to this world"),
     "a check twice": (doubled, "is duplicated"),
     "another level": (change_of("L3", "mass matrix", level="L9"), "first: "),
     "negative": (change_of("L1", "mass", worst=-1.0), "cannot be read"),

@@ -66,7 +66,7 @@ def offer(monkeypatch):
         (17, "it is not an Engine"),
         (Engine, "it does not define NAME"),
         (an_engine(NAME="other"), "its NAME is 'other'"),
-        (an_engine(DIALECT="word"), "it is told worlds in 'word', which is not a dialect"),
+        (an_engine(DIALECT="word"), "its DIALECT is 'word', which is not a dialect"),
         (an_engine(SETTINGS=None), "it does not define SETTINGS"),
         (an_engine(SETTINGS={}), "it lacks the settings solver, "),
         (an_engine(version=classmethod(lambda cls: sys.exit(3))), "SystemExit"),

@@ -49,7 +49,7 @@ What each engine does with the contact law that simspec compiles for it, from 0.
 
 Each number is the worst of all directions, speeds or phases that a probe has. **Bold**: beyond the probe's own tolerance,
 which is what simspec promises at 1 ms; there the engine declares a deviation, or the timestep is too large. A dash: the
-engine cannot have it; so too where an engine has no row: the reason is under the table. All settings are simspec's defaults,
+engine lacks it; so too where an engine has no row: the reason is under the table. All settings are simspec's defaults,
 but in the rows of "mujoco, coulomb", which have `friction: coulomb`. Of MuJoCo's own friction most is missing in oblique
 impacts, which a spec accepts by name (`contact.friction.impact`).
 """

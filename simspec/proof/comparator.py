@@ -90,9 +90,9 @@ def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, Held
     tally = Tally()
     for name in sorted(expected.keys() | found.keys()):
         if name not in found:
-            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, f"{name} is not there")
+            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, f"{name} is missing")
         elif name not in expected:
-            detail = f"{name} is {found[name]!r}, and should not be there"
+            detail = f"{name} is {found[name]!r}, should be absent"
             tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, detail)
         else:
             deviation = held_apart(expected[name], found[name])

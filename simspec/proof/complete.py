@@ -212,7 +212,7 @@ class _Bench:
         still = tuple(_seen(answer) for answer in answers[: len(scenes)])
         again = tuple(_seen(answer) for answer in answers[len(scenes) :])
         if _departure(still, again) > STILL:
-            raise AssertionError(f"{engine}: the world {name!r} does not move twice alike")
+            raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
         table = table_of(compiled.dialect)
         return cls(name, find_engine(engine), world, compiled, probes, table, scenes, still)
 
@@ -258,7 +258,7 @@ class _Bench:
                 if apart <= row.within:
                     verdict = self._verdict(mutation, "inert", why=row.why, row=row.name)
                 else:
-                    acting[mutation.name] = f"declared inert, but moves {apart:.1e} away: {row.why}"
+                    acting[mutation.name] = f"declared inert, but the motion differs by {apart:.1e}: {row.why}"
             yield mutation, verdict
 
     def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:

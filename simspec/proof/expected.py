@@ -114,11 +114,11 @@ def judge(
     not_compared: Mapping[str, str],
     lacking: Mapping[str, str] = MappingProxyType({}),
 ) -> list[str]:
-    """Why checks, and what is said not to be compared, do not prove ``world``, a line each; [] when they do. For a certificate
+    """Why checks, and what is listed as not compared, do not prove ``world``, a line each; [] when they do. For a certificate
     from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for."""
     own = left_out(world)
     found = [
-        f"{name} is said not to be compared ({why}), which does not lie in this world"
+        f"{name} is listed as not compared ({why}), which does not apply to this world"
         for name, why in not_compared.items()
         if name not in own
     ]

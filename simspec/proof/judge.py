@@ -45,7 +45,7 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     if certificate.simspec != version("simspec"):
         found.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
     if not certificate.engines:
-        found.append("it proves nothing of any engine")
+        found.append("it contains no engine")
     for name, proof in certificate.engines.items():
         found += [f"{name}: {line}" for line in judge_proof(name, proof, world)]
     return found
@@ -57,15 +57,17 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
     found = judge_checks(world, proof.checks, proof.not_compared, lacking)
     found += [
-        f"{name} is said not to be checked ({why}), which {engine} does not lack"
+        f"{name} is listed as not checked ({why}), which {engine} does not declare"
         for name, why in proof.not_checked.items()
         if name in TITLES and name not in lacking
     ]
-    found += [f"{name} is neither checked nor said not to be" for name in lacking if name not in proof.not_checked]
+    found += [
+        f"{name} is neither checked nor listed as not checked" for name in lacking if name not in proof.not_checked
+    ]
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
         if coarsest is None:
-            found.append(f"there is no level {check.level!r}")
+            found.append(f"unknown level {check.level!r}")
         elif check.tolerance > coarsest:
             found.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
     twice = [(check.level, check.name) for check in proof.checks]
@@ -108,4 +110,4 @@ def _contact(proof: EngineProof, world: World) -> Iterator[str]:
     told = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}
     for name in sorted(made.keys() | told.keys()):
         if made.get(name) != told.get(name):
-            yield f"L5 {name}: not what its figures make of it"
+            yield f"L5 {name}: does not follow from its figures"

@@ -91,7 +91,7 @@ def plan(world: World, oracle: Oracle) -> Motion:
         if best.steps == most or (best.steps >= FEWEST and attempt >= TRIES + 1):
             break
     if best is None:
-        raise ValueError("no beginning was tried")
+        raise ValueError("no initial state was tried")
     found = _planned(world, oracle, best, most)
     for attempt in range(HELD, TRIES + len(GENTLER)):
         if found.steps >= FEWEST or unstable(world):

@@ -68,7 +68,7 @@ def defects_of(dialect: str) -> Mapping[str, Plant | str]:
     module = importlib.import_module(f"{type(dialects()[dialect]).__module__.rpartition('.')[0]}.defects")
     missing = [name for name in NAMES if name not in module.DEFECTS]
     if missing:
-        raise LookupError(f"{module.__name__} says nothing of {missing}")
+        raise LookupError(f"{module.__name__} does not cover {missing}")
     table: Mapping[str, Plant | str] = module.DEFECTS
     return table
 

@@ -273,7 +273,7 @@ def engine_checks(
     by_operation = dict(zip(asked, answers, strict=True))
     held = by_operation["read_back"].held
     if held is None:
-        raise ValueError("the answer to read_back holds no model")
+        raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}
     checks = read_back_checks(world, engine, held)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"])

@@ -378,13 +378,13 @@ def changed(**fields) -> World:
 
 REFUSED = {
     ("mujoco", "stiff"): (lambda: native(wheel(), kd=50.0), "diverge at 0.001 s; the largest stable step is 0.00079"),
-    ("mujoco", "no effort"): (lambda: native(wheel(), 0.0), "largest effort is zero"),
+    ("mujoco", "no effort"): (lambda: native(wheel(), 0.0), "effort limit of zero"),
     ("pybullet", "dry friction"): (
         lambda: changed(dry_friction=0.1),
         "one motor a joint, and that of 'wheel' is its dry",
     ),
-    ("pybullet", "armature"): (lambda: changed(armature=0.1), "would not feel the armature"),
-    ("dart", "armature"): (lambda: changed(armature=0.1), "would not feel the armature"),
+    ("pybullet", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),
+    ("dart", "armature"): (lambda: changed(armature=0.1), "would ignore the armature"),
     ("dart", "spring"): (lambda: changed(spring_stiffness=1.0), "'wheel' has a spring"),
 }
 

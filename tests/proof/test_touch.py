@@ -289,7 +289,7 @@ def test_effort_is_bounded_and_what_is_left_is_said(monkeypatch):
     assert meetings.untried == 36 - len(tried)
     (check,) = touch_checks(world, meetings, *perfect(meetings))
     assert check.passed
-    assert f"{meetings.untried} left untried, as they are too many: " in check.detail
+    assert f"{meetings.untried} not tried, as they are too many: " in check.detail
     assert " more" in check.detail
 
 
@@ -404,7 +404,8 @@ def test_where_a_link_inconclusive_note_from_another_of_its_shapes_it_is_said():
     (check,) = touch_checks(world, meetings, units, touching)
     assert check.passed
     assert (
-        "2 told only together with other shapes of the same bodies: floor_0 – ball_0_0, floor_0 – twin" in check.detail
+        "2 reported only together with other shapes of the same bodies: floor_0 – ball_0_0, floor_0 – twin"
+        in check.detail
     )
 
 

@@ -255,8 +255,8 @@ def problems(world: World, detector: str, engine: str) -> list[Problem]:
             )
             found.append(
                 Problem(
-                    f"{engine} has contact between {pair[0]} and {pair[1]} only approximately, with its collision detector "
-                    f"{detector}: {flaw}",
+                    f"{engine} supports contact between {pair[0]} and {pair[1]} only approximately, with its collision "
+                    f"detector {detector}: {flaw}",
                     at,
                     found=f"shapes of kinds {pair[0]} and {pair[1]} that may touch",
                     hint=f"accept it by name: engines.{engine}.accept: [shape.{kind}]; or use other shapes",

@@ -183,7 +183,7 @@ def _check(world: World, target: Target) -> None:
     accepted = world.options(target.engine).accept
     found += [
         Problem(
-            f"{target.engine} takes a friction coefficient of up to {TINY_FRICTION} for none",
+            f"{target.engine} treats a friction coefficient of up to {TINY_FRICTION} as zero",
             f"contact.pairs.{pair.first}.{pair.second}.friction",
             found=f"{pair.friction}",
             allowed=f"0, or above {TINY_FRICTION}",

@@ -50,7 +50,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
     places = {name: _needed(body.item, body.pose, "transformation") for name, body in elements.items()}
     welded = {copy.node: OWN.get(copy.body, copy.body) for copy in sidecar.copies}
     if sorted([OWN.get(body.name, body.name) for body in sidecar.bodies] + list(welded)) != sorted(elements):
-        raise ValueError("the bodies of world.skel are not those that the sidecar names")
+        raise ValueError("the bodies of world.skel differ from those that the sidecar names")
     joints = _joints(document, places)
     nodes: dict[str, list[str]] = {}
     for node, body in welded.items():
@@ -111,7 +111,7 @@ def _joints(document: skel.Document, places: Mapping[str, Pose]) -> dict[str, Jo
     for skeleton in document.skeletons:
         for joint in skeleton.joints:
             if joint.child in joints or joint.child not in places:
-                raise joint.item.refused(f"the body {joint.child!r} is not there, or has another joint")
+                raise joint.item.refused(f"the body {joint.child!r} is missing, or has another joint")
             joints[joint.child] = _joint(joint, places)
     without = sorted(set(places) - set(joints))
     if without:
@@ -131,7 +131,7 @@ def _joint(joint: skel.Joint, places: Mapping[str, Pose]) -> Joint:
     start = places[joint.child]
     if parent is not None:
         if parent not in places:
-            raise item.refused(f"the parent {parent!r} is not there")
+            raise item.refused(f"the parent {parent!r} is missing")
         start = frames.compose(frames.inverse(places[parent]), start)
     read = Joint(joint.name, kind, parent, start)
     if kind in SCALAR_JOINTS:

@@ -22,7 +22,7 @@ ADDITIONS = (
 )
 
 SEEN = "only seen"
-SYMMETRIC = "the order of what is found by name, or of two that are told of each other"
+SYMMETRIC = "the order of what is found by name, or of two that name each other"
 
 TABLE = MutationTable(
     words={

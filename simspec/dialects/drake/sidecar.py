@@ -17,13 +17,13 @@ class DrakeSidecar(Sidecar):
         """Raise ValueError where the frame of another body than a free root is moved."""
         for body in self.bodies:
             if body.kind != "free" and any(body.frame_offset):
-                raise ValueError(f"the sidecar moves the frame of {body.name!r}, which is no free root")
+                raise ValueError(f"the sidecar moves the frame of {body.name!r}, which is not a free root")
 
     def check_document(self, document: Document) -> None:
         """Raise ValueError where the sidecar is of another world than ``document``."""
         if [(body.name, body.kind) for body in self.bodies] != [
             (body.name, body.joint.kind) for body in document.bodies
         ]:
-            raise ValueError(f"the bodies of {WORLD} are not those that the sidecar names")
+            raise ValueError(f"the bodies of {WORLD} differ from those that the sidecar names")
         if self.friction_cone != document.friction_cone:
             raise ValueError(f"the friction cone of {WORLD} is not the sidecar's")

@@ -92,12 +92,12 @@ def _offered() -> Offered:
 def _sound(name: str, kind: Any) -> Dialect:
     """The dialect, if it is one that can be used. Raises TypeError, ValueError."""
     if not (isinstance(kind, type) and issubclass(kind, Dialect)):
-        raise TypeError("it is no Dialect")
+        raise TypeError("it is not a Dialect")
     missing = [word for word in ("NAME", "FORMAT", "SUPPORT", "SIDECAR") if not hasattr(kind, word)]
     if missing or name != kind.NAME:
-        raise ValueError(f"it does not say its {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
+        raise ValueError(f"it does not define {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
     if kind.FORMAT not in formats():
-        raise ValueError(f"its files are {kind.FORMAT!r}, which no format is")
+        raise ValueError(f"its files are {kind.FORMAT!r}, which is not a format")
     return kind()
 
 

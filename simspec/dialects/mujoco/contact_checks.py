@@ -25,9 +25,13 @@ def _faults(world: World, law: PairContact) -> Iterator[tuple[str, str, str]]:
             if getattr(law, name):
                 yield name, f"under MuJoCo's pyramid {name.replace('_', ' ')} is wrong (measured)", _ELLIPTIC
         if law.friction and hardness.kind in COMPLIANT:
-            yield "hardness", "under MuJoCo's pyramid compliant contact has no friction that sticks", _ELLIPTIC
+            yield "hardness", "under MuJoCo's pyramid friction of compliant contact does not stick", _ELLIPTIC
     if law.restitution and hardness.kind != "common":
-        yield "restitution", f"MuJoCo has no restitution beside {hardness.kind} hardness", "set the restitution to zero"
+        yield (
+            "restitution",
+            f"MuJoCo does not support restitution with {hardness.kind} hardness",
+            "set the restitution to zero",
+        )
     if hardness.kind == "time-constant" and hardness.time_constant < 2.0 * dt:
         yield (
             "hardness",
@@ -45,7 +49,7 @@ def check_friction(target: Target) -> list[Problem]:
         return []
     return [
         Problem(
-            "MuJoCo's solver pgs does not find Coulomb's law: what slides is off by 47 % and thrown up by 133 mm (measured)",
+            "MuJoCo's solver pgs does not converge to Coulomb's law: a slider is off by 47 % and hops 133 mm (measured)",
             "engines.mujoco.settings.friction",
             found="friction: coulomb with solver: pgs",
             hint="solver: newton or cg",

@@ -164,7 +164,7 @@ class MujocoDialect(Dialect):
 def _check(world: World, target: Target) -> None:
     problems = [
         Problem(
-            "MuJoCo has no hinge or slide whose lower and upper position limits are equal",
+            "MuJoCo does not support a hinge or slide with equal lower and upper position limits",
             f"bodies.{body.name}.joint.limits.position",
             found=f"{body.joint.position_limits}",
             hint="make the joint fixed",
@@ -174,7 +174,7 @@ def _check(world: World, target: Target) -> None:
     ]
     problems.extend(
         Problem(
-            "MuJoCo has no actuator whose largest effort is zero",
+            "MuJoCo does not support an actuator with an effort limit of zero",
             f"control.{controller.name}.effort_limit",
             found=joint,
             hint="leave the joint out of the controller, or give it an effort limit above zero",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from simspec.dialects.kit.mutations import Inert
 
 NORMALISED = ("scaled", "moved", "sign", "swapped")
-OWN_DEFAULT = "MuJoCo's own default, said aloud"
+OWN_DEFAULT = "MuJoCo's own default, stated explicitly"
 INERT: tuple[Inert, ...] = (
     Inert("mujoco@model", "a name"),
     Inert("compiler*", "how the file is turned into a model, of which everything that can act is compared"),
@@ -30,7 +30,7 @@ INERT: tuple[Inert, ...] = (
         for tag in ("body", "joint", "pair", "position", "velocity")
     ),
     # shapes
-    *(Inert(f"geom@{name}", "for the eye") for name in ("rgba", "castshadow")),
+    *(Inert(f"geom@{name}", "visual only") for name in ("rgba", "castshadow")),
     *(
         Inert(f"geom@{name}", "shapes make no mass: inertiafromgeom is off")
         for name in ("mass", "density", "shellinertia")
@@ -52,7 +52,7 @@ INERT: tuple[Inert, ...] = (
         NORMALISED,
         within=1e-9,
     ),
-    Inert("geom@group", "each shape for the eye states its own", ("scaled", "sign"), place="*/default(visual)/geom@*"),
+    Inert("geom@group", "each visual-only shape states its own", ("scaled", "sign"), place="*/default(visual)/geom@*"),
     Inert("geom@name", "two shapes of a body that are alike in all that acts", ("swapped",)),
     Inert("geom@pos", "a shift of a plane within itself", ("moved",)),
     Inert("geom@size", "of a plane what viewers draw", ("moved", "scaled", "sign", "swapped")),
@@ -86,7 +86,7 @@ INERT: tuple[Inert, ...] = (
         ("element removed",),
         place="mujoco/default/pair",
     ),
-    Inert("option", "the same said twice", ("element doubled",)),
+    Inert("option", "the same statement twice", ("element doubled",)),
     Inert("contact", "it is empty", ("element doubled", "element removed"), without=".//contact/*"),
     # joints and bodies
     Inert("body@simple", "the longer way to the same mass matrix"),

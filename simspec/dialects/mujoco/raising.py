@@ -246,7 +246,7 @@ class _Raising:
                 continue
             first, second = sorted((pair.text("geom1"), pair.text("geom2")))
             if first not in inverse or second not in inverse:
-                raise pair.refused(f"{first!r} with {second!r}, of which one is not there")
+                raise pair.refused(f"{first!r} with {second!r}, one of which is missing")
             one, two, torsion, roll, other_roll = pair.numbers("friction", 5)
             if one != two or roll != other_roll:
                 raise pair.refused(f"{first!r} with {second!r} is not isotropic")
@@ -274,7 +274,7 @@ class _Raising:
                 raise item.refused("not an actuator that is read")
             stated = item.values
             if item.numbers("gear") != (1.0, 0.0, 0.0, 0.0, 0.0, 0.0) or ("kp" in stated) != (item.tag == "position"):
-                raise item.refused("a gear, or no or needless kp")
+                raise item.refused("a gear, or a missing or superfluous kp")
             limit = None
             if _word(item, "forcelimited", FLAG_WORDS):
                 lower, limit = item.numbers("forcerange", 2)

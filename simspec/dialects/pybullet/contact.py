@@ -88,7 +88,7 @@ def problems(world: World) -> list[Problem]:
         if law.friction > LARGEST_FRICTION:
             found.append(
                 Problem(
-                    f"PyBullet takes no friction above {LARGEST_FRICTION:g}",
+                    f"PyBullet does not support friction above {LARGEST_FRICTION:g}",
                     f"contact.pairs.{first}.{second}.friction",
                     found=f"{law.friction:g}",
                     allowed=f"up to {LARGEST_FRICTION:g}",

@@ -74,8 +74,8 @@ class PybulletDialect(Dialect):
         Feature.INITIAL_VELOCITY: via_api(_SIDECAR),
         Feature.INERTIA: EXACT,
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
-        Feature.TREE_SIZE: never("PyBullet holds at most 127 links besides the base in one tree"),
-        Feature.TREE_DEPTH: never("PyBullet holds at most 127 links besides the base in one tree"),
+        Feature.TREE_SIZE: never("PyBullet supports at most 127 links besides the base in one tree"),
+        Feature.TREE_DEPTH: never("PyBullet supports at most 127 links besides the base in one tree"),
         **shape_kinds("PyBullet", (*GEOMETRY, *OWN_GEOMETRIES)),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
@@ -144,7 +144,7 @@ def _check(world: World, target: Target) -> None:
         if links > MOST_LINKS:
             refused.append(
                 Problem(
-                    f"PyBullet holds at most {MOST_LINKS} links in one tree",
+                    f"PyBullet supports at most {MOST_LINKS} links in one tree",
                     f"bodies.{root}",
                     found=f"{links}, of which {links - len(bodies)} carry further materials or copies of shapes",
                     hint="split the tree, use fewer materials in it, or run without this engine",
@@ -154,7 +154,7 @@ def _check(world: World, target: Target) -> None:
         if numbers > POSITION_NUMBERS:
             refused.append(
                 Problem(
-                    "PyBullet cannot have tree.size: it exchanges at most "
+                    "PyBullet does not support tree.size: it exchanges at most "
                     f"{POSITION_NUMBERS} position numbers of one tree, 7 of them for the base",
                     f"bodies.{root}",
                     found=f"{numbers}: a hinge or slide counts 1, a ball 4",

@@ -100,9 +100,7 @@ class _File:
         for stranger in strangers(robot, WRITTEN):
             if stranger.name is not None or not _is_own(stranger.node, stranger.path):
                 what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
-                raise stranger.node.error(
-                    f"{what} {stranger.path} that simspec does not write, or there once too often"
-                )
+                raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
         return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface)
 
@@ -142,7 +140,7 @@ def _geometry(geometry: Node) -> tuple[str, tuple[float, ...]]:
     if geometry.tag == "plane":
         if geometry.numbers("normal", 3) != (0.0, 0.0, 1.0):
             raise geometry.error(
-                f"normal={geometry.word('normal')!r} of a plane, only z of its own frame is known here"
+                f"normal={geometry.word('normal')!r} of a plane, only the z axis of its own frame is supported"
             )
         return "plane", ()
     return size_of(geometry)
@@ -245,7 +243,7 @@ def _joint_above(
     if joint.parent == world_link:
         return dataclasses.replace(joint, parent=None, origin=frames.compose(instance.base, joint.origin))
     if joint.parent is None or joint.parent not in own_name:
-        raise ValueError(f"{instance.file}: link {link.name!r} hangs on {joint.parent!r}, which is no body")
+        raise ValueError(f"{instance.file}: link {link.name!r} has the parent {joint.parent!r}, which is not a body")
     return dataclasses.replace(joint, parent=own_name[joint.parent])
 
 

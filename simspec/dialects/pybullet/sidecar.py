@@ -112,7 +112,7 @@ class PybulletSidecar(Sidecar):
         check_known(pairs, solid, "sidecar.collision_filter.excluded")
         check_known(self.sleepers or (), kinds, "sidecar.sleepers")
         if (self.sleepers is not None) != bool(self.settings.get("sleeping", False)):
-            raise ValueError("sidecar.sleepers are those of the setting sleeping: both or none")
+            raise ValueError("sidecar.sleepers and the setting sleeping disagree")
 
 
 def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
@@ -127,7 +127,7 @@ def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
     if not all(0 < bit < 1 << 31 and bit & (bit - 1) == 0 for bit in bits):
         raise ValueError(f"{at} have the groups {bits}, should each be one bit")
     if any(entry.mask < 0 or entry.mask & ~sum(bits) for entry in classes):
-        raise ValueError(f"{at} have masks with bits that are of no class")
+        raise ValueError(f"{at} have masks with bits of no class")
 
 
 def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:

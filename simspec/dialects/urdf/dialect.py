@@ -112,7 +112,7 @@ def _check(world: World, plan: ContactPlan) -> None:
     """Raise UnsupportedError with all that neither the files nor the sidecar can have."""
     problems = []
     if plan.layered:
-        problems.append(Problem("copies of shapes in layers are not written in plain URDF", "contact.pairs"))
+        problems.append(Problem("plain URDF does not support copies of shapes in layers", "contact.pairs"))
     for body in world.bodies:
         joint, path = body.joint, f"bodies.{body.name}.joint"
         if joint.kind == "ball":
@@ -120,7 +120,11 @@ def _check(world: World, plan: ContactPlan) -> None:
         numbers = (*(joint.position_limits or ()), joint.velocity_limit or 0.0, joint.effort_limit or 0.0)
         if any(abs(number) >= UNLIMITED for number in numbers):
             problems.append(
-                Problem("in plain URDF such a limit stands for none", f"{path}.limits", allowed=f"below {UNLIMITED:g}")
+                Problem(
+                    "plain URDF has such a limit where a joint has none",
+                    f"{path}.limits",
+                    allowed=f"below {UNLIMITED:g}",
+                )
             )
     if problems:
         raise UnsupportedError(problems)

@@ -42,7 +42,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
     for robot in document.robots.values():
         for stranger in strangers(robot, WRITTEN):
             what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
-            raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or there once too often")
+            raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
     beside = {entry.shape: entry for entry in sidecar.beside}
     first: dict[str, Instance] = {}
@@ -147,7 +147,9 @@ class _Tree:
             if shape is None:
                 raise link.node.error(f"link {link.name!r} has no shape {name_in_file!r}, which the sidecar names")
             if shape.collision != bool(material):
-                raise link.node.error(f"shape {name_in_file!r} and the sidecar differ on whether it touches")
+                raise link.node.error(
+                    f"shape {name_in_file!r} and the sidecar differ on whether it is a collision shape"
+                )
             held = (self._surfaces[material],) if shape.collision else ()
             whole.append(dataclasses.replace(shape, name=name, surfaces=held))
         if in_file:

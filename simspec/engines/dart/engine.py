@@ -110,7 +110,7 @@ def _armature_covered(world: World) -> Refinement | None:
 def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
     for body in bodies:
         if body.joint.dry_friction or body.joint.position_limits is not None:
-            return f"{body.name!r} has dry friction or position limits, whose impulses would not feel the armature"
+            return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
     return None
 
 
@@ -162,7 +162,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
         Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
-        Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART takes it for none"),
+        Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART treats it as zero"),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
             "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
@@ -225,7 +225,7 @@ class Dart(SimulatedEngine[Simulation]):
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "joint.velocity_limit": "not given to DART, which would enforce it together with the position limits",
-        "shape.name": "DART makes up its own names of shapes",
+        "shape.name": "DART generates its own shape names",
         "control.native": "DART's own controllers are switched on when a run begins",
         "collision_group": "DART does not list its filter; it is probed instead",
     }

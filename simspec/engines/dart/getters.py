@@ -167,7 +167,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 """The fields of plain options, all of them in the inventory."""
 
 NOT_TOLD = (
-    "the pairs of its collision filter, of which the inventory has what was told",
+    "the pairs of its collision filter, which DART does not report: the inventory holds those that simspec set",
     "the numbers of the secondary solver (PgsBoxedLcpSolver), which it uses when Dantzig's or NSGS fails",
     "of a shape the second friction coefficient, slip compliances and the direction of friction, which .skel cannot set",
 )

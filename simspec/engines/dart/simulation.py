@@ -42,7 +42,7 @@ def import_dartpy() -> Any:
 class Simulation:
     """A loaded world, in its initial state.
 
-    Shapes for the eye are left out unless ``pictures`` are asked for: DART carries them along in every step (measured: 59 of
+    Visual-only shapes are left out unless ``pictures`` are asked for: DART carries them along in every step (measured: 59 of
     them cost 7 µs of 126). See :meth:`whole`.
     """
 
@@ -94,7 +94,7 @@ class Simulation:
         return world
 
     def whole(self) -> Simulation:
-        """The files as they are, shapes for the eye included, in their initial state; what DART says of those goes into the
+        """The files as they are, visual-only shapes included, in their initial state; what DART says of those goes into the
         log."""
         if not self._blind:
             return self
@@ -241,9 +241,9 @@ class Simulation:
         """Raises EngineError (or notes in the log) when the last step had more contacts than DART takes."""
         if self.world.getLastCollisionResult().getNumContacts() < CONTACT_CAP:
             return
-        message = f"more than {CONTACT_CAP} contacts in a step: DART leaves the others out"
+        message = f"more than {CONTACT_CAP} contacts in a step: DART drops the others"
         if self.settings["contact_overflow"] == "error":
-            raise EngineError(NAME, f"{message}; go on all the same with the setting contact_overflow: log")
+            raise EngineError(NAME, f"{message}; to continue anyway, use the setting contact_overflow: log")
         if message not in self.log:
             self.log.append(message)
 

@@ -112,7 +112,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(
             Level.EXACT,
-            "BallRpyJoint at its zero, on a frame that carries the rotation: it has no place at a pitch of 90°",
+            "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°",
         ),
         Feature.LIMIT_POSITION: approximate(
             "TAMSI's limits are springs: under gravity a joint sinks 2.6e-3 rad, or 1e-3 m, beyond them at 1 ms (with dt²), at "
@@ -211,7 +211,7 @@ class Drake(SimulatedEngine[Simulation]):
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "control.native": "Drake's own controllers are not used",
-        "collision_group": "Drake's filter is told by pairs of geometries",
+        "collision_group": "Drake's filter is set by pairs of geometries, not by groups",
     }
 
     @classmethod

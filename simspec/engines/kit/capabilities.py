@@ -65,7 +65,7 @@ class Lacking:
 
     def __get__(self, instance: object, owner: Any) -> Callable[..., NoReturn]:
         def refuse(*_: Any, **__: Any) -> NoReturn:
-            raise EngineError(owner.NAME, f"has no {self._capability}: {self._reason}")
+            raise EngineError(owner.NAME, f"does not support {self._capability}: {self._reason}")
 
         return refuse
 

@@ -46,7 +46,7 @@ class Engine:
     RULES: ClassVar[Rules]
     """How it combines the numbers of two shapes."""
     LAYERS: ClassVar[bool]
-    """Whether pairs that no numbers give are had by copies of shapes in layers (see ``contact/plan.py``)."""
+    """Whether pairs that no numbers give are realised by copies of shapes in layers (see ``contact/plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
     PROBED_TOGETHER: ClassVar[int | None] = None
@@ -70,7 +70,7 @@ class Engine:
         check_capabilities(cls, Engine, cls.LACKS, is_program)
         native = cls.SUPPORT[Feature.CONTROL_NATIVE]
         if Capability.NATIVE_CONTROLLERS in cls.LACKS and native.level is not Level.UNSUPPORTED:
-            raise TypeError(f"engine {cls.NAME} lacks native controllers, and declares to support control.native")
+            raise TypeError(f"engine {cls.NAME} lacks native controllers, but declares support for control.native")
 
     @classmethod
     def version(cls) -> str | None:

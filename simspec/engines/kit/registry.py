@@ -32,7 +32,7 @@ def _sound(name: str, engine: Any) -> type[Engine]:
     if name != engine.NAME:
         raise ValueError(f"its NAME is {engine.NAME!r}")
     if engine.DIALECT not in dialects():
-        raise ValueError(f"it is told worlds in {engine.DIALECT!r}, which is not a dialect")
+        raise ValueError(f"its DIALECT is {engine.DIALECT!r}, which is not a dialect")
     dialects()[engine.DIALECT].check_declared(engine.SETTINGS)
     engine.version()
     return engine

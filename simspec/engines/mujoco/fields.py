@@ -161,7 +161,7 @@ INERT: Mapping[str, str] = {
         ("nbvh", "nbvhstatic", "nbvhdynamic", "bvh_*", "body_bvhadr", "body_bvhnum", "noct"),
         "boxes that spare the collision search pairs which are far apart",
     ),
-    **dict.fromkeys(("vis", "geom_rgba", "geom_castshadow", "jnt_group", "body_user"), "for the eye, or nobody's data"),
+    **dict.fromkeys(("vis", "geom_rgba", "geom_castshadow", "jnt_group", "body_user"), "visual only, or user data"),
     "stat": "for viewers; its meaninertia is compared, since versions before 4 scale the solver's tolerance by it",
 }
 

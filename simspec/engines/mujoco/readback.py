@@ -214,7 +214,7 @@ class _ReadBack:
                 and model.actuator_gear[index].tolist() == [1.0] + [0.0] * 5
             )
             if not plain or model.actuator_ctrllimited[index] or bias[0] or gain[0] != (kp or kd) or gain[1:].any():
-                raise EngineError("mujoco", f"the actuator of {joint!r} is no position or velocity controller")
+                raise EngineError("mujoco", f"the actuator of {joint!r} is not a position or velocity controller")
             limit = None
             if model.actuator_forcelimited[index]:
                 lower, limit = model.actuator_forcerange[index].tolist()

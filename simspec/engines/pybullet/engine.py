@@ -55,7 +55,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
-_NO_LINKS = "PyBullet holds at most 127 links besides the base in one tree"
+_NO_LINKS = "PyBullet supports at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
@@ -69,7 +69,7 @@ def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
     if not {body.joint.kind for body in bodies} <= {"fixed", *SCALAR_JOINTS}:
         return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
     if any(body.joint.dry_friction for body in bodies):
-        return f"the tree of {armed!r} has dry friction, whose impulses would not feel the armature"
+        return f"the tree of {armed!r} has dry friction, whose impulses would ignore the armature"
     return None
 
 
@@ -159,11 +159,11 @@ class PyBullet(SimulatedEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "friction_cone": "PyBullet does not give back its contact settings",
-        "shape.name": "PyBullet does not keep the names of shapes",
-        "shape.colour": "PyBullet keeps colours in single precision",
+        "friction_cone": "PyBullet does not report its contact settings",
+        "shape.name": "PyBullet does not store shape names",
+        "shape.colour": "PyBullet stores colours in single precision",
         "control.native": "PyBullet's own controllers are switched on when a run begins",
-        "collision_group": "PyBullet does not give back its collision masks; the filter is probed instead",
+        "collision_group": "PyBullet does not report its collision masks; the filter is probed instead",
     }
 
     @classmethod

@@ -77,8 +77,8 @@ def _bodies_apart(world: World, rows: Mapping[Kind, frozenset[Kind]]) -> list[tu
 
 def _too_many_classes(first: str, second: str) -> Problem:
     return Problem(
-        f"some shapes of {first!r} and {second!r} may touch and others not, and MJCF's masks tell only {FILTER_BITS - 1} "
-        "classes of shapes apart",
+        f"some shapes of {first!r} and {second!r} may touch and others not, and MJCF's masks distinguish only "
+        f"{FILTER_BITS - 1} classes of shapes",
         "contact",
         hint="use fewer groups that ignore others and fewer materials that pass through others, or one material for a body",
     )

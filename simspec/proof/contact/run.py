@@ -101,7 +101,7 @@ class Measuring:
                     continue
                 raw = [_kept(figure) for figure in _figures(job, given)]
                 if self.use_cache and not cache.write(job.key, raw):
-                    complaints = [f"nothing can be kept in {cache.folder()}"]
+                    complaints = [f"the cache {cache.folder()} is not writable"]
             found += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
         return found, complaints
 

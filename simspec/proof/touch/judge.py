@@ -103,8 +103,8 @@ def _told(meetings: Meetings, unclear: Sequence[Pair], touching: int) -> str:
     parts: list[str] = [f"{touching} pairs of shapes touch, {tried - touching} do not"]
     apart: Iterable[tuple[str, Sequence[Pair], int]] = (
         ("the joints cannot bring together", meetings.apart, len(meetings.apart)),
-        ("left untried, as they are too many", meetings.left, meetings.untried),
-        ("told only together with other shapes of the same bodies", unclear, len(unclear)),
+        ("not tried, as they are too many", meetings.left, meetings.untried),
+        ("reported only together with other shapes of the same bodies", unclear, len(unclear)),
     )
     if meetings.rigid:
         parts.append(f"{meetings.rigid} are parts of one rigid body and apart")

@@ -176,7 +176,7 @@ COPY = ".//body[@name='ice_cube.1']"
         (text_of(f"{COPY}/inertia/moment_of_inertia/iyy", "1e-9"), "mass"),
         (text_of(".//joint[@name='ice_cube.1']/parent", "world"), "welded"),
         (no_weld, "init_pos"),
-        (drop_copy, "not those"),
+        (drop_copy, "differ from those"),
         (second_shape, "does not name"),
         (drop_filter, "touch, against"),
         (swap_filter, "touch, against"),

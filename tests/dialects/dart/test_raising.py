@@ -30,7 +30,7 @@ def _read(folder, files):
         ("<physics>", "<physics><sub_steps>4</sub_steps>", r"world\.skel:\d+: <sub_steps>: is not known here"),
         ("<time_step>0.001</time_step>", "", "has no <time_step>"),
         ('type="revolute"', 'type="screw"', "the type 'screw' is not known here"),
-        ("<parent>base</parent>", "<parent>nobody</parent>", "the parent 'nobody' is not there"),
+        ("<parent>base</parent>", "<parent>nobody</parent>", "the parent 'nobody' is missing"),
         ("<parent>base</parent>", "<parent>lower</parent>", "go round in a circle"),
         ("<damping>0</damping>", "<damping>1</damping>", "DART's own, implicit, damping"),
         ("<gravity>true</gravity>", "<gravity>false</gravity>", "should have the <gravity> true"),

@@ -63,7 +63,7 @@ def test_frames_of_free_roots_alone_are_moved():
     told = lowered(WORLDS["surfaces"]("drake"))
     assert told.sidecar.bodies[0].kind == "fixed"
     _, sidecar = _offset(told.tree, told.sidecar)
-    with pytest.raises(ValueError, match=re.escape("which is no free root")):
+    with pytest.raises(ValueError, match=re.escape("which is not a free root")):
         type(sidecar).of(sidecar.plain())
 
 

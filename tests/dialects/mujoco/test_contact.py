@@ -291,8 +291,8 @@ def test_no_explicit_pair_for_what_passes():
     [
         ("pyramid-inscribed", {"torsional_friction": 0.01}, "torsional friction is wrong"),
         ("pyramid-inscribed", {"rolling_friction": 0.01}, "rolling friction is wrong"),
-        ("pyramid-inscribed", {"hardness": HARDNESS["stiffness"]}, "no friction that sticks"),
-        ("elliptic", {"hardness": HARDNESS["time-constant"], "restitution": 0.5}, "no restitution beside"),
+        ("pyramid-inscribed", {"hardness": HARDNESS["stiffness"]}, "does not stick"),
+        ("elliptic", {"hardness": HARDNESS["time-constant"], "restitution": 0.5}, "does not support restitution with"),
         ("elliptic", {"hardness": Hardness("time-constant", time_constant=0.0019, damping_ratio=1.0)}, "two timesteps"),
         ("elliptic", {"hardness": Hardness("stiffness", stiffness=3e6, damping=0.0)}, "too hard for the timestep"),
         ("elliptic", {"hardness": Hardness("stiffness", stiffness=1e3, damping=1100.0)}, "too hard for the timestep"),

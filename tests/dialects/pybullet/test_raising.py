@@ -58,7 +58,7 @@ def test_whatever_is_added_to_a_file_is_refused(row, files, tmp_path):
     ("old", "new", "said"),
     [
         ('<lateral_friction value="', '<lateral_friction value="x', "should be a finite number"),
-        ("<rolling_friction", "<stiffness", "there once too often|<contact> has no <rolling_friction>"),
+        ("<rolling_friction", "<stiffness", "that is repeated|<contact> has no <rolling_friction>"),
         ('type="revolute"', 'type="planar"', "type='planar' of joint"),
         ("</contact>", '<damping value="1"/></contact>', "<contact> has no <stiffness>"),
         ("<contact>", '<contact margin="1">', "that simspec does not write"),

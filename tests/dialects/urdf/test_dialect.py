@@ -153,8 +153,8 @@ def test_equal_trees_share_a_file_unless_other_shapes_stand_beside_it():
     ("kinds", "more", "said"),
     [
         (["free", "ball"], {}, "URDF has no ball joint"),
-        (["hinge"], {"effort_limit": 2e9}, "stands for none"),
-        (["slide"], {"position_limits": (-1e9, 0.0)}, "stands for none"),
+        (["hinge"], {"effort_limit": 2e9}, "where a joint has none"),
+        (["slide"], {"position_limits": (-1e9, 0.0)}, "where a joint has none"),
     ],
 )
 def test_what_has_no_place_is_refused(kinds, more, said):

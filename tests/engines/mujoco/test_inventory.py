@@ -127,7 +127,7 @@ KINDS = {
     "sleeping": lambda: with_settings(sleeping=True, sleep_tolerance=1e-4),
     "no explicit pairs": lambda: with_settings(explicit_pairs_limit=0),
     "many groups": with_many_groups,
-    "a shape for the eye": with_a_shape_for_the_eye,
+    "a visual-only shape": with_a_shape_for_the_eye,
 }
 
 
