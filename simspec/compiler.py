@@ -69,7 +69,7 @@ def compile_world(
     the world asks for: contact probes have the numbers of the scenario that they stand for.
     Raises UnsupportedError with every problem of every target together.
     """
-    found: dict[str, Compiled] = {}
+    compiled: dict[str, Compiled] = {}
     problems: list[Problem] = [*check_options(world, locate), *check_control(world, locate)]
     names = list(dict.fromkeys(targets))
     for name in names:
@@ -84,12 +84,12 @@ def compile_world(
         # files are written from the options: from wrong ones, anything could come
         if name in decisions and not any(_of_options(problem, name) for problem in problems):
             try:
-                found[name] = _emit(world, name, (plans or {}).get(name), decisions[name])
+                compiled[name] = _emit(world, name, (plans or {}).get(name), decisions[name])
             except UnsupportedError as error:
                 problems.extend(_located(error, locate))
     if problems:
         raise UnsupportedError(problems)
-    return found
+    return compiled
 
 
 def _of_options(problem: Problem, engine: str) -> bool:
@@ -177,7 +177,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
     laws = meeting_laws(world)
     problems = []
     for quantity, pairs in unreachable(world, engine.RULES, contact_plan(world, engine.RULES, engine.LAYERS)).items():
-        (first, second), given = next(iter(pairs.items()))
+        (first, second), combined_value = next(iter(pairs.items()))
         law, word, rule = laws[first, second], quantity.replace("_", " "), getattr(engine.RULES, quantity)
         if rule == "cross" and not law.friction:
             why = "it has an effect only with sliding friction, which they do not have"
@@ -189,7 +189,11 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
             why += f"for up to {MOST_SPLIT_MATERIALS} materials"
             hint = f"use fewer materials, or values that the rule produces, or run without --engine {engine.NAME}"
         more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
-        asked = law.hardness.kind if quantity == "hardness" else f"{getattr(law, quantity):.6g}, would be {given:.6g}"
+        asked = (
+            law.hardness.kind
+            if quantity == "hardness"
+            else f"{getattr(law, quantity):.6g}, would be {combined_value:.6g}"
+        )
         problems.append(
             Problem(
                 f"{engine.NAME} does not support this {word} of {first} and {second}: {why}{more}",
@@ -272,6 +276,6 @@ def write_folder(files: Mapping[str, str | bytes], folder: Path) -> None:
 def output_files(world: World, compiled: Mapping[str, Compiled]) -> Artifacts:
     """All files of ``generated/<name>/``: world.json, and one folder for each engine."""
     files: dict[str, str | bytes] = {WORLD_FILE: canonical_json(world) + "\n"}
-    for name, one in compiled.items():
-        files.update({f"{name}/{path}": content for path, content in one.artifacts.items()})
+    for name, compilation in compiled.items():
+        files.update({f"{name}/{path}": content for path, content in compilation.artifacts.items()})
     return Artifacts(files)

@@ -42,10 +42,10 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
         try:
             wanted[name] = missing_options(world, name)
         except UnsupportedError as error:
-            located = [dataclasses.replace(one, location=spec.locate(one.path)) for one in error.problems]
+            located = [dataclasses.replace(problem, location=spec.locate(problem.path)) for problem in error.problems]
             not_taken[name] = refusal(located)
     if not_taken and (selection.named or not wanted):
-        raise UnsupportedError([problem for one in not_taken.values() for problem in one.problems])
+        raise UnsupportedError([problem for refused in not_taken.values() for problem in refused.problems])
     wanted = {name: keys for name, keys in wanted.items() if keys}
     if wanted:
         before = read_text(path)
@@ -54,8 +54,8 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     if as_json:
         sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted, "not_taken": not_taken}))
         return EXIT_OK
-    for name, one in not_taken.items():
-        print(f"not for {name}: {one}")
+    for name, refused in not_taken.items():
+        print(f"not for {name}: {refused}")
     for name, keys in wanted.items():
         for key, features in keys.items():
             for feature, why in features.items():

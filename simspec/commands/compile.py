@@ -115,16 +115,16 @@ def compile_all(
     demand(problems)
     if check:
         return _check(built, folders, as_json)
-    written = [generated.write(one, folder) for one, folder in zip(built, folders, strict=True)]
+    written = [generated.write(scenario, folder) for scenario, folder in zip(built, folders, strict=True)]
     if as_json:
         data = [
-            {**_compiled_data(one, place, explain), "not_compiled": choice.not_taken}
-            for one, place, choice in zip(built, written, chosen, strict=True)
+            {**_compiled_data(scenario, place, explain), "not_compiled": choice.not_taken}
+            for scenario, place, choice in zip(built, written, chosen, strict=True)
         ]
         sys.stdout.write(text({"compiled": data, "warnings": warnings}))
         return EXIT_OK
-    for one, place, choice in zip(built, written, chosen, strict=True):
-        say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(one.compiled)}")
+    for scenario, place, choice in zip(built, written, chosen, strict=True):
+        say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(scenario.compiled)}")
         for line in choice.lines():
             say(f"  not for {line}")
         if place.dropped:
@@ -132,16 +132,18 @@ def compile_all(
         if explain:
             from simspec.report.explain import control_table, tables
 
-            if one.world.controllers:
-                console().print(control_table(one.world))
-            for compiled in one.compiled.values():
-                for found in tables(one.world, compiled):
-                    console().print(found)
+            if scenario.world.controllers:
+                console().print(control_table(scenario.world))
+            for compiled in scenario.compiled.values():
+                for shown in tables(scenario.world, compiled):
+                    console().print(shown)
     return EXIT_OK
 
 
 def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> int:
-    stale = [line for one, folder in zip(built, folders, strict=True) for line in generated.check(one, folder)]
+    stale = [
+        line for scenario, folder in zip(built, folders, strict=True) for line in generated.check(scenario, folder)
+    ]
     if as_json:
         sys.stdout.write(text({"stale": stale}))
     elif stale:
@@ -155,7 +157,7 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> in
 def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
     from simspec.report.explain import explained
 
-    reasons = {name: explained(built.world, one) for name, one in built.compiled.items()} if explain else {}
+    reasons = {name: explained(built.world, compiled) for name, compiled in built.compiled.items()} if explain else {}
     controllers = {"controllers": built.world.controllers} if explain else {}
     return {
         "folder": written.folder,
@@ -163,9 +165,14 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
         "certificate_dropped": written.dropped,
         "world_sha256": sha256(built.world),
         "engines": {
-            name: {"format": one.format, "sha256": one.sha256, "files": sorted(one.files), "decisions": one.decisions}
+            name: {
+                "format": compiled.format,
+                "sha256": compiled.sha256,
+                "files": sorted(compiled.files),
+                "decisions": compiled.decisions,
+            }
             | ({"explained": reasons[name]} if explain else {})
-            for name, one in built.compiled.items()
+            for name, compiled in built.compiled.items()
         },
         **controllers,
     }

@@ -32,28 +32,28 @@ def diff(a: str, b: str, tolerance: float, allow_outside: bool, as_json: bool) -
 
 def diff_code(diffs: Sequence[Diff]) -> int:
     """The exit code of comparisons: 0 only where all are told to be within tolerance. What cannot be told did not pass."""
-    return EXIT_OK if diffs and all(one.within for one in diffs) else EXIT_FAILED
+    return EXIT_OK if diffs and all(diff.within for diff in diffs) else EXIT_FAILED
 
 
 def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
     """Compare two saved runs."""
     runs = load_run(a), load_run(b)
     floors = [floor for folder in (a, b) if (floor := load_floor(folder)) is not None]
-    found = compare(*runs, tolerance=tolerance, floor=floors)
+    difference = compare(*runs, tolerance=tolerance, floor=floors)
     if as_json:
-        sys.stdout.write(text(diff_data(found)))
+        sys.stdout.write(text(diff_data(difference)))
     else:
-        show_diff(found)
-    return diff_code([found])
+        show_diff(difference)
+    return diff_code([difference])
 
 
 def diff_specs(a: World, b: World, as_json: bool) -> int:
     """Show what changed between two worlds."""
-    found = diff_worlds(a, b)
+    changes = diff_worlds(a, b)
     if as_json:
-        sys.stdout.write(text({"changes": plain(found)}))
-    elif found:
-        console().print(differences.changes(found))
+        sys.stdout.write(text({"changes": plain(changes)}))
+    elif changes:
+        console().print(differences.changes(changes))
     else:
         print("no differences")
-    return EXIT_FAILED if found else EXIT_OK
+    return EXIT_FAILED if changes else EXIT_OK

@@ -102,7 +102,7 @@ def run_world(
     results = Results(world, folder)
     results.demand(engines, [spec] if spec is not None else [])
     with progress(not as_json) as tell:
-        found = study(
+        result = study(
             world,
             engines,
             arrivals=results,
@@ -117,16 +117,16 @@ def run_world(
             progress=tell,
         )
         tell("writing")
-        results.finish(found)
-    code = found.exit_code
+        results.finish(result)
+    code = result.exit_code
     if code == EXIT_OK and fail_on_diff:
-        code = diff_code(found.diffs)
+        code = diff_code(result.diffs)
     if as_json:
         more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
         more["not_run"] = selection.not_taken
-        more["ends"] = {name: ends(one, show) for name, one in found.runs.items()}
-        sys.stdout.write(text({**study_data(found), **more}))
+        more["ends"] = {name: ends(run, show) for name, run in result.runs.items()}
+        sys.stdout.write(text({**study_data(result), **more}))
         return code
     show_not_taken(selection, console())
-    show_run(found, folder, results.notes, show, fail_on_diff)
+    show_run(result, folder, results.notes, show, fail_on_diff)
     return code

@@ -18,23 +18,23 @@ def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool)
     from simspec.proof.selftest import self_test as plant
 
     with progress(not as_json) as tell:
-        found = plant(engines, pythons=pythons, progress=tell)
+        result = plant(engines, pythons=pythons, progress=tell)
     if as_json:
-        sys.stdout.write(text({"planted": found.planted, "caught": found.caught, "outcomes": found.outcomes}))
+        sys.stdout.write(text({"planted": result.planted, "caught": result.caught, "outcomes": result.outcomes}))
     else:
         screen = console()
-        screen.print(terminal.self_test_table(found))
-        screen.print(f"caught {found.caught} of {found.planted} planted defects")
-    return EXIT_OK if found.passed else EXIT_FAILED
+        screen.print(terminal.self_test_table(result))
+        screen.print(f"caught {result.caught} of {result.planted} planted defects")
+    return EXIT_OK if result.passed else EXIT_FAILED
 
 
 def complete_self_test(engines: Sequence[str], as_json: bool) -> int:
     """Try every change that compiled files can suffer, and say what was missed."""
     from simspec.proof.complete import complete_self_test as plant
 
-    found = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
+    result = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
     if as_json:
-        sys.stdout.write(text(complete_data(found)))
+        sys.stdout.write(text(complete_data(result)))
     else:
-        show_complete(found, console())
-    return EXIT_OK if found.passed else EXIT_FAILED
+        show_complete(result, console())
+    return EXIT_OK if result.passed else EXIT_FAILED

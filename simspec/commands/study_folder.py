@@ -87,13 +87,17 @@ class Results(Arrivals):
         if study.certificate is None:
             self._drop_certificate()
         others = {}
-        for name, found in stored_runs(self._folder).items():
+        for name, stored_hash in stored_runs(self._folder).items():
             if name in study.runs:
                 continue
-            same = found == self._hash
+            same = stored_hash == self._hash
             others[name] = {"same_world": same}
             if not same:
-                why = "cannot be read" if found is None else "is of another world (an earlier spec, or another --set)"
+                why = (
+                    "cannot be read"
+                    if stored_hash is None
+                    else "is of another world (an earlier spec, or another --set)"
+                )
                 self.notes.append(f"{self._folder / name} {why}: it is kept and not compared")
         data = {**study_data(study), "world_sha256": self._hash, "other_runs": others}
         change_file(self._folder, STUDY, REPORT_FILE, lambda before: text(self._joined(data, before)))
@@ -123,12 +127,12 @@ class Results(Arrivals):
             return data
         if old.schema_ != REPORT_SCHEMA or old.world_sha256 != self._hash:
             return data
-        kept = {name for name, one in data["other_runs"].items() if one["same_world"]} & old.runs.keys()
+        kept = {name for name, facts in data["other_runs"].items() if facts["same_world"]} & old.runs.keys()
         for part, earlier in (("runs", old.runs), ("floors", old.floors)):
             data[part] = {name: one for name, one in earlier.items() if name in kept} | data[part]
-        data["diffs"] = [one for one in old.diffs if {_engine(one, "first"), _engine(one, "second")} <= kept] + data[
-            "diffs"
-        ]
+        data["diffs"] = [
+            diff for diff in old.diffs if {_engine(diff, "first"), _engine(diff, "second")} <= kept
+        ] + data["diffs"]
         return data
 
 

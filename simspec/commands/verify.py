@@ -70,10 +70,10 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
 
     ``contact``: whether plots are written too.
     """
-    found = [folder_problem(out or generated.GENERATED / world.name, COMPILED, [find_spec(spec)])]
+    problems = [folder_problem(out or generated.GENERATED / world.name, COMPILED, [find_spec(spec)])]
     if contact:
-        found.append(folder_problem(PLOTS / world.name, STUDY))
-    demand(found)
+        problems.append(folder_problem(PLOTS / world.name, STUDY))
+    demand(problems)
 
 
 def verify_world(

@@ -18,54 +18,55 @@ SHOWN = 40
 """Missed changes that the terminal lists; ``--json`` has all."""
 
 
-def complete_data(found: CompleteTest) -> dict[str, Any]:
+def complete_data(result: CompleteTest) -> dict[str, Any]:
     """A complete self-test as plain data."""
     rows = [
         {"engine": engine, "kind": kind, **dict(zip(COLUMNS, counts, strict=True))}
-        for engine, kind, counts in found.rows()
+        for engine, kind, counts in result.rows()
     ]
     return {
-        "passed": found.passed,
-        "versions": found.versions,
-        "seconds": found.seconds,
-        "skipped": found.skipped,
+        "passed": result.passed,
+        "versions": result.versions,
+        "seconds": result.seconds,
+        "skipped": result.skipped,
         "rows": rows,
-        "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(found)],
-        "unused": found.unused,
-        "mutations": found.verdicts,
+        "inert": [{"engine": engine, "reason": why, "count": count} for engine, why, count in inert_reasons(result)],
+        "unused": result.unused,
+        "mutations": result.verdicts,
     }
 
 
-def show_complete(found: CompleteTest, screen: Console) -> None:
+def show_complete(result: CompleteTest, screen: Console) -> None:
     """Print the table, and what was missed and skipped."""
-    screen.print(complete_table(found))
-    for one in found.missed[:SHOWN]:
+    screen.print(complete_table(result))
+    for verdict in result.missed[:SHOWN]:
         screen.print(
-            f"MISSED {one.engine}, {one.world}: {one.file} {one.place}: {one.kind} {one.change} {one.why}",
+            f"MISSED {verdict.engine}, {verdict.world}: {verdict.file} {verdict.place}: "
+            f"{verdict.kind} {verdict.change} {verdict.why}",
             markup=False,
         )
-    if len(found.missed) > SHOWN:
-        screen.print(f"and {len(found.missed) - SHOWN} more (--json lists all)")
-    for where, why in found.skipped.items():
+    if len(result.missed) > SHOWN:
+        screen.print(f"and {len(result.missed) - SHOWN} more (--json lists all)")
+    for where, why in result.skipped.items():
         screen.print(f"{where}: {why}", markup=False)
-    for engine, rows in found.unused.items():
+    for engine, rows in result.unused.items():
         for row in rows:
             screen.print(f"{engine}: declared inert, and no change needs it: {row}", markup=False)
-    planted, missed = found.count(), len(found.missed)
-    screen.print(f"missed {missed} of {planted} changes, in {found.seconds / 60.0:.0f} min")
+    planted, missed = result.count(), len(result.missed)
+    screen.print(f"missed {missed} of {planted} changes, in {result.seconds / 60.0:.0f} min")
 
 
-def complete_table(found: CompleteTest) -> Table:
+def complete_table(result: CompleteTest) -> Table:
     """A row for each engine and kind of change."""
     made = table("Complete self-test", "engine", "change", *COLUMNS, right=range(2, 7))
-    for engine, kind, counts in found.rows():
+    for engine, kind, counts in result.rows():
         made.add_row(engine, kind, *(str(count) for count in counts))
     return made
 
 
-def inert_reasons(found: CompleteTest) -> list[tuple[str, str, int]]:
+def inert_reasons(result: CompleteTest) -> list[tuple[str, str, int]]:
     """(engine, reason, how many) of what is declared inert and was seen to be."""
-    counts = Counter((one.engine, one.why) for one in found.verdicts if one.verdict == "inert")
+    counts = Counter((verdict.engine, verdict.why) for verdict in result.verdicts if verdict.verdict == "inert")
     return [
         (engine, why, count) for (engine, why), count in sorted(counts.items(), key=lambda row: (row[0][0], -row[1]))
     ]

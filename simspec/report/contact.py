@@ -34,23 +34,25 @@ LEAST_PERCENT = 0.01
 
 def contact_table(figures: Mapping[str, Sequence[Figure]]) -> list[Table]:
     """A table for each probe: what was asked, what is right, what each engine did. ``figures`` by engine."""
-    probes = dict.fromkeys(figure.probe for some in figures.values() for figure in some)
+    probes = dict.fromkeys(figure.probe for of_engine in figures.values() for figure in of_engine)
     return [_table(probe, figures) for probe in probes]
 
 
 def _table(probe: str, figures: Mapping[str, Sequence[Figure]]) -> Table:
     engines = list(figures)
     rows: dict[tuple[str, str, str], dict[str, Figure]] = {}
-    for engine, some in figures.items():
-        for figure in some:
+    for engine, of_engine in figures.items():
+        for figure in of_engine:
             if figure.probe == probe:
                 rows.setdefault((figure.subject, figure.case, figure.quantity), {})[engine] = figure
-    found = table(TITLES.get(probe, probe), "materials", "case", "expected", *engines, right=range(2, 3 + len(engines)))
+    rows_shown = table(
+        TITLES.get(probe, probe), "materials", "case", "expected", *engines, right=range(2, 3 + len(engines))
+    )
     for (subject, case, quantity), by_engine in rows.items():
         first = next(iter(by_engine.values()))
         cells = [_cell(by_engine.get(engine)) for engine in engines]
-        found.add_row(subject, f"{case}, {quantity}", _number(first.expected, first), *cells)
-    return found
+        rows_shown.add_row(subject, f"{case}, {quantity}", _number(first.expected, first), *cells)
+    return rows_shown
 
 
 def _number(value: float, figure: Figure) -> str:
@@ -73,10 +75,10 @@ def _cell(figure: Figure | None) -> Text:
 
 def deviations(figures: Mapping[str, Sequence[Figure]]) -> list[str]:
     """Each declared deviation that counted, once, with its engine."""
-    found = {
+    declared = {
         f"{engine}, {figure.probe}: {figure.deviation}": None
-        for engine, some in figures.items()
-        for figure in some
+        for engine, of_engine in figures.items()
+        for figure in of_engine
         if figure.deviation
     }
-    return list(found)
+    return list(declared)

@@ -20,12 +20,12 @@ def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     """Each engine's own noise."""
     if not floors:
         return None
-    found = table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
+    repeats = table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
     words = {True: "bitwise equal", False: "bits differ", None: "not run"}
     for name, floor in floors.items():
         moved = f"  (initial state perturbed by {floor.perturbation:g})" if floor.perturbation else ""
-        found.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
-    return found
+        repeats.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
+    return repeats
 
 
 def differences(diffs: Sequence[Diff]) -> Table | None:
@@ -33,7 +33,7 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     if not diffs:
         return None
     tolerance = diffs[0].tolerance
-    found = table(
+    pairs = table(
         f"Differences between engines  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' noise)",
         "runs",
         "largest",
@@ -44,59 +44,59 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
         "compared until",
         right=(1, 3, 5, 6),
     )
-    for one in diffs:
-        worst, out = one.worst, one.first_out
-        found.add_row(
-            f"{one.first.split()[0]} – {one.second.split()[0]}",
+    for diff in diffs:
+        worst, out = diff.worst, diff.first_out
+        pairs.add_row(
+            f"{diff.first.split()[0]} – {diff.second.split()[0]}",
             length(worst.position_largest) if worst else "–",
             worst.body if worst else "–",
-            length(one.position_rms),
-            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow") if out else _stays(one),
+            length(diff.position_rms),
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow") if out else _stays(diff),
             length(worst.floor) if worst else "–",
-            f"{one.compared_until:.4g} s" + (" (chaos)" if one.horizon is not None else ""),
+            f"{diff.compared_until:.4g} s" + (" (chaos)" if diff.horizon is not None else ""),
         )
-    return found
+    return pairs
 
 
-def _stays(one: Diff) -> Text:
+def _stays(diff: Diff) -> Text:
     """What is said of a comparison in which nothing is out of tolerance."""
-    if one.untold is not None:
-        return Text(f"inconclusive: noise {_noise(one, one.untold)}", style="yellow")
-    return verdict(True, "never" if one.horizon is None else f"not before {one.compared_until:.4g} s")
+    if diff.untold is not None:
+        return Text(f"inconclusive: noise {_noise(diff, diff.untold)}", style="yellow")
+    return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
 
 
-def _out(one: Diff, body: BodyDiff) -> Text:
+def _out(diff: Diff, body: BodyDiff) -> Text:
     """When a body was first out of tolerance."""
     if body.first_out is not None:
         return Text(f"{body.first_out:.4g} s ({body.cause})", style="yellow")
     if body.inconclusive_from is not None:
         return Text("inconclusive", style="yellow")
-    return verdict(True, "never" if one.horizon is None else f"not before {one.compared_until:.4g} s")
+    return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
 
 
-def inconclusive_note(one: Diff) -> str | None:
+def inconclusive_note(diff: Diff) -> str | None:
     """What to do about a comparison that cannot be told; None where it can."""
-    body = one.untold
-    if body is None or one.verdict != INCONCLUSIVE:
+    body = diff.untold
+    if body is None or diff.verdict != INCONCLUSIVE:
         return None
-    tolerances = f"{length(one.tolerance)} and {one.angle_tolerance:g} rad"
+    tolerances = f"{length(diff.tolerance)} and {diff.angle_tolerance:g} rad"
     return (
-        f"{one.first} – {one.second}: agreement within {tolerances} is inconclusive, because the engines' noise is "
-        f"{_noise(one, body)} ({body.body}, from {body.inconclusive_from:.4g} s on); use a tolerance above "
+        f"{diff.first} – {diff.second}: agreement within {tolerances} is inconclusive, because the engines' noise is "
+        f"{_noise(diff, body)} ({body.body}, from {body.inconclusive_from:.4g} s on); use a tolerance above "
         f"{FLOOR_FACTOR:g} times the noise"
     )
 
 
-def _noise(one: Diff, body: BodyDiff) -> str:
+def _noise(diff: Diff, body: BodyDiff) -> str:
     """The noise of a body, in position or in angle: whichever is more beside the tolerance."""
     place, turn = body.floor or 0.0, body.angle_floor or 0.0
-    return number(turn, "rad") if turn * one.tolerance > place * one.angle_tolerance else length(place)
+    return number(turn, "rad") if turn * diff.tolerance > place * diff.angle_tolerance else length(place)
 
 
-def diff_tables(one: Diff) -> list[Table]:
+def diff_tables(diff: Diff) -> list[Table]:
     """One comparison in full: the bodies, then the quantities."""
     bodies = table(
-        f"{one.first} – {one.second}, until {one.compared_until:.4g} s  (tolerance {length(one.tolerance)})",
+        f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {length(diff.tolerance)})",
         "body",
         "largest",
         "RMS",
@@ -106,7 +106,7 @@ def diff_tables(one: Diff) -> list[Table]:
         "first out of tolerance",
         right=(1, 2, 3, 4, 5),
     )
-    for body in one.bodies[:SHOWN_BODIES]:
+    for body in diff.bodies[:SHOWN_BODIES]:
         bodies.add_row(
             body.body,
             length(body.position_largest),
@@ -114,28 +114,28 @@ def diff_tables(one: Diff) -> list[Table]:
             number(body.angle_largest, "rad"),
             number(body.angle_rms, "rad"),
             length(body.floor),
-            _out(one, body),
+            _out(diff, body),
         )
-    if len(one.bodies) > SHOWN_BODIES:
-        bodies.caption = f"and {len(one.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
-    scalars = table("Quantities", "", one.first, one.second, "difference", right=(1, 2, 3))
-    for item in one.quantities:
+    if len(diff.bodies) > SHOWN_BODIES:
+        bodies.caption = f"and {len(diff.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
+    scalars = table("Quantities", "", diff.first, diff.second, "difference", right=(1, 2, 3))
+    for item in diff.quantities:
         if item.first is None and item.second is None:
             continue
         gap = item.second - item.first if item.first is not None and item.second is not None else None
         scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
-    if one.contact_first_difference is not None:
-        scalars.add_row("first contact that differs", "", "", number(one.contact_first_difference, "s"))
+    if diff.contact_first_difference is not None:
+        scalars.add_row("first contact that differs", "", "", number(diff.contact_first_difference, "s"))
     return [bodies, scalars]
 
 
-def changes(found: Sequence[Change]) -> Table:
+def changes(changed: Sequence[Change]) -> Table:
     """What changed between two worlds."""
     result = table("Changes of the world", "", "path", "before", "after")
     signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
-    for change in found:
-        whole = isinstance(change.before if change.after is None else change.after, dict)
-        cells = ("", "") if whole else (_value(change.before), _value(change.after))
+    for change in changed:
+        is_entry = isinstance(change.before if change.after is None else change.after, dict)
+        cells = ("", "") if is_entry else (_value(change.before), _value(change.after))
         result.add_row(signs[change.kind], change.path, *cells)
     return result
 

@@ -100,7 +100,7 @@ def explained(world: World, compiled: Compiled) -> Explained:
             how = "collision filtered out"
             pairs.append(PairExplained(law.first, law.second, {"collide": False}, how, False, 0, 0, layers))
     copies = sum(len(plan.layers(shape.material)) - 1 for body in world.bodies for shape in solid_shapes(body))
-    given = dict(world.options(compiled.engine).settings)
+    stated = dict(world.options(compiled.engine).settings)
     in_force = json.loads(compiled.files[SIDECAR])["settings"]
     resolved = resolve_settings(engine, world)
     idle = idle_settings(engine, resolved)
@@ -109,7 +109,7 @@ def explained(world: World, compiled: Compiled) -> Explained:
             name,
             value,
             in_force.get(name, value),
-            name in given,
+            name in stated,
             engine.SETTINGS[name].meaning,
             idle.get(name, ""),
         )
@@ -125,24 +125,24 @@ def _listed(world: World, compiled: Compiled) -> Counter[tuple[str, str]]:
     with scratch_folder("explain") as place:
         folder = place / compiled.engine
         write_folder(compiled.files, folder)
-        held = dialects()[compiled.dialect].read(folder).pairs
-    found: Counter[tuple[str, str]] = Counter()
-    for pair in held:
-        one, other = sorted((material[pair.first], material[pair.second]))
-        found[one, other] += 1
-    return found
+        pairs = dialects()[compiled.dialect].read(folder).pairs
+    counts: Counter[tuple[str, str]] = Counter()
+    for pair in pairs:
+        first, second = sorted((material[pair.first], material[pair.second]))
+        counts[first, second] += 1
+    return counts
 
 
 def _law(law: PairContact) -> dict[str, Any]:
     """What the pair has, without zeros."""
-    found: dict[str, Any] = {name: getattr(law, name) for name in COMBINED_QUANTITIES if getattr(law, name)}
-    found = found or {"friction": 0.0}
+    numbers_of_law: dict[str, Any] = {name: getattr(law, name) for name in COMBINED_QUANTITIES if getattr(law, name)}
+    numbers_of_law = numbers_of_law or {"friction": 0.0}
     if law.restitution_threshold:
-        found["restitution_threshold"] = law.restitution_threshold
+        numbers_of_law["restitution_threshold"] = law.restitution_threshold
     if law.hardness != Hardness():
         numbers = {name: value for name, value in dataclasses.asdict(law.hardness).items() if name != "kind" and value}
-        found["hardness"] = numbers or law.hardness.kind
-    return found
+        numbers_of_law["hardness"] = numbers or law.hardness.kind
+    return numbers_of_law
 
 
 def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: int, layers: int) -> str:
@@ -160,8 +160,8 @@ def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: 
 
 def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> str:
     rule = SIGNS.get(getattr(rules, quantity), getattr(rules, quantity))
-    one, other = getattr(first, quantity), getattr(second, quantity)
-    numbers = f"{one:.4g} {rule} {other:.4g}" if rule in ("×", SIGNS["cross"]) else f"{rule}({one:.4g}, {other:.4g})"
+    a, b = getattr(first, quantity), getattr(second, quantity)
+    numbers = f"{a:.4g} {rule} {b:.4g}" if rule in ("×", SIGNS["cross"]) else f"{rule}({a:.4g}, {b:.4g})"
     return f"{quantity.replace('_', ' ')} {numbers}"
 
 
@@ -177,55 +177,59 @@ def _told(name: str, value: Any) -> str:
 
 def tables(world: World, compiled: Compiled) -> list[Table]:
     """Three tables of one engine: contact, features, solver settings."""
-    one = explained(world, compiled)
-    contact = table(f"Contact in {one.engine}", "materials", "law", "realisation")
-    for pair in one.pairs:
+    explanation = explained(world, compiled)
+    contact = table(f"Contact in {explanation.engine}", "materials", "law", "realisation")
+    for pair in explanation.pairs:
         law = ", ".join(_told(*part) for part in pair.law.items())
         contact.add_row(f"{pair.first}, {pair.second}", law, pair.how)
     costs = []
-    if one.copies:
-        costs.append(f"realised by copies: {one.copies} additional shapes in layers; shapes touch only within a layer")
-    if one.explicit:
-        costs.append(f"{one.explicit} explicit pairs of shapes in all")
+    if explanation.copies:
+        costs.append(
+            f"realised by copies: {explanation.copies} additional shapes in layers; shapes touch only within a layer"
+        )
+    if explanation.explicit:
+        costs.append(f"{explanation.explicit} explicit pairs of shapes in all")
     contact.caption = "; ".join(costs) or None
-    settings = table(f"Solver of {one.engine}", "setting", "value", "from", "why")
-    for setting in one.settings:
+    settings = table(f"Solver of {explanation.engine}", "setting", "value", "from", "why")
+    for setting in explanation.settings:
         same = setting.value == setting.in_force
         shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
         source, why = "spec" if setting.given else "default", setting.meaning
         if setting.idle:
             shown, source, why = "–", "–", f"no effect {setting.idle}"
         settings.add_row(setting.name, shown, source, why)
-    return [*([contact] if one.pairs else []), decisions(compiled), settings]
+    return [*([contact] if explanation.pairs else []), decisions(compiled), settings]
 
 
 def control_table(world: World) -> Table:
     """The controllers of a world: joints, law and numbers, on the joints' side of any gear."""
-    found = table("Control", "controller", "joints", "law", "parameters, at the joints")
+    controllers = table("Control", "controller", "joints", "law", "parameters, at the joints")
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
-    for one in world.controllers:
-        law = one.law if one.law == "native" else f"{one.law}, {one.discretisation}"
-        found.add_row(one.name, ", ".join(one.joints), law, "; ".join(_figures(one, kinds)))
-    if any(one.law == "native" for one in world.controllers):
-        found.caption = "native: the engine's own controller, which differs between engines"
-    return found
+    for controller in world.controllers:
+        law = controller.law if controller.law == "native" else f"{controller.law}, {controller.discretisation}"
+        controllers.add_row(controller.name, ", ".join(controller.joints), law, "; ".join(_figures(controller, kinds)))
+    if any(controller.law == "native" for controller in world.controllers):
+        controllers.caption = "native: the engine's own controller, which differs between engines"
+    return controllers
 
 
-def _figures(one: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
-    if one.law == "computed-torque":
-        yield f"ω {one.natural_frequency:g} rad/s, ζ {one.damping_ratio:g}"
-    if one.gravity_compensation:
+def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
+    if controller.law == "computed-torque":
+        yield f"ω {controller.natural_frequency:g} rad/s, ζ {controller.damping_ratio:g}"
+    if controller.gravity_compensation:
         yield "gravity compensation"
     for kind, units in GAINS.items():
-        mine = [index for index, name in enumerate(one.joints) if kinds[name] == kind]
-        for (label, unit), values in zip(units.items(), (one.kp, one.kd, one.effort_limits), strict=True):
+        mine = [index for index, name in enumerate(controller.joints) if kinds[name] == kind]
+        for (label, unit), values in zip(
+            units.items(), (controller.kp, controller.kd, controller.effort_limits), strict=True
+        ):
             said = [value for index in mine if values and (value := values[index]) is not None]
             if said and (label == "effort" or any(said)):
                 low, high = min(said), max(said)
                 yield f"{label} {low:.4g} {unit}" if low == high else f"{label} {low:.4g} to {high:.4g} {unit}"
 
 
-def ways(one: Explained) -> Mapping[str, int]:
+def ways(explanation: Explained) -> Mapping[str, int]:
     """How many pairs of materials are had in each way, for tests and summaries."""
     return Counter(
         "passing"
@@ -235,5 +239,5 @@ def ways(one: Explained) -> Mapping[str, int]:
         else "layered"
         if pair.layers > 1
         else "numbers"
-        for pair in one.pairs
+        for pair in explanation.pairs
     )

@@ -64,26 +64,26 @@ def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
         return None
     times = {f"{run.time[-1]:.4g} s" for run in shown}
     when = times.pop() if len(times) == 1 else "the last record"
-    found = table(
+    ends_by_engine = table(
         f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
         "",
         *(run.label for run in shown),
     )
     for name in bodies[:MOST_ROWS]:
-        found.add_row(name, *(_pose(run.arrays["pose"][-1, run.index[name]].tolist()) for run in shown))
+        ends_by_engine.add_row(name, *(_pose(run.arrays["pose"][-1, run.index[name]].tolist()) for run in shown))
     units = {body.joint.name: "rad" if body.joint.kind == "hinge" else "m" for body in world.bodies}
     for name in joints[:MOST_ROWS]:
-        found.add_row(name, *(f"{_number(float(run.q(name)[-1]))} {units[name]}" for run in shown))
+        ends_by_engine.add_row(name, *(f"{_number(float(run.q(name)[-1]))} {units[name]}" for run in shown))
     more = [
         f"{len(names) - MOST_ROWS} more {noun}"
         for names, noun in ((bodies, "bodies"), (joints, "joints"))
         if len(names) > MOST_ROWS
     ]
     if more:
-        found.caption = (
+        ends_by_engine.caption = (
             f"and {' and '.join(more)}: select with record.show; all are in bodies.parquet and states.parquet"
         )
-    return found
+    return ends_by_engine
 
 
 def _pose(pose: Sequence[float]) -> str:

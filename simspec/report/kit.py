@@ -34,10 +34,10 @@ def length(value: float | None) -> str:
 
 def table(title: str, *columns: str, right: Sequence[int] = ()) -> Table:
     """An empty table in the house's form; ``right`` lists the columns of numbers."""
-    found = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    made = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     for index, column in enumerate(columns):
-        found.add_column(column, justify="right" if index in right else "left", overflow="fold")
-    return found
+        made.add_column(column, justify="right" if index in right else "left", overflow="fold")
+    return made
 
 
 def verdict(passed: bool, good: str = "ok", bad: str = "FAILED") -> Text:

@@ -39,21 +39,21 @@ def plain(value: Any) -> Any:
 
 def text(value: Any) -> str:
     """JSON text with two spaces and a newline at the end."""
-    found = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    encoded = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
     # what JSON leaves raw and a terminal obeys, and halves of characters (names of files that are no text), in JSON's own words
-    return UNSEEN_CHARACTERS.sub(_escaped, found) + "\n"
+    return UNSEEN_CHARACTERS.sub(_escaped, encoded) + "\n"
 
 
-def _escaped(found: re.Match[str]) -> str:
-    character = found.group()
+def _escaped(match: re.Match[str]) -> str:
+    character = match.group()
     return character if character == "\n" else f"\\u{ord(character):04x}"
 
 
 def error_data(error: SimspecError) -> dict[str, Any]:
     """An error with its problems: the first of them, and the number of all, where there are very many."""
-    found: dict[str, Any] = {"kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
+    data: dict[str, Any] = {"kind": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
     if isinstance(error, SpecError):
-        found["problems"] = [
+        data["problems"] = [
             {
                 name: clipped(value, MOST_WORDS) if isinstance(value, str) else value
                 for name, value in plain(problem).items()
@@ -61,10 +61,10 @@ def error_data(error: SimspecError) -> dict[str, Any]:
             for problem in error.problems[:MOST_PROBLEMS]
         ]
         if error.more:
-            found["problem_count"] = len(error.problems)
+            data["problem_count"] = len(error.problems)
     if isinstance(error, EngineError):
-        found["engine"] = error.engine
-    return {"error": found}
+        data["engine"] = error.engine
+    return {"error": data}
 
 
 def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
@@ -106,5 +106,5 @@ def study_data(study: Study) -> dict[str, Any]:
         "certificate_valid": study.certificate.valid if study.certificate is not None else None,
         "runs": {name: run_data(run, study.outcomes.get(name, ())) for name, run in study.runs.items()},
         "floors": {name: floor_data(floor) for name, floor in study.floors.items()},
-        "diffs": [diff_data(one) for one in study.diffs],
+        "diffs": [diff_data(diff) for diff in study.diffs],
     }

@@ -27,7 +27,7 @@ class Screen(Console):
     def print(self, *objects: Any, **keywords: Any) -> None:
         """As rich's; each text is one line."""
         keywords.pop("markup", None)
-        super().print(*(Text(visible(one)) if isinstance(one, str) else one for one in objects), **keywords)
+        super().print(*(Text(visible(item)) if isinstance(item, str) else item for item in objects), **keywords)
 
     def render_str(self, text: str, **keywords: Any) -> Text:
         """As rich's, without markup."""

@@ -35,6 +35,6 @@ def show_diff(diff: Diff) -> None:
 
 
 def _say_untold(diffs: Sequence[Diff]) -> None:
-    for one in diffs:
-        if (why := differences.inconclusive_note(one)) is not None:
+    for diff in diffs:
+        if (why := differences.inconclusive_note(diff)) is not None:
             console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)

@@ -55,10 +55,10 @@ def show_error(error: SimspecError) -> None:
     screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
 
 
-def show_warnings(found: Sequence[Problem]) -> None:
+def show_warnings(warnings: Sequence[Problem]) -> None:
     """Print warnings on standard error, as errors are."""
     screen = console(error=True)
-    for problem in found:
+    for problem in warnings:
         screen.print(_problem(problem, Text("warning: ", style="bold yellow")), soft_wrap=True)
 
 
@@ -77,20 +77,20 @@ def _problem(problem: Problem, kind: Text) -> Text:
 def results(runs: Mapping[str, Run]) -> Table:
     """What came out: one column per run, one row per quantity."""
     shown = list(runs.values())
-    found = table("Results", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
+    quantities = table("Results", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
     values = [summary(run) for run in shown]
     for name, unit in QUANTITIES:
-        cells = [one.get(name) for one in values]
+        cells = [values_of_run.get(name) for values_of_run in values]
         if any(cell is not None for cell in cells):
-            found.add_row(name, *(length(cell) if unit == "m" else number(cell, unit) for cell in cells))
-    found.add_row("real-time factor of the steps", *(number(run.real_time_factor) for run in shown))
-    found.add_row("real-time factor end to end", *(number(run.end_to_end_factor) for run in shown))
+            quantities.add_row(name, *(length(cell) if unit == "m" else number(cell, unit) for cell in cells))
+    quantities.add_row("real-time factor of the steps", *(number(run.real_time_factor) for run in shown))
+    quantities.add_row("real-time factor end to end", *(number(run.end_to_end_factor) for run in shown))
     if any("control" in run.provenance for run in shown):
-        found.add_row("control, µs per step", *(number(_per_step(run, "control")) for run in shown))
+        quantities.add_row("control, µs per step", *(number(_per_step(run, "control")) for run in shown))
     failures = [run.failed for run in shown]
     if any(failures):
-        found.add_row("failed", *(Text(_shorten(why), style="bold red") if why else "" for why in failures))
-    return found
+        quantities.add_row("failed", *(Text(_shorten(why), style="bold red") if why else "" for why in failures))
+    return quantities
 
 
 def _per_step(run: Run, part: str) -> float | None:
@@ -107,11 +107,11 @@ def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
     """The expectations: one row per expectation and engine. None when the spec has none."""
     if not any(outcomes.values()):
         return None
-    found = table("Expectations", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
-    for index in range(max(len(one) for one in outcomes.values())):
+    rows = table("Expectations", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
+    for index in range(max(len(run_outcomes) for run_outcomes in outcomes.values())):
         for engine, row in outcomes.items():
             outcome = row[index]
-            found.add_row(
+            rows.add_row(
                 outcome.kind,
                 engine,
                 verdict(outcome.passed),
@@ -119,7 +119,7 @@ def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
                 number(outcome.bound, outcome.unit),
                 _shorten(outcome.detail, 80),
             )
-    return found
+    return rows
 
 
 # --- does the model agree ---------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ LEVEL_WORDS = {
 
 def certificate_tables(certificate: Certificate) -> list[Table]:
     """Model: largest deviations: one row per level, one column per engine; then what failed."""
-    found = table("Model: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
+    deviations = table("Model: largest deviations", "level", "tolerance", *certificate.engines, right=(1,))
     levels = sorted(
         {check.level for proof in certificate.engines.values() for check in proof.checks}
         | {name for proof in certificate.engines.values() for name in proof.not_compared if " " not in name}
@@ -149,8 +149,8 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
         # of checks with tolerances of their own, the one nearest to its own stands for the level
         tightest = {name: max(checks, key=_strain) for name, checks in blocks.items() if checks}
-        tolerances = sorted({one.tolerance for one in tightest.values() if one.tolerance})
-        found.add_row(
+        tolerances = sorted({level_check.tolerance for level_check in tightest.values() if level_check.tolerance})
+        deviations.add_row(
             f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
             ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if tightest else "–"),
             *(
@@ -159,9 +159,9 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
             ),
         )
     counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
-    found.add_row("comparisons", "", *(f"{count:,}" for count in counts))
-    found.add_row("verdict", "", *(_verdict(proof) for proof in certificate.engines.values()))
-    return [found, *_failures(certificate)]
+    deviations.add_row("comparisons", "", *(f"{count:,}" for count in counts))
+    deviations.add_row("verdict", "", *(_verdict(proof) for proof in certificate.engines.values()))
+    return [deviations, *_failures(certificate)]
 
 
 def _verdict(proof: EngineProof) -> Text:
@@ -195,13 +195,13 @@ def _failures(certificate: Certificate) -> list[Table]:
     failures = certificate.failures()
     if not failures:
         return []
-    found = table("Failed checks", "engine", "check", "deviation", "where", "found", right=(2,))
+    failed = table("Failed checks", "engine", "check", "deviation", "where", "found", right=(2,))
     for engine, check in failures[:SHOWN_FAILURES]:
         worst = f"{check.worst:.1e}" if check.worst is not None else "different kind" if check.count else "not compared"
-        found.add_row(engine, f"{check.level} {check.name}", worst, check.where, _shorten(check.detail))
+        failed.add_row(engine, f"{check.level} {check.name}", worst, check.where, _shorten(check.detail))
     if len(failures) > SHOWN_FAILURES:
-        found.caption = f"and {len(failures) - SHOWN_FAILURES} more checks"
-    return [found]
+        failed.caption = f"and {len(failures) - SHOWN_FAILURES} more checks"
+    return [failed]
 
 
 def certificate_notes(certificate: Certificate) -> list[str]:
@@ -238,8 +238,8 @@ def certificate_notes(certificate: Certificate) -> list[str]:
 
 def show_certificate(certificate: Certificate, screen: Console) -> None:
     """The tables of a certificate and its notes."""
-    for one in certificate_tables(certificate):
-        screen.print(one)
+    for part in certificate_tables(certificate):
+        screen.print(part)
     for note in certificate_notes(certificate):
         screen.print(Text(note, style="dim"), soft_wrap=True)
 
@@ -247,11 +247,11 @@ def show_certificate(certificate: Certificate, screen: Console) -> None:
 def self_test_table(result: SelfTest) -> Table:
     """One row per planted defect, one column per engine: the levels that noticed it, or why it cannot be held."""
     engines = list(dict.fromkeys(outcome.engine for outcome in result.outcomes))
-    found = table("Self-test: planted defects", "defect", *engines)
+    defects = table("Self-test: planted defects", "defect", *engines)
     for defect in dict.fromkeys(outcome.defect for outcome in result.outcomes):
         cells = {outcome.engine: outcome for outcome in result.outcomes if outcome.defect == defect}
-        found.add_row(defect, *(_outcome_cell(cells[engine]) if engine in cells else Text("–") for engine in engines))
-    return found
+        defects.add_row(defect, *(_outcome_cell(cells[engine]) if engine in cells else Text("–") for engine in engines))
+    return defects
 
 
 def _outcome_cell(outcome: DefectOutcome) -> Text:
@@ -264,36 +264,36 @@ def _outcome_cell(outcome: DefectOutcome) -> Text:
 
 def decisions(compiled: Compiled) -> Table:
     """How each needed feature is realised in one engine."""
-    found = table(f"Features in {compiled.engine} ({compiled.format})", "feature", "support", "realisation", "where")
-    for one in compiled.decisions:
-        more = f" (and {len(one.paths) - 1} more)" if len(one.paths) > 1 else ""
-        found.add_row(one.feature.value, WORDS[one.level], one.how, one.paths[0] + more)
-    return found
+    features = table(f"Features in {compiled.engine} ({compiled.format})", "feature", "support", "realisation", "where")
+    for decision in compiled.decisions:
+        more = f" (and {len(decision.paths) - 1} more)" if len(decision.paths) > 1 else ""
+        features.add_row(decision.feature.value, WORDS[decision.level], decision.how, decision.paths[0] + more)
+    return features
 
 
 def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any]) -> list[Table]:
     """The engines with their versions, and what each engine of ``data`` supports."""
     versions = table("Engines", "engine", "version", "format", "dialect", "python", "")
-    for one in instances:
+    for instance in instances:
         versions.add_row(
-            one.label,
-            one.version or Text("none", style="red"),
-            one.format,
-            one.dialect,
-            Text(one.python or "this one"),
-            Text(one.problem or "", style="red"),
+            instance.label,
+            instance.version or Text("none", style="red"),
+            instance.format,
+            instance.dialect,
+            Text(instance.python or "this one"),
+            Text(instance.problem or "", style="red"),
         )
     support = table("Supported features  (details: simspec engines --json)", "feature", *data)
     for feature in Feature:
-        levels = [Level(one["support"][feature.value]["level"]) for one in data.values()]
+        levels = [Level(facts["support"][feature.value]["level"]) for facts in data.values()]
         support.add_row(feature.value, *(Text(WORDS[level], style=STYLES[level]) for level in levels))
     abilities = table("Capabilities", "capability", *data)
     for capability in Capability:
-        marks = ["yes" if one["capabilities"][capability.value] else "no" for one in data.values()]
+        marks = ["yes" if facts["capabilities"][capability.value] else "no" for facts in data.values()]
         abilities.add_row(capability.value, *(Text(mark, style="green" if mark == "yes" else "red") for mark in marks))
     reasons = table("Lacking capabilities", "engine", "capability", "reason")
-    for name, one in data.items():
-        for lacking, reason in one["lacks"].items():
+    for name, facts in data.items():
+        for lacking, reason in facts["lacks"].items():
             reasons.add_row(name, lacking, reason)
     return [versions, support, abilities, *([reasons] if reasons.row_count else [])]
 
@@ -311,11 +311,11 @@ def show_not_taken(selection: Selection, screen: Console) -> None:
     """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
-    found = table("Not run", "engine", "why", "where")
-    for name, one in selection.not_taken.items():
-        found.add_row(name, _shorten(one.reason), str(one.location or ""))
-    screen.print(found)
-    if asked := [name for name, one in selection.not_taken.items() if one.acceptable]:
+    not_run = table("Not run", "engine", "why", "where")
+    for name, refusal in selection.not_taken.items():
+        not_run.add_row(name, _shorten(refusal.reason), str(refusal.location or ""))
+    screen.print(not_run)
+    if asked := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
         screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
 
 
@@ -323,14 +323,14 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     """All tables of one study, in the order of the questions."""
     if study.certificate is not None:
         show_certificate(study.certificate, screen)
-    for one in (
+    for shown in (
         results(study.runs),
         final_table(study.runs, show),
         expectations(study.outcomes),
         repeatability(study.floors),
         differences(study.diffs),
     ):
-        if one is not None:
-            screen.print(one)
-    for note in dict.fromkeys(note for one in study.diffs for note in one.notes):
+        if shown is not None:
+            screen.print(shown)
+    for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
         screen.print(f"note: {note}", soft_wrap=True)
