@@ -101,7 +101,7 @@ def _differing(what: str, values: Mapping[tuple[str, str], str], field: str) -> 
     first, second = next(iter(values))
     told = "; ".join(f"{one}, {other}: {value}" for (one, other), value in values.items())
     return Problem(
-        f"PyBullet has {what}",
+        f"PyBullet supports only {what}",
         f"contact.pairs.{first}.{second}.{field}",
         found=told,
         hint="make them equal, or run without this engine",

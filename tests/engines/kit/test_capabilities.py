@@ -48,7 +48,7 @@ def test_every_capability_has_a_meaning_and_methods_of_the_contract():
 def test_what_an_engine_lacks_raises_the_declared_reason(capability):
     engine = make(ALL)()
     for method in METHODS[capability]:
-        with pytest.raises(EngineError, match=f"falling: has no {capability}: only falls"):
+        with pytest.raises(EngineError, match=f"falling: does not support {capability}: only falls"):
             getattr(engine, method)(1, 2, 3)
 
 
