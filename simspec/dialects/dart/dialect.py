@@ -32,7 +32,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
-from simspec.formats.skel.format import GEOMETRY
+from simspec.formats.skel.from_world import GEOMETRY, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
@@ -47,11 +47,8 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world import frames
-from simspec.world.kinematics import poses, rigid_groups, trees
-from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3, World
-
-RESERVED = {"world": "world."}
-"""A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
+from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"
 """The name of a body's further nodes (see ``dialects/dart/copies.py``), and of the welds that hold them; no name in a spec has
@@ -121,7 +118,7 @@ class DartDialect(Dialect):
         """The skeletons of ``world`` and their sidecar. Raises UnsupportedError for what this world cannot have in DART."""
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
-        at_zero = poses(_at_origin(moved), at_zero=True)
+        at_zero = zero_poses(moved)
         nodes = Nodes(world, target.plan)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
         skeletons = tuple(
@@ -148,16 +145,6 @@ class DartDialect(Dialect):
         from simspec.dialects.dart.raising import raised
 
         return raised(document, sidecar)
-
-
-def file_name(name: str) -> str:
-    """The name of a body in the file."""
-    return RESERVED.get(name, name)
-
-
-def world_name(name: str) -> str:
-    """The inverse of :func:`file_name`."""
-    return {there: here for here, there in RESERVED.items()}.get(name, name)
 
 
 def node_name(node: Node) -> str:
@@ -209,19 +196,6 @@ def rotation_vector(q: Quaternion) -> Vector3:
     return (x * factor, y * factor, z * factor)
 
 
-def _at_origin(world: World) -> World:
-    """The world with every free root at the origin, unturned."""
-    return dataclasses.replace(
-        world,
-        bodies=tuple(
-            dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=(0.0, 0.0, 0.0, *frames.IDENTITY)))
-            if body.joint.kind == "free"
-            else body
-            for body in world.bodies
-        ),
-    )
-
-
 def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> tree.Body:
     """A body's own node with what is seen of it, or a further one, without mass."""
     copies = tuple(
@@ -248,23 +222,13 @@ def _joint(body: Body) -> tree.Joint:
         joint.axis if joint.kind in SCALAR_JOINTS else None,
         joint.position_limits,
         joint.dry_friction,
-        *_coordinates(joint),
+        *coordinates(joint, rotation_vector),
     )
 
 
 def _weld(node: Node) -> tree.Joint:
     """What holds a further node to the body's own."""
     return tree.Joint(node_name(node), "fixed", file_name(node.body), node_name(node))
-
-
-def _coordinates(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """A joint's initial position and velocity in DART's coordinates; of a free joint the rotation comes first."""
-    if joint.kind == "ball":
-        return rotation_vector(joint.position), joint.velocity  # type: ignore[arg-type]
-    if joint.kind == "free":
-        turn = rotation_vector(joint.position[3:7])  # type: ignore[arg-type]
-        return (*turn, *joint.position[:3]), (*joint.velocity[3:], *joint.velocity[:3])
-    return joint.position, joint.velocity
 
 
 def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:

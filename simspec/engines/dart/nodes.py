@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from simspec.dialects.dart.dialect import file_name
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME
 from simspec.errors import EngineError
 from simspec.formats.skel.format import WORLD
+from simspec.formats.skel.from_world import file_name
 
 
 def shape_nodes(node: Any) -> list[Any]:

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.dart.dialect import world_name
 from simspec.dialects.dart.sidecar import ShapeEntry
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import collision_nodes, shape_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames
+from simspec.formats.skel.from_world import world_name
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 

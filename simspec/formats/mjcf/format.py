@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.mjcf.document import Document
+from simspec.formats.mjcf.plain import SUPPORT, model_and_losses
 from simspec.formats.mjcf.reading import read_document
 from simspec.formats.mjcf.tree import Body, Model
-from simspec.support.declarations import NO_CONSTRAINTS_YET, Level, Support, Table, exactly, never, outside
-from simspec.support.features import Feature
+from simspec.support.declarations import Table
+from simspec.world.types import World
 
 MODEL: Final = "model.xml"
 DEEPEST_INDENT: Final = 24
@@ -23,40 +25,7 @@ class Mjcf(Format):
     """The MJCF language, without what any one program makes of it."""
 
     NAME: ClassVar[str] = "mjcf"
-    SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.LIMIT_POSITION,
-            *(
-                Feature.DAMPING,
-                Feature.BALL_DAMPING,
-                Feature.DRY_FRICTION,
-                Feature.ARMATURE,
-                Feature.SPRING,
-                Feature.BALL_SPRING,
-            ),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_CAPSULE),
-            *(Feature.SHAPE_ELLIPSOID, Feature.SHAPE_PLANE),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
-            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
-        Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
-        Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
-        Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
-        Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MJCF has the elliptic cone and the inscribed pyramid only"),
-        Feature.CONTROL: outside("MJCF has actuators, and no control laws"),
-        Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
-        **NO_CONSTRAINTS_YET,
-    }
+    SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: Any) -> dict[str, str]:
         """``model.xml`` of a Model (``tree.py``). Raises ValueError for numbers that are not finite, and for
@@ -66,6 +35,11 @@ class Mjcf(Format):
         flags = tuple((name, "enable" if on else "disable") for name, on in tree.flags)
         template = environment().get_template("mjcf/model.xml.j2")
         return {MODEL: template.render(model=tree, flags=flags, events=_events(tree.bodies))}
+
+    def plain(self, world: World) -> Plain:
+        """``model.xml`` in the language's own words. Raises UnsupportedError for joints that the language refuses."""
+        model, more = model_and_losses(world)
+        return Plain(self.write(model), losses(world, SUPPORT, more))
 
     def read(self, folder: Path) -> Document:
         """The document of ``model.xml`` in ``folder``; files that it includes are not read.

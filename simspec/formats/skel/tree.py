@@ -36,7 +36,7 @@ class Joint:
     """A joint of one of the world's kinds. ``parent`` None is the world.
 
     ``position`` and ``velocity`` are the file's coordinates: of a ball a rotation vector, of a free joint a rotation vector and
-    a position; velocities in the same order.
+    a position; velocities in the same order. Damping and spring are the file's, which are implicit in time.
     """
 
     name: str
@@ -48,6 +48,9 @@ class Joint:
     dry_friction: float = 0.0
     position: tuple[float, ...] = ()
     velocity: tuple[float, ...] = ()
+    damping: float = 0.0
+    spring_stiffness: float = 0.0
+    spring_rest: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +65,10 @@ class Skeleton:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A whole file. ``collision_detector`` is the name of the program's detector that the file asks for."""
+    """A whole file. ``collision_detector`` is the name of the program's detector that the file asks for; None: none."""
 
     name: str
     timestep: float
     gravity: Vector3
-    collision_detector: str
+    collision_detector: str | None
     skeletons: tuple[Skeleton, ...]

@@ -1,0 +1,303 @@
+"""A world as plain MJCF for any tool: one file in the language's own words, with its defaults where the world's law has none.
+
+Contact. A geom has its material's friction; two geoms together have the larger of both numbers, and the mean of both time
+constants. Where the law of two materials is another, every two geoms of them that may touch are an explicit pair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from simspec.contact.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.control.native import natives
+from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.plain import Fate, Loss
+from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.filter import Kind, collision_masks
+from simspec.formats.mjcf.from_world import (
+    CONES,
+    GROUPS,
+    SIZES,
+    depth_first,
+    inertial_of,
+    keyframe,
+    place_of,
+    size_of,
+)
+from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import (
+    NO_CONSTRAINTS_YET,
+    Level,
+    Support,
+    Table,
+    approximate,
+    exactly,
+    never,
+    shape_kinds,
+)
+from simspec.support.features import Feature
+from simspec.world.types import Body, Joint, PairContact, Shape, World
+
+KEYFRAME: Final = "initial"
+MOST_PAIRS: Final = 20_000
+"""Explicit pairs in one file; a world with more has the rule of geoms for all, and a row in the list of losses."""
+NATIVE_REFERENCE: Final = (0.02, 1.0)
+"""The language's default of ``solref``: time constant (s) and damping ratio."""
+VISUAL: Final = "visual"
+MATERIAL: Final = "material/"
+
+COMPILER: Final[Attributes] = (("angle", "radian"), ("autolimits", False), ("inertiafromgeom", False))
+FLAGS: Final = (
+    ("filterparent", False),  # which bodies do not touch is listed
+    ("eulerdamp", False),  # damping is explicit in time
+)
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.SPRING, Feature.BALL_SPRING),
+        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+        *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
+        *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+        *(Feature.GRAVITY, Feature.TIMESTEP),
+    ),
+    **shape_kinds("MJCF", ("plane", *SIZES)),
+    Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
+    Feature.INITIAL_POSITION: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
+    Feature.INITIAL_VELOCITY: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
+    Feature.LIMIT_POSITION: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+    Feature.LIMIT_EFFORT: Support(Level.EXACT, "as actuatorfrcrange, which holds for actuators only"),
+    Feature.LIMIT_VELOCITY: never("MJCF has no velocity ratings"),
+    Feature.DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
+    Feature.RESTITUTION: never("MJCF has no restitution; the default solref is critically damped"),
+    Feature.RESTITUTION_PAIRS: never("MJCF has no restitution; the default solref is critically damped"),
+    Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
+    Feature.HARDNESS_COMMON: approximate("contacts are spring-dampers, with the default solref and solimp"),
+    Feature.HARDNESS_TIME_CONSTANT: approximate(
+        "solref has both numbers; the default solimp keeps 5 % to 10 % of the load off the spring"
+    ),
+    Feature.HARDNESS_STIFFNESS: approximate(
+        "the default solref: MJCF's own stiffness is an acceleration, which depends on the masses of both bodies"
+    ),
+    Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
+    Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
+    Feature.CONTROL: never("MJCF has actuators, and no control laws"),
+    Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
+    **NO_CONSTRAINTS_YET,
+}
+"""What plain MJCF carries of each feature."""
+
+
+def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
+    """The file of a world, and what is lost beyond the table. Raises UnsupportedError for joints that the language refuses."""
+    _check(world)
+    laws = meeting_laws(world)
+    masks, group_excludes = collision_masks(world)
+    unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
+    too_many = _upper_bound(world, unlike_rule) > MOST_PAIRS
+    order = depth_first(world)
+    model = Model(
+        world.name,
+        COMPILER,
+        (
+            ("timestep", world.physics.timestep),
+            ("gravity", world.physics.gravity),
+            ("cone", CONES.get(world.contact.friction_cone, "pyramidal")),
+        ),
+        FLAGS,
+        default=Default(),
+        classes=tuple(_classes(world)),
+        bodies=tuple(_body(body, depth, masks) for body, depth in order),
+        pairs=() if too_many else tuple(_pairs(world, laws, unlike_rule)),
+        excludes=tuple(
+            tree.Exclude(file_name(first), file_name(second))
+            for first, second in sorted({*excluded_pairs(world), *group_excludes})
+        ),
+        actuators=tuple(_actuators(world)),
+        keys=(keyframe(KEYFRAME, [body.joint for body, _ in order]),),
+    )
+    return model, tuple(_more(world, unlike_rule if too_many else []))
+
+
+def _check(world: World) -> None:
+    problems = [
+        Problem(
+            "MJCF has no hinge or slide whose lower and upper position limits are equal",
+            f"bodies.{body.name}.joint.limits.position",
+            found=f"{body.joint.position_limits}",
+            hint="make the joint fixed",
+        )
+        for body in world.bodies
+        if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
+    ]
+    if problems:
+        raise UnsupportedError(problems)
+
+
+def _more(world: World, unlike_rule: list[Pair]) -> Iterator[Loss]:
+    """What is lost of this world only."""
+    no_effort = tuple(
+        f"bodies.{body.name}.joint.limits.effort" for body in world.bodies if body.joint.effort_limit == 0
+    )
+    if no_effort:
+        yield Loss(Feature.LIMIT_EFFORT.value, Fate.LEFT_OUT, "MJCF has no range of zero", no_effort)
+    no_drive = tuple(
+        f"control.{controller.name}.effort_limit"
+        for controller in natives(world)
+        if any(limit == 0 for limit in controller.effort_limits)
+    )
+    if no_drive:
+        yield Loss(
+            Feature.CONTROL_NATIVE.value, Fate.LEFT_OUT, "no actuator where its largest effort is zero", no_drive
+        )
+    if unlike_rule:
+        how = f"the larger number of both materials: these laws need more than {MOST_PAIRS} explicit pairs"
+        paths = tuple(f"contact.pairs.{first}.{second}" for first, second in unlike_rule)
+        yield Loss(Feature.FRICTION_PAIRS.value, Fate.APPROXIMATED, how, paths)
+    renamed = tuple(f"bodies.{body.name}" for body in world.bodies if file_name(body.name) != body.name)
+    if renamed:
+        how = f"called {file_name('world')!r}: the static root has its name"
+        yield Loss("body.name", Fate.APPROXIMATED, how, renamed)
+
+
+# --- contact ------------------------------------------------------------------------------------------------------
+
+
+def _own_laws(world: World) -> Mapping[str, PairContact]:
+    """The law of each material with itself."""
+    return {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
+
+
+def _friction(law: PairContact) -> tuple[float, float, float]:
+    return (law.friction, law.torsional_friction, law.rolling_friction)
+
+
+def _dimensions(law: PairContact) -> int:
+    """``condim``: the directions in which a contact has friction."""
+    if law.rolling_friction:
+        return 6
+    if law.torsional_friction:
+        return 4
+    return 3 if law.friction else 1
+
+
+def _reference(law: PairContact) -> tuple[float, float]:
+    """``solref``."""
+    hardness = law.hardness
+    return (hardness.time_constant, hardness.damping_ratio) if hardness.kind == "time-constant" else NATIVE_REFERENCE
+
+
+def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
+    """Whether two geoms of these materials have this law by the language's rule."""
+    own = _own_laws(world)
+    first, second = (own[name] for name in pair)
+    larger = tuple(max(values) for values in zip(_friction(first), _friction(second), strict=True))
+    return (
+        larger == _friction(law)
+        and _reference(first) == _reference(second) == _reference(law)
+        and max(_dimensions(first), _dimensions(second)) == _dimensions(law)
+    )
+
+
+def _upper_bound(world: World, pairs: list[Pair]) -> float:
+    """How many pairs of shapes there may be at most, without a look at single bodies."""
+    counts: dict[str, int] = {}
+    for body in world.bodies:
+        for shape in solid_shapes(body):
+            counts[shape.material] = counts.get(shape.material, 0) + 1
+    return sum(counts[first] * counts[second] / (1 + (first == second)) for first, second in pairs)
+
+
+def _classes(world: World) -> Iterator[Default]:
+    yield Default(VISUAL, (("geom", (("contype", 0), ("conaffinity", 0))),))
+    own = _own_laws(world)
+    for material in world.contact.materials:
+        law = own[material.name]
+        reference = _reference(law)
+        attributes: Attributes = (("condim", _dimensions(law)), ("friction", _friction(law)))
+        if reference != NATIVE_REFERENCE:
+            attributes = (*attributes, ("solref", reference))
+        yield Default(MATERIAL + material.name, (("geom", attributes),))
+
+
+def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> Iterator[tree.Pair]:
+    for pair in pairs:
+        law = laws[pair]
+        sliding, torsional, rolling = _friction(law)
+        attributes: Attributes = (
+            ("condim", _dimensions(law)),
+            ("friction", (sliding, sliding, torsional, rolling, rolling)),
+            ("solref", _reference(law)),
+        )
+        for first, second in shape_pairs(world, [pair]):
+            yield tree.Pair(first, second, attributes)
+
+
+# --- bodies -------------------------------------------------------------------------------------------------------
+
+
+def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes]) -> tree.Body:
+    place = place_of(body.joint)
+    return tree.Body(
+        file_name(body.name),
+        place.position,
+        place.quaternion,
+        depth,
+        inertial_of(body),
+        () if body.joint.kind == "fixed" else (_joint(body.joint),),
+        tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes),
+    )
+
+
+def _joint(joint: Joint) -> tree.Joint:
+    more: list[tuple[str, Value]] = []
+    if joint.kind in SCALAR_JOINTS:
+        more.append(("axis", joint.axis))
+    if joint.position_limits is not None:
+        more += [("limited", True), ("range", joint.position_limits)]
+    if joint.effort_limit:
+        more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
+    for name, value in (
+        ("stiffness", joint.spring_stiffness),
+        ("springref", joint.spring_rest),
+        ("damping", joint.damping),
+        ("frictionloss", joint.dry_friction),
+        ("armature", joint.armature),
+    ):
+        if value:
+            more.append((name, value))
+    return tree.Joint(joint.name, joint.kind, tuple(more))
+
+
+def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
+    group = GROUPS[shape.collision, shape.visual]
+    shown: Attributes = (("group", group),) if group else ()
+    return tree.Geom(
+        shape.name,
+        shape.kind,
+        size_of(shape),
+        shape.pose.position,
+        shape.pose.quaternion,
+        MATERIAL + shape.material if shape.collision else VISUAL,
+        (*(mask if shape.collision else ()), *shown, ("rgba", shape.colour)),
+    )
+
+
+def _actuators(world: World) -> Iterator[tree.Actuator]:
+    """A position actuator for each natively driven joint; without kp a velocity actuator."""
+    for controller in natives(world):
+        for name, kp, kd, limit in zip(
+            controller.joints, controller.kp, controller.kd, controller.effort_limits, strict=True
+        ):
+            if limit == 0:
+                continue
+            more: list[tuple[str, Value]] = [("kp", kp)] if kp else []
+            more.append(("kv", kd))
+            if limit is not None:
+                more += [("forcelimited", True), ("forcerange", (-limit, limit))]
+            yield tree.Actuator("position" if kp else "velocity", name, name, tuple(more))
