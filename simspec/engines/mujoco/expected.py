@@ -15,6 +15,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import natives
 from simspec.dialects.kit.sidecar import flat
+from simspec.engines.mujoco.expected_touching import Touching
 from simspec.engines.mujoco.fields import NEUTRAL
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -30,18 +31,12 @@ BY_POSITION, BY_VELOCITY = 1, 2
 """MuJoCo's numbers of the integrator and of the choice of Jacobian."""
 SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 """Flags that are always set. Others are never, but for those that settings switch."""
-CLASSES_OF_MASKS = 30
-"""Classes of shapes beside the common one that a mask's bits tell apart."""
 SOFT, CUSHION = 1e-4, 0.01
 """Impedance of springs, and of a frictional contact at first touch."""
 DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 COMPLIANT = ("time-constant", "stiffness")
 GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 """Of (solid, visible)."""
-
-
-Kinds = frozenset[tuple[str, str]]
-"""Kinds of solid shapes: collision group and material."""
 
 
 def expected_inventory(
@@ -65,6 +60,7 @@ class _Expected:
         self.dt = world.physics.timestep
         self.groups = rigid_groups(world)
         self._owner = {shape.name: body for body in world.bodies for shape in body.shapes}
+        self._touching = Touching(world)
         self.solid = {body.name: [shape for shape in body.shapes if shape.collision] for body in world.bodies}
 
     def whole(self) -> dict[str, Any]:
@@ -80,8 +76,8 @@ class _Expected:
         pairs, _ = self._explicit
         for pair, one, two in pairs:
             found |= self._pair(self.laws[pair], one, two)
-        found |= self._masks()
-        found |= {f"exclude.{one},{two}": True for one, two in self._excluded()}
+        found |= self._touching.masks()
+        found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
         found |= {f"body.{body.name}.mass": body.inertial.mass for body in self.world.bodies}
         if self.neutral.get("has.actuator_ctrlspec", False):
@@ -163,7 +159,7 @@ class _Expected:
             "nq": sum(len(joint.position) for joint in moving),
             "ngeom": sum(len(body.shapes) for body in self.world.bodies),
             "npair": len(self._explicit[0]),
-            "nexclude": len(self._excluded()),
+            "nexclude": len(self._touching.excluded()),
             "nu": servos,
             "nactuator": servos,
             "nout": servos,
@@ -298,77 +294,6 @@ class _Expected:
         """Of a single free body; nothing that stiffness is allowed for has another."""
         owner = self._owner[shape]
         return 0.0 if self.groups[owner.name] == "world" else 1.0 / owner.inertial.mass
-
-    # --- who touches ----------------------------------------------------------------------------------------------
-
-    @functools.cached_property
-    def _classes(self) -> dict[Kinds, list[tuple[str, str]]]:
-        """Kinds of solid shapes, (collision group, material), by the kinds that they do not touch."""
-        kinds = sorted({(b.collision_group, s.material) for b in self.world.bodies for s in self.solid[b.name]})
-        passing = {frozenset((pair.first, pair.second)) for pair in self.world.contact.pairs if not pair.collide}
-        ignored = {frozenset(groups) for groups in self.world.contact.ignored_groups}
-        found: dict[Kinds, list[tuple[str, str]]] = {}
-        for kind in kinds:
-            apart = frozenset(
-                other
-                for other in kinds
-                if frozenset((kind[0], other[0])) in ignored or frozenset((kind[1], other[1])) in passing
-            )
-            found.setdefault(apart, []).append(kind)
-        return found
-
-    def _by_bodies(self) -> bool:
-        """Whether masks have too few bits, and bodies are excluded pair by pair."""
-        return sum(bool(apart) for apart in self._classes) > CLASSES_OF_MASKS
-
-    def _masks(self) -> dict[str, Any]:
-        names: dict[Any, list[str]] = {}
-        row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
-        by_bodies = self._by_bodies()
-        for body in self.world.bodies:
-            for shape in body.shapes:
-                kind = (body.collision_group, shape.material)
-                own = None if not shape.collision else frozenset() if by_bodies else row[kind]
-                names.setdefault(own, []).append(shape.name)
-        first = {own: min(some) for own, some in names.items()}
-        found: dict[str, Any] = {}
-        for own, some in names.items():
-            apart = own or frozenset()
-            touches = (
-                ()
-                if own is None
-                else (
-                    name
-                    for other, name in first.items()
-                    if other is not None and not self._keeps_apart(apart, other, row)
-                )
-            )
-            found[f"masks.{first[own]}.members"] = tuple(sorted(some))
-            found[f"masks.{first[own]}.touches"] = tuple(sorted(touches))
-        return found
-
-    @staticmethod
-    def _keeps_apart(apart: Kinds, other: Kinds, row: Mapping[tuple[str, str], Kinds]) -> bool:
-        return any(kind in apart for kind, own in row.items() if own == other)
-
-    def _excluded(self) -> set[tuple[str, str]]:
-        """Pairs of solid bodies: named by the world, of one rigid moving group, or kept apart where masks cannot."""
-        bodies = [body for body in self.world.bodies if self.solid[body.name]]
-        names = {body.name for body in bodies}
-        found = {pair for pair in self.world.contact.excluded_bodies if set(pair) <= names}
-        rigid: dict[str, list[str]] = {}
-        for body in bodies:
-            if self.groups[body.name] != "world":
-                rigid.setdefault(self.groups[body.name], []).append(body.name)
-        for members in rigid.values():
-            found |= {(a, b) for a in members for b in members if a < b}
-        if self._by_bodies():
-            row = {kind: apart for apart, kinds in self._classes.items() for kind in kinds}
-            kinds = {body.name: {(body.collision_group, s.material) for s in self.solid[body.name]} for body in bodies}
-            found |= {
-                (a, b) for a in names for b in names if a < b and all(k in row[j] for j in kinds[a] for k in kinds[b])
-            }
-        return found
 
     # --- the rest -------------------------------------------------------------------------------------------------
 

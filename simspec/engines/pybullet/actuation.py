@@ -8,7 +8,8 @@ import numpy as np
 
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
-from simspec.engines.pybullet.simulation import UNCLAMPED, Simulation
+from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.trees import UNCLAMPED
 from simspec.support.declarations import Refinement, not_here
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from simspec.dialects.kit.joints import Armature, Spring
-from simspec.engines.pybullet.simulation import Simulation, Tree
+from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.trees import Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.world import frames
 

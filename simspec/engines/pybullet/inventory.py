@@ -14,7 +14,8 @@ from typing import Any
 from simspec.engines.kit.expected_filter import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.pybullet.bullet_file import Block, plain, read_blocks
-from simspec.engines.pybullet.simulation import Simulation, Tree
+from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.trees import Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from simspec.engines.pybullet.efforts import Efforts
-from simspec.engines.pybullet.simulation import UNCLAMPED, Simulation
+from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.trees import UNCLAMPED
 from simspec.world import frames
 
 PROBE_STEP = 1.0

@@ -11,7 +11,8 @@ import numpy as np
 from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.efforts import Efforts
-from simspec.engines.pybullet.simulation import JOINT_KINDS, Link, Simulation, Tree
+from simspec.engines.pybullet.simulation import Simulation
+from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
 from simspec.engines.pybullet.turns import from_xyzw
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor

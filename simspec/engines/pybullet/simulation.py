@@ -4,56 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.sidecar import CollisionFilter, Instance, PybulletSidecar
+from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.captured import captured
 from simspec.engines.kit.vectors import cross
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
 from simspec.engines.pybullet.sleeping import Sleepers
+from simspec.engines.pybullet.trees import Loader, rub
 from simspec.engines.pybullet.turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
 from simspec.errors import EngineError
-from simspec.language.vocabulary import TREE_JOINTS
 from simspec.world import frames
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
-JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
-"""PyBullet's JOINT_ numbers."""
-UNCLAMPED = 1e30
-"""For PyBullet's velocity clamp (100 by default) and for limits that must never act."""
 GREETING = "build time"
 """PyBullet prints when it was built; that is no news."""
-
-
-@dataclass(frozen=True, slots=True)
-class Link:
-    """One body of the world in PyBullet: ``index`` in the world, ``link`` in its tree (−1 the base), joint ``kind``,
-    the slices of its coordinates in q and v, and ``turn``, its principal axes in its frame."""
-
-    index: int
-    link: int
-    kind: str
-    q: slice
-    v: slice
-    turn: Quaternion
-
-
-@dataclass(frozen=True, slots=True)
-class Tree:
-    """One PyBullet body: its unique id and its links in the order of the file."""
-
-    uid: int
-    root: str
-    links: tuple[Link, ...]
-    movers: tuple[Link, ...]
-    """The links on hinges, slides and balls."""
-    copies: tuple[tuple[int, int], ...] = ()
-    """Links that only carry shapes: (link, index of the body in the world), in the sidecar's order."""
 
 
 def import_pybullet() -> Any:
@@ -106,8 +75,8 @@ class Simulation:
         self.offsets = np.array([body.frame_offset for body in sidecar.bodies], dtype=float).reshape(-1, 3)
         self._lay_out()
         self._set_parameters(sidecar)
-        self._file_links: dict[str, list[str]] = {}
-        self.trees = tuple(self._load_tree(folder, instance) for instance in sidecar.instances)
+        loader = Loader(self.bullet, self.client, self.settings, self.names, self.kinds, self._q, self._v)
+        self.trees = tuple(loader.load(folder, instance) for instance in sidecar.instances)
         self.carriers = carriers(self.trees, sidecar.instances)
         self.body_index = {link: body for link, (body, _) in self.carriers.items()}
         self._layered = any(tree.copies for tree in self.trees)
@@ -159,114 +128,12 @@ class Simulation:
         self.bullet.setGravity(*sidecar.gravity, physicsClientId=self.client)
         self.bullet.setTimeStep(sidecar.timestep, physicsClientId=self.client)
 
-    def _load_tree(self, folder: Path, instance: Instance) -> Tree:
-        p, path = self.bullet, folder / instance.file
-        if not path.is_file():
-            raise EngineError("pybullet", f"the file {instance.file!r} is missing")
-        base = instance.base
-        flags = (
-            p.URDF_USE_INERTIA_FROM_FILE
-            | p.URDF_USE_IMPLICIT_CYLINDER
-            | p.URDF_MAINTAIN_LINK_ORDER
-            | p.URDF_USE_SELF_COLLISION
-            | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT
-        )
-        try:
-            uid = p.loadURDF(
-                str(path),
-                basePosition=base.position,
-                baseOrientation=to_xyzw(base.quaternion),
-                useFixedBase=int(instance.root != "free"),
-                flags=flags,
-                physicsClientId=self.client,
-            )
-        except p.error as error:
-            raise EngineError("pybullet", f"refused {instance.file!r}: {error}") from error
-        extra = int(instance.root == "world link")
-        self._check_links(uid, extra, instance)
-        links = []
-        for position, name in enumerate(instance.bodies):
-            index, link = self.place[name], position - 1 + extra
-            turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
-            self._check_kind(uid, link, name, instance.root)
-            links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
-        movers = tuple(link for link in links if link.kind in TREE_JOINTS)
-        first = len(instance.bodies) - 1 + extra
-        copies = tuple((first + k, self.place[copy.body]) for k, copy in enumerate(instance.copies))
-        tree = Tree(uid, instance.root, tuple(links), movers, copies)
-        self._quieten(tree)
-        return tree
-
-    def _check_links(self, uid: int, extra: int, instance: Instance) -> None:
-        """The links must be those of the sidecar, in its order; ``extra`` world links come before them."""
-        p, client = self.bullet, self.client
-        held = [p.getBodyInfo(uid, physicsClientId=client)[0].decode()]
-        held += [
-            p.getJointInfo(uid, joint, physicsClientId=client)[12].decode()
-            for joint in range(p.getNumJoints(uid, physicsClientId=client))
-        ]
-        own = [*instance.bodies, *(copy.link for copy in instance.copies)]
-        wanted = self._file_links.setdefault(instance.file, own)
-        if held[extra:] != wanted or len(wanted) != len(own):
-            raise EngineError(
-                "pybullet", f"{instance.file!r} holds the links {held[extra:]}, the sidecar names {wanted}"
-            )
-
-    def _check_kind(self, uid: int, link: int, name: str, root: str) -> None:
-        """The joint above a link must be of the kind that the sidecar says."""
-        if link < 0:
-            held = "free" if root == "free" else "fixed"
-        else:
-            number = self.bullet.getJointInfo(uid, link, physicsClientId=self.client)[2]
-            held = JOINT_KINDS.get(number, f"its type {number}")
-        if held != self.kinds[self.place[name]]:
-            told = self.kinds[self.place[name]]
-            raise EngineError("pybullet", f"holds the joint of {name!r} as {held}, the sidecar says {told}")
-
-    def _quieten(self, tree: Tree) -> None:
-        """Switch off what PyBullet adds: damping, motors, velocity clamps, margins. Set dry friction."""
-        p, client = self.bullet, self.client
-        anchor = {"frictionAnchor": 1} if self.settings["friction_erp"] else {}
-        for number in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
-            p.changeDynamics(
-                tree.uid,
-                number,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                maxJointVelocity=UNCLAMPED,
-                contactProcessingThreshold=self.settings["contact_processing_threshold"],
-                collisionMargin=self.settings["collision_margin"],
-                **anchor,
-                physicsClientId=client,
-            )
-        for link in tree.movers:
-            if link.kind == "ball":
-                p.setJointMotorControlMultiDof(
-                    tree.uid,
-                    link.link,
-                    p.POSITION_CONTROL,
-                    targetPosition=[0.0, 0.0, 0.0, 1.0],
-                    positionGain=0.0,
-                    velocityGain=0.0,
-                    force=[0.0, 0.0, 0.0],
-                    physicsClientId=client,
-                )
-            else:
-                self._rub(tree, link, p.getJointInfo(tree.uid, link.link, physicsClientId=client)[7])
-
-    def _rub(self, tree: Tree, link: Link, friction: float) -> None:
-        """Give a hinge or slide dry friction: a velocity motor with target 0 and ``friction`` as its largest force."""
-        p = self.bullet
-        p.setJointMotorControl2(
-            tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=self.client
-        )
-
     def disable_dry_friction(self, places: Container[int]) -> None:
         """Take away the dry friction of the hinges and slides at these places of v."""
         for tree in self.trees:
             for link in tree.movers:
                 if link.kind != "ball" and link.v.start in places:
-                    self._rub(tree, link, 0.0)
+                    rub(self.bullet, self.client, tree, link, 0.0)
 
     def _collect(self) -> None:
         """The engine's masses and inertial frames of all bodies, as arrays."""
