@@ -13,10 +13,9 @@ from simspec.dialects.mujoco.choices import (
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.filter import Kind
-from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, inertial_of, place_of, size_of
+from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, inertial_of, joint_attributes, place_of, size_of
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Value
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Shape, World
 
@@ -38,19 +37,7 @@ def lower_body(body: Body, depth: int, masks: Mapping[Kind, Attributes], restles
 
 
 def _joint(joint: Joint) -> tree.Joint:
-    more: list[tuple[str, Value]] = []
-    if joint.kind in SCALAR_JOINTS:
-        more.append(("axis", joint.axis))
-    if joint.position_limits is not None:
-        more += [("limited", True), ("range", joint.position_limits)]
-    numbers = {
-        "damping": joint.damping,
-        "frictionloss": joint.dry_friction,
-        "armature": joint.armature,
-        "stiffness": joint.spring_stiffness,
-        "springref": joint.spring_rest,
-    }
-    more.extend((name, value) for name, value in numbers.items() if value)
+    more = joint_attributes(joint)
     ratings = (joint.velocity_limit, joint.effort_limit)
     if ratings != (None, None):
         more.append(("user", tuple(NO_RATING if rating is None else rating for rating in ratings)))

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from simspec.formats.kit.passes import principal_axes
-from simspec.formats.mjcf.tree import Inertial, Key
+from simspec.formats.mjcf.tree import Inertial, Key, Value
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Joint, Pose, Shape, World
 
@@ -67,6 +68,24 @@ def size_of(shape: Shape) -> tuple[float, ...]:
     if shape.kind == "plane":
         return PLANE_SIZE
     return tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
+
+
+def joint_attributes(joint: Joint) -> list[tuple[str, Value]]:
+    """Axis, limits, and the joint's numbers that are not zero."""
+    more: list[tuple[str, Value]] = []
+    if joint.kind in SCALAR_JOINTS:
+        more.append(("axis", joint.axis))
+    if joint.position_limits is not None:
+        more += [("limited", True), ("range", joint.position_limits)]
+    numbers = {
+        "damping": joint.damping,
+        "frictionloss": joint.dry_friction,
+        "armature": joint.armature,
+        "stiffness": joint.spring_stiffness,
+        "springref": joint.spring_rest,
+    }
+    more.extend((name, value) for name, value in numbers.items() if value)
+    return more
 
 
 def keyframe(name: str, joints: Sequence[Joint]) -> Key:

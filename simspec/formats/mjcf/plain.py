@@ -21,13 +21,13 @@ from simspec.formats.mjcf.from_world import (
     SIZES,
     depth_first,
     inertial_of,
+    joint_attributes,
     keyframe,
     place_of,
     size_of,
 )
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
     Level,
@@ -255,22 +255,9 @@ def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes]) -> tree.Body
 
 
 def _joint(joint: Joint) -> tree.Joint:
-    more: list[tuple[str, Value]] = []
-    if joint.kind in SCALAR_JOINTS:
-        more.append(("axis", joint.axis))
-    if joint.position_limits is not None:
-        more += [("limited", True), ("range", joint.position_limits)]
+    more = joint_attributes(joint)
     if joint.effort_limit:
         more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
-    for name, value in (
-        ("stiffness", joint.spring_stiffness),
-        ("springref", joint.spring_rest),
-        ("damping", joint.damping),
-        ("frictionloss", joint.dry_friction),
-        ("armature", joint.armature),
-    ):
-        if value:
-            more.append((name, value))
     return tree.Joint(joint.name, joint.kind, tuple(more))
 
 
