@@ -53,13 +53,13 @@ class Common:
     def noise(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The larger of the floors, in position (m) and angle (rad), of each body at a row of its own (bodies,), or, of rows
         (n, 1), of all bodies at each (n, bodies). Zero without floors."""
-        found = [np.zeros(np.broadcast_shapes(np.shape(rows), (self.bodies,))) for _ in range(2)]
+        largest = [np.zeros(np.broadcast_shapes(np.shape(rows), (self.bodies,))) for _ in range(2)]
         for floor, near, columns in self._floors:
             # the last value before each time
             at = np.clip(np.searchsorted(floor.time, self.time(rows) + near) - 1, 0, None)
             for k, values in enumerate((floor.position, floor.angle)):
-                found[k] = np.maximum(found[k], values[at, columns])
-        return found[0], found[1]
+                largest[k] = np.maximum(largest[k], values[at, columns])
+        return largest[0], largest[1]
 
     def size(self) -> float:
         """How large the scene is (m): the diagonal of the box about all the places of the bodies in a run, and the size of

@@ -20,7 +20,7 @@ CONTACT_BYTES = 200
 
 def first_touches(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
     """For every body the first time (s) at which any run recorded a contact of it, or of a body of its tree."""
-    found: dict[str, float] = {}
+    touched: dict[str, float] = {}
     for run in runs:
         if "contact.row" not in run.arrays:
             continue
@@ -31,22 +31,22 @@ def first_touches(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]
                 models[body.model] = min(models.get(body.model, np.inf), float(run.time[row]))
         for body in run.world.bodies:
             if body.model in models:
-                found[body.name] = min(found.get(body.name, np.inf), models[body.model])
-    return {name: found[name] for name in names if name in found}
+                touched[body.name] = min(touched.get(body.name, np.inf), models[body.model])
+    return {name: touched[name] for name in names if name in touched}
 
 
 def _first_rows(run: Run) -> np.ndarray:
     """The first row with a contact of each body (bodies,); −1 where there is none."""
     row, body = run.arrays["contact.row"], run.arrays["contact.body"]
-    found = np.full(len(run.world.bodies), -1, dtype=np.int64)
+    first = np.full(len(run.world.bodies), -1, dtype=np.int64)
     for part in parts(len(row), CONTACT_BYTES, row, body):
         touching = body[part].astype(np.int64).ravel()
-        new = np.flatnonzero(found[touching] < 0)
+        new = np.flatnonzero(first[touching] < 0)
         bodies, place = np.unique(touching[new], return_index=True)
-        found[bodies] = row[part][new[place] // 2]
-        if (found >= 0).all():
+        first[bodies] = row[part][new[place] // 2]
+        if (first >= 0).all():
             break
-    return found
+    return first
 
 
 def first_difference(common: Common, a: Run, b: Run) -> float | None:

@@ -108,20 +108,20 @@ def measure_floor(run: Run, repeats: Sequence[Run]) -> Floor | None:
 def _departures(poses: np.ndarray, repeats: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """The largest deviations so far of some repeats, in position and angle (rows, bodies); infinite where one has ended."""
     rows, bodies = poses.shape[:2]
-    found = zeros((rows, bodies)), zeros((rows, bodies))
+    largest_so_far = zeros((rows, bodies)), zeros((rows, bodies))
     largest = [np.zeros(bodies), np.zeros(bodies)]
-    for part in parts(rows, DEVIATION_BYTES * bodies, poses, *repeats, *found):
+    for part in parts(rows, DEVIATION_BYTES * bodies, poses, *repeats, *largest_so_far):
         for other in repeats:
             both = slice(part.start, max(part.start, min(part.stop, len(other))))
-            for whole, values in zip(found, deviations(poses[both], other[both]), strict=True):
-                whole[both] = np.fmax(whole[both], values)
-                whole[both.stop : part.stop] = np.inf
+            for array, values in zip(largest_so_far, deviations(poses[both], other[both]), strict=True):
+                array[both] = np.fmax(array[both], values)
+                array[both.stop : part.stop] = np.inf
         # the largest so far: two trajectories that part and cross again have not become comparable again
-        for k, whole in enumerate(found):
+        for k, array in enumerate(largest_so_far):
             if part.stop > part.start:
-                whole[part] = np.maximum.accumulate(np.maximum(whole[part], largest[k]))
-                largest[k] = np.array(whole[part.stop - 1])
-    return found
+                array[part] = np.maximum.accumulate(np.maximum(array[part], largest[k]))
+                largest[k] = np.array(array[part.stop - 1])
+    return largest_so_far
 
 
 FLOOR_FILE = "floor.parquet"
@@ -151,8 +151,8 @@ def save_floor(floor: Floor, folder: Path) -> Path:
     def write(file: BinaryIO) -> None:
         with parquet.ParquetWriter(file, schema) as writer:
             for part in parts(rows, _row_bytes(bodies), *columns.values()):
-                some = [lists(values[part]) if name != "time" else values[part] for name, values in columns.items()]
-                writer.write_table(pa.Table.from_arrays([pa.array(one) for one in some], schema=schema))
+                block = [lists(values[part]) if name != "time" else values[part] for name, values in columns.items()]
+                writer.write_table(pa.Table.from_arrays([pa.array(column) for column in block], schema=schema))
 
     return add_file(folder, RUN, FLOOR_FILE, write)
 
@@ -220,8 +220,8 @@ def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
     time, position, angle = zeros((rows,)), zeros((rows, width)), zeros((rows, width))
     for part, table in tables.read_blocks(source, _schema(width), rows):
         time[part] = table["time"].to_numpy()
-        for name, whole in (("position", position), ("angle", angle)):
-            whole[part] = tables.lists(table, name).reshape(len(table), width)
-        for whole in (time, position, angle):
-            release(whole)
+        for name, array in (("position", position), ("angle", angle)):
+            array[part] = tables.lists(table, name).reshape(len(table), width)
+        for array in (time, position, angle):
+            release(array)
     return Floor(facts.engine, time, position, angle, facts.bitwise, facts.perturbation), facts

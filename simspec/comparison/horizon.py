@@ -46,9 +46,9 @@ def first_row(holds: Callable[[np.ndarray], np.ndarray], rows: int, bodies: int)
     low, high = np.zeros(bodies, dtype=np.int64), np.full(bodies, rows)
     while (searching := low < high).any():
         middle = (low + high) // 2
-        found = holds(np.minimum(middle, rows - 1))
-        high = np.where(searching & found, middle, high)
-        low = np.where(searching & ~found, middle + 1, low)
+        holding = holds(np.minimum(middle, rows - 1))
+        high = np.where(searching & holding, middle, high)
+        low = np.where(searching & ~holding, middle + 1, low)
     return low
 
 
@@ -72,9 +72,9 @@ def horizon(of: Noise, factor: float, tolerance: float, angle_tolerance: float) 
         """Noise over the tolerance, of each body at a row of its own."""
         position, angle = noise(at)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.fmax(position / tolerance, angle / angle_tolerance)
+            share = np.fmax(position / tolerance, angle / angle_tolerance)
         # a tolerance of 0 is below any noise, and no noise is within it
-        result: np.ndarray = np.nan_to_num(found, posinf=np.finfo(float).max)
+        result: np.ndarray = np.nan_to_num(share, posinf=np.finfo(float).max)
         return result
 
     def first_above(limit: np.ndarray | float) -> np.ndarray:

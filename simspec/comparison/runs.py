@@ -100,8 +100,8 @@ class Diff:
     @property
     def verdict(self) -> str:
         """``out`` when a body is; else ``inconclusive`` when a body is; else ``within``, up to the horizon."""
-        found = {body.verdict for body in self.bodies}
-        return OUT if OUT in found else INCONCLUSIVE if INCONCLUSIVE in found else WITHIN
+        verdicts = {body.verdict for body in self.bodies}
+        return OUT if OUT in verdicts else INCONCLUSIVE if INCONCLUSIVE in verdicts else WITHIN
 
     @property
     def within(self) -> bool:
@@ -111,8 +111,8 @@ class Diff:
     @property
     def untold(self) -> BodyDiff | None:
         """The inconclusive body with the largest noise; None when there is none."""
-        found = [body for body in self.bodies if body.verdict == INCONCLUSIVE]
-        return max(found, key=lambda body: body.floor or 0.0) if found else None
+        inconclusive = [body for body in self.bodies if body.verdict == INCONCLUSIVE]
+        return max(inconclusive, key=lambda body: body.floor or 0.0) if inconclusive else None
 
     @property
     def worst(self) -> BodyDiff | None:
@@ -223,8 +223,8 @@ class Departures:
         out |= ~(np.isfinite(position) & np.isfinite(angle))
         # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
         hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
-        for first, found in ((self.out, out), (self.hidden, hidden)):
-            np.minimum(first, np.where(found.any(axis=0), part.start + found.argmax(axis=0), first), out=first)
+        for first, beyond in ((self.out, out), (self.hidden, hidden)):
+            np.minimum(first, np.where(beyond.any(axis=0), part.start + beyond.argmax(axis=0), first), out=first)
         order = np.where(np.isfinite(position), position, np.inf)
         place, every = order.argmax(axis=0), np.arange(len(self.largest))
         # of a number that is none no other is larger
@@ -264,20 +264,20 @@ def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:
     return notes
 
 
-def _body_diff(found: Departures, body: int, name: str, touched: float | None, recorded: bool) -> BodyDiff:
-    first, cause = found.first_out(body), ""
+def _body_diff(departures: Departures, body: int, name: str, touched: float | None, recorded: bool) -> BodyDiff:
+    first, cause = departures.first_out(body), ""
     if first is not None:
         # rows before the first one out: a contact recorded there can be what parted the two
         cause = "contact" if touched is not None and touched <= first else "free motion"
         cause = cause if recorded else "contacts not recorded"
-    position_rms, angle_rms = np.sqrt(found.squares[:, body] / found.rows).tolist()
+    position_rms, angle_rms = np.sqrt(departures.squares[:, body] / departures.rows).tolist()
     return BodyDiff(
         name,
-        float(found.largest[body]),
+        float(departures.largest[body]),
         position_rms,
-        float(found.angle[body]),
+        float(departures.angle[body]),
         angle_rms,
-        found.time(found.at[body]),
+        departures.time(departures.at[body]),
         first,
         None,
         cause,
@@ -311,7 +311,7 @@ def _values(run: Run, last: int) -> dict[str, float]:
     ends = {name: run.arrays[name][[0, last]] for name in ("q", "v", "pose", "velocity")}
     kinetic, potential = metrics.energy(run.world, ends)
     linear, angular = metrics.momentum(run.world, ends)
-    found = {
+    quantities = {
         "energy at the start": kinetic[0] + potential[0],
         "energy at the end": kinetic[1] + potential[1],
         "linear momentum at the end": np.linalg.norm(linear[1]),
@@ -320,9 +320,9 @@ def _values(run: Run, last: int) -> dict[str, float]:
         "spread at the end": metrics.spread(run.world, ends)[1],
     }
     if "contact.row" in run.arrays:
-        found["deepest penetration"] = metrics.deepest_penetration(run.world, run.arrays).depth
-        found["contacts, mean"], found["contact force, mean"] = metrics.contact_means(run.arrays, last + 1)
-    return {name: float(value) for name, value in found.items()} | _control(run)
+        quantities["deepest penetration"] = metrics.deepest_penetration(run.world, run.arrays).depth
+        quantities["contacts, mean"], quantities["contact force, mean"] = metrics.contact_means(run.arrays, last + 1)
+    return {name: float(value) for name, value in quantities.items()} | _control(run)
 
 
 def _control(run: Run) -> dict[str, float]:
@@ -332,7 +332,7 @@ def _control(run: Run) -> dict[str, float]:
         return {}
     kinds = {body.joint.name: body.joint.kind for body in run.world.bodies}
     clipped = [count for count in about["clipped"] if count is not None]  # of its own controllers only the engine knows
-    found = {"efforts clipped, most steps of a joint": float(max(clipped))} if clipped else {}
+    quantities = {"efforts clipped, most steps of a joint": float(max(clipped))} if clipped else {}
     for kind in SCALAR_JOINTS:
         errors = [
             math.inf if error is None else error
@@ -340,8 +340,8 @@ def _control(run: Run) -> dict[str, float]:
             if kinds[name] == kind
         ]
         if errors:
-            found[f"largest error of a driven {kind}"] = max(errors)
-    return found
+            quantities[f"largest error of a driven {kind}"] = max(errors)
+    return quantities
 
 
 def summary(run: Run) -> dict[str, float]:

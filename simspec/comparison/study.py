@@ -79,17 +79,17 @@ class Arrivals:
 
 def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
     """The engines that are not installed here, or not in that version, each with the way to have it."""
-    found = {}
+    reasons = {}
     for name in engines:
         engine = find_engine(name)
         if name in (pythons or {}):
             continue
         here = engine.version()
         if here is None:
-            found[name] = f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+            reasons[name] = f"not installed: pip install 'simspec[{engine.EXTRA}]'"
         elif (why := other_version(name, here)) is not None:
-            found[name] = why
-    return found
+            reasons[name] = why
+    return reasons
 
 
 def study(
@@ -146,12 +146,12 @@ def study(
     for floor in floors.values():
         arrivals.floor(floor)
     progress("comparing")
-    whole = [one for one in runs.values() if one.recorded]
+    recorded = [run for run in runs.values() if run.recorded]
     diffs = tuple(
-        diff(a, b, tolerance=tolerance, floor=[floors[one.engine] for one in (a, b) if one.engine in floors])
-        for a, b in itertools.combinations(whole, 2)
+        diff(a, b, tolerance=tolerance, floor=[floors[run.engine] for run in (a, b) if run.engine in floors])
+        for a, b in itertools.combinations(recorded, 2)
     )
-    outcomes = {name: tuple(evaluate(one)) for name, one in runs.items()}
+    outcomes = {name: tuple(evaluate(run)) for name, run in runs.items()}
     return Study(world, certificate, runs, again, floors, outcomes, diffs)
 
 

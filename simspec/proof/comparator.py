@@ -53,14 +53,14 @@ round-off must not fail, what is small must not hide."""
 
 
 def compare(
-    world: World, held: ReadBack, rules: Rules, layers: bool, text: bool = False, accepted_cone: str | None = None
+    world: World, read_back: ReadBack, rules: Rules, layers: bool, text: bool = False, accepted_cone: str | None = None
 ) -> list[Check]:
-    """Hold ``held`` against ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/kit/contract.py``).
+    """Compare ``read_back`` with ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/kit/contract.py``).
 
     ``text`` = an independent reading of the files: everything is level L0. ``accepted_cone``: a friction cone that the spec
     accepts in place of the world's.
     """
-    return _Comparison(world, held, rules, layers, text, accepted_cone).run()
+    return _Comparison(world, read_back, rules, layers, text, accepted_cone).run()
 
 
 def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
@@ -74,44 +74,44 @@ def turn_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.sqrt(x * x + y * y + z * z)
 
 
-def relative(expected: float, found: float) -> float:
+def relative(expected: float, actual: float) -> float:
     """|found − expected| relative to the larger of both; 0 when both are 0."""
-    largest = max(abs(expected), abs(found))
+    largest = max(abs(expected), abs(actual))
     # beside a zero, max() passes a NaN over: the difference has it
-    return abs(found - expected) / (largest or 1.0)
+    return abs(actual - expected) / (largest or 1.0)
 
 
-def inventory_checks(expected: Mapping[str, HeldValue], found: Mapping[str, HeldValue]) -> list[Check]:
+def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, HeldValue]) -> list[Check]:
     """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
 
     A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to themselves,
     small ones to ``SMALL_SHARE`` of the largest of their list.
     """
     tally = Tally()
-    for name in sorted(expected.keys() | found.keys()):
-        if name not in found:
+    for name in sorted(expected.keys() | actual.keys()):
+        if name not in actual:
             tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, f"{name} is missing")
         elif name not in expected:
-            detail = f"{name} is {found[name]!r}, should be absent"
+            detail = f"{name} is {actual[name]!r}, should be absent"
             tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, detail)
         else:
-            deviation = held_apart(expected[name], found[name])
-            detail = "" if deviation == 0.0 else f"{name} is {found[name]!r}, should be {expected[name]!r}"
+            deviation = held_apart(expected[name], actual[name])
+            detail = "" if deviation == 0.0 else f"{name} is {actual[name]!r}, should be {expected[name]!r}"
             tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, deviation, name, detail)
     return tally.checks()
 
 
-def held_apart(expected: object, found: object) -> float | None:
+def held_apart(expected: object, actual: object) -> float | None:
     """How far two held values are apart: relative for numbers, else 0 when they are the same and None when they are not."""
-    if isinstance(expected, (list, tuple)) != isinstance(found, (list, tuple)):
+    if isinstance(expected, (list, tuple)) != isinstance(actual, (list, tuple)):
         return None
-    one: Sequence[object] = expected if isinstance(expected, (list, tuple)) else (expected,)
-    two: Sequence[object] = found if isinstance(found, (list, tuple)) else (found,)
-    if len(one) != len(two):
+    values: Sequence[object] = expected if isinstance(expected, (list, tuple)) else (expected,)
+    actual_values: Sequence[object] = actual if isinstance(actual, (list, tuple)) else (actual,)
+    if len(values) != len(actual_values):
         return None
-    scale = max((abs(x) for x in (*one, *two) if _is_number(x)), default=0.0)
+    scale = max((abs(x) for x in (*values, *actual_values) if _is_number(x)), default=0.0)
     apart = 0.0
-    for a, b in zip(one, two, strict=True):
+    for a, b in zip(values, actual_values, strict=True):
         if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
             own = max(abs(a), abs(b), SMALL_SHARE * scale if math.isfinite(scale) else 0.0)
             apart = max(apart, abs(a - b) / own if own else 0.0)
@@ -125,8 +125,10 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 class _Comparison:
-    def __init__(self, world: World, held: ReadBack, rules: Rules, layers: bool, text: bool, accepted_cone: str | None):
-        self.world, self.held, self.rules, self.accepted_cone = world, held, rules, accepted_cone
+    def __init__(
+        self, world: World, read_back: ReadBack, rules: Rules, layers: bool, text: bool, accepted_cone: str | None
+    ):
+        self.world, self.read_back, self.rules, self.accepted_cone = world, read_back, rules, accepted_cone
         self.plan = contact_plan(world, rules, layers)
         self.tally = Tally()
         self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
@@ -135,46 +137,47 @@ class _Comparison:
         """Of each material in each layer the different numbers that shapes hold, each with one place."""
 
     def readable(self, field: str) -> bool:
-        return field not in self.held.unreadable
+        return field not in self.read_back.unreadable
 
     def note(self, part: str, name: str, deviation: float | None, where: str, detail: str = "") -> None:
         self.tally.add(self.levels[part], name, self.tolerance, deviation, where, detail)
 
-    def number(self, part: str, name: str, expected: float | None, found: float | None, where: str) -> None:
-        if (expected is None) != (found is None):
-            self.note(part, name, None, where, f"{found}, should be {expected}")
-        elif expected is not None and found is not None:
-            self.note(part, name, relative(expected, found), where, f"{found!r}, should be {expected!r}")
+    def number(self, part: str, name: str, expected: float | None, actual: float | None, where: str) -> None:
+        if (expected is None) != (actual is None):
+            self.note(part, name, None, where, f"{actual}, should be {expected}")
+        elif expected is not None and actual is not None:
+            self.note(part, name, relative(expected, actual), where, f"{actual!r}, should be {expected!r}")
         else:
             self.note(part, name, 0.0, where)
 
     def vector(
-        self, part: str, name: str, expected: Sequence[float], found: Sequence[float], where: str, scale: float = 1.0
+        self, part: str, name: str, expected: Sequence[float], actual: Sequence[float], where: str, scale: float = 1.0
     ) -> None:
-        if len(expected) != len(found):
-            self.note(part, name, None, where, f"{len(found)} numbers, should be {len(expected)}")
+        if len(expected) != len(actual):
+            self.note(part, name, None, where, f"{len(actual)} numbers, should be {len(expected)}")
         else:
             self.note(
-                part, name, distance(expected, found, scale), where, f"{tuple(found)}, should be {tuple(expected)}"
+                part, name, distance(expected, actual, scale), where, f"{tuple(actual)}, should be {tuple(expected)}"
             )
 
     def run(self) -> list[Check]:
         expected = {body.name: body for body in self.world.bodies}
-        found = {body.name: body for body in self.held.bodies}
-        names = sorted(body.name for body in self.held.bodies)  # not of ``found``, which a body told twice fills once
+        actual = {body.name: body for body in self.read_back.bodies}
+        # not of ``actual``, in which a repeated body stands once
+        names = sorted(body.name for body in self.read_back.bodies)
         self.tally.equal(self.levels["mass"], "bodies", sorted(expected), names, "bodies")
         groups = rigid_groups(self.world)
         for name, body in expected.items():
-            if name in found:
-                self.mass(body, found[name], moves=groups[name] != "world")
-                self.joint(body.joint, found[name].joint, f"bodies.{name}.joint")
-                self.shapes(body, found[name])
+            if name in actual:
+                self.mass(body, actual[name], moves=groups[name] != "world")
+                self.joint(body.joint, actual[name].joint, f"bodies.{name}.joint")
+                self.shapes(body, actual[name])
                 if self.readable("collision_group"):
                     self.tally.equal(
                         self.levels["geometry"],
                         "collision group",
                         body.collision_group,
-                        found[name].collision_group,
+                        actual[name].collision_group,
                         f"bodies.{name}.collision_group",
                     )
         self.pairs()
@@ -183,101 +186,109 @@ class _Comparison:
         physics = self.world.physics
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
-            self.vector("geometry", "gravity", physics.gravity, self.held.gravity, "physics.gravity", strength)
+            self.vector("geometry", "gravity", physics.gravity, self.read_back.gravity, "physics.gravity", strength)
         if self.readable("timestep"):
-            self.number("geometry", "timestep", physics.timestep, self.held.timestep, "physics.timestep")
+            self.number("geometry", "timestep", physics.timestep, self.read_back.timestep, "physics.timestep")
         if self.readable("friction_cone") and any(
             shape.collision for body in self.world.bodies for shape in body.shapes
         ):
-            accepted = self.held.friction_cone == self.accepted_cone
-            cone = self.held.friction_cone if accepted else self.world.contact.friction_cone
+            accepted = self.read_back.friction_cone == self.accepted_cone
+            cone = self.read_back.friction_cone if accepted else self.world.contact.friction_cone
             place = "contact.friction_cone"
-            self.tally.equal(self.levels["geometry"], "friction cone", cone, self.held.friction_cone, place)
+            self.tally.equal(self.levels["geometry"], "friction cone", cone, self.read_back.friction_cone, place)
         return self.tally.checks()
 
-    def mass(self, body: Body, found: Body, moves: bool) -> None:
+    def mass(self, body: Body, actual_body: Body, moves: bool) -> None:
         """Relative to the body's own mass, radius of gyration (or offset), and trace of the tensor."""
         if not moves and (not self.readable("static.inertial") or not body.inertial.mass):
             return
-        where, one, other = f"bodies.{body.name}", body.inertial, found.inertial
-        self.number("mass", "mass", one.mass, other.mass, f"{where}.mass")
-        trace = sum(one.inertia[:3])
-        length = math.sqrt(trace / one.mass) if one.mass else 0.0
-        offset = math.sqrt(sum(x * x for x in one.centre_of_mass))
+        where, wanted, actual = f"bodies.{body.name}", body.inertial, actual_body.inertial
+        self.number("mass", "mass", wanted.mass, actual.mass, f"{where}.mass")
+        trace = sum(wanted.inertia[:3])
+        length = math.sqrt(trace / wanted.mass) if wanted.mass else 0.0
+        offset = math.sqrt(sum(x * x for x in wanted.centre_of_mass))
         # positions are sums of numbers of about 1 m: below that scale the last bit is absolute, 1e-16 of a metre
         scale = max(length, offset, 1e-3)
         at = f"{where}.centre_of_mass"
-        self.vector("mass", "centre of mass", one.centre_of_mass, other.centre_of_mass, at, scale)
-        self.vector("mass", "inertia tensor", one.inertia, other.inertia, f"{where}.inertia", trace or 1.0)
+        self.vector("mass", "centre of mass", wanted.centre_of_mass, actual.centre_of_mass, at, scale)
+        self.vector("mass", "inertia tensor", wanted.inertia, actual.inertia, f"{where}.inertia", trace or 1.0)
 
-    def joint(self, one: Joint, other: Joint, where: str) -> None:
+    def joint(self, wanted: Joint, actual: Joint, where: str) -> None:
         level = self.levels["joint"]
-        if not self.tally.equal(level, "joint type", one.kind, other.kind, f"{where}.type"):
+        if not self.tally.equal(level, "joint type", wanted.kind, actual.kind, f"{where}.type"):
             return
-        self.tally.equal(level, "parent", one.parent, other.parent, f"{where}.parent")
-        if self.readable("joint.name") and one.kind not in ("fixed", "free"):
-            self.tally.equal(level, "joint name", one.name, other.name, f"{where}.name")
-        if one.kind != "free":  # a free joint's origin is the world's
-            place = max(1.0, math.sqrt(sum(x * x for x in one.origin.position)))
+        self.tally.equal(level, "parent", wanted.parent, actual.parent, f"{where}.parent")
+        if self.readable("joint.name") and wanted.kind not in ("fixed", "free"):
+            self.tally.equal(level, "joint name", wanted.name, actual.name, f"{where}.name")
+        if wanted.kind != "free":  # a free joint's origin is the world's
+            place = max(1.0, math.sqrt(sum(x * x for x in wanted.origin.position)))
             at = f"{where}.origin"
-            self.vector("joint", "origin, position", one.origin.position, other.origin.position, at, place)
-            turned = turn_between(one.origin.quaternion, other.origin.quaternion)
-            self.note("joint", "origin, orientation", turned, at, f"{other.origin.quaternion}")
-        if one.kind in SCALAR_JOINTS:
-            self.vector("joint", "axis", one.axis, other.axis, f"{where}.axis")
+            self.vector("joint", "origin, position", wanted.origin.position, actual.origin.position, at, place)
+            turned = turn_between(wanted.origin.quaternion, actual.origin.quaternion)
+            self.note("joint", "origin, orientation", turned, at, f"{actual.origin.quaternion}")
+        if wanted.kind in SCALAR_JOINTS:
+            self.vector("joint", "axis", wanted.axis, actual.axis, f"{where}.axis")
             if self.readable("joint.position_limits"):
-                self.limits(one, other, where)
-        if one.kind in TREE_JOINTS:
+                self.limits(wanted, actual, where)
+        if wanted.kind in TREE_JOINTS:
             for name in JOINT_NUMBERS:
                 if self.readable(f"joint.{name}"):
                     at = f"{where}.{name}"
-                    self.number("joint", name.replace("_", " "), getattr(one, name), getattr(other, name), at)
+                    self.number("joint", name.replace("_", " "), getattr(wanted, name), getattr(actual, name), at)
         if self.readable("joint.position"):
-            self.position(one, other, where)
+            self.position(wanted, actual, where)
         if self.readable("joint.velocity"):
-            speed = max(1.0, math.sqrt(sum(x * x for x in one.velocity)))
-            self.vector("joint", "initial velocity", one.velocity, other.velocity, f"{where}.velocity", speed)
+            speed = max(1.0, math.sqrt(sum(x * x for x in wanted.velocity)))
+            self.vector("joint", "initial velocity", wanted.velocity, actual.velocity, f"{where}.velocity", speed)
 
     def servos(self) -> None:
         """The engine's own controllers: one for each natively driven joint, with its gains and limit."""
-        rows = {name: (one, index) for one in natives(self.world) for index, name in enumerate(one.joints)}
-        names = sorted(servo.joint for servo in self.held.servos)  # a joint held twice counts twice
+        rows = {
+            name: (controller, index)
+            for controller in natives(self.world)
+            for index, name in enumerate(controller.joints)
+        }
+        names = sorted(servo.joint for servo in self.read_back.servos)  # a joint held twice counts twice
         if rows or names:
             self.tally.equal(self.levels["joint"], "controllers", sorted(rows), names, "control")
-        for servo in self.held.servos:
+        for servo in self.read_back.servos:
             if servo.joint not in rows:
                 continue
-            one, index = rows[servo.joint]
-            at = f"control.{one.name}"
-            for name, values in (("kp", one.kp), ("kd", one.kd), ("effort_limit", one.effort_limits)):
-                found = getattr(servo, name)
-                self.number("joint", f"controller's {name.replace('_', ' ')}", values[index], found, f"{at}.{name}")
+            controller, index = rows[servo.joint]
+            at = f"control.{controller.name}"
+            for name, values in (
+                ("kp", controller.kp),
+                ("kd", controller.kd),
+                ("effort_limit", controller.effort_limits),
+            ):
+                actual = getattr(servo, name)
+                self.number("joint", f"controller's {name.replace('_', ' ')}", values[index], actual, f"{at}.{name}")
 
-    def limits(self, one: Joint, other: Joint, where: str) -> None:
+    def limits(self, wanted: Joint, actual: Joint, where: str) -> None:
         at = f"{where}.limits.position"
-        if (one.position_limits is None) != (other.position_limits is None):
-            detail = f"{other.position_limits}, should be {one.position_limits}"
+        if (wanted.position_limits is None) != (actual.position_limits is None):
+            detail = f"{actual.position_limits}, should be {wanted.position_limits}"
             self.note("joint", "position limits", None, at, detail)
-        elif one.position_limits is not None and other.position_limits is not None:
-            for expected, found in zip(one.position_limits, other.position_limits, strict=True):
-                self.number("joint", "position limits", expected, found, at)
+        elif wanted.position_limits is not None and actual.position_limits is not None:
+            for expected, actual_limit in zip(wanted.position_limits, actual.position_limits, strict=True):
+                self.number("joint", "position limits", expected, actual_limit, at)
 
-    def position(self, one: Joint, other: Joint, where: str) -> None:
+    def position(self, wanted: Joint, actual: Joint, where: str) -> None:
         at, name = f"{where}.position", "initial position"
-        if len(one.position) != len(other.position):
-            self.vector("joint", name, one.position, other.position, at)
+        if len(wanted.position) != len(actual.position):
+            self.vector("joint", name, wanted.position, actual.position, at)
             return
-        straight = one.position[:3] if one.kind == "free" else one.position if one.kind != "ball" else ()
+        straight = wanted.position[:3] if wanted.kind == "free" else wanted.position if wanted.kind != "ball" else ()
         place = max(1.0, math.sqrt(sum(x * x for x in straight)))
         if straight:
-            self.vector("joint", name, straight, other.position[: len(straight)], at, place)
-        if one.kind in QUATERNION_JOINTS:
-            turned = turn_between(quaternion(one.position[-4:]), quaternion(other.position[-4:]))
-            self.note("joint", name, turned, at, f"{other.position}, should be {one.position}")
+            self.vector("joint", name, straight, actual.position[: len(straight)], at, place)
+        if wanted.kind in QUATERNION_JOINTS:
+            turned = turn_between(quaternion(wanted.position[-4:]), quaternion(actual.position[-4:]))
+            self.note("joint", name, turned, at, f"{actual.position}, should be {wanted.position}")
 
-    def shapes(self, body: Body, found: Body) -> None:
+    def shapes(self, body: Body, actual: Body) -> None:
         where = f"bodies.{body.name}.shapes"
-        left = list(found.shapes)
+        left = list(actual.shapes)
         for index, shape in enumerate(body.shapes):
             if not shape.collision and not self.readable("shape.visual"):
                 continue
@@ -323,36 +334,36 @@ class _Comparison:
                     self.law(laws[pair], one, two, _both(place, other_place))
         self.explicit(laws)
 
-    def law(self, law: PairContact, one: Surface, two: Surface, at: str) -> None:
+    def law(self, law: PairContact, first: Surface, second: Surface, at: str) -> None:
         """Two shapes' numbers against the law of their materials."""
         for quantity in COMBINED_QUANTITIES:
             if getattr(self.rules, quantity) == "none" or not self.readable(f"shape.{quantity}"):
                 continue
             needed = (quantity, "friction") if getattr(self.rules, quantity) == "cross" else (quantity,)
-            if any(getattr(surface, name) is None for surface in (one, two) for name in needed):
+            if any(getattr(surface, name) is None for surface in (first, second) for name in needed):
                 self.note("geometry", _words(quantity), None, at, "no number")
             else:
-                found = combined(self.rules, quantity, one, two)
-                self.number("geometry", _words(quantity), getattr(law, quantity), found, at)
+                actual = combined(self.rules, quantity, first, second)
+                self.number("geometry", _words(quantity), getattr(law, quantity), actual, at)
         if self.rules.hardness == "same" and self.readable("shape.hardness"):
-            for surface in (one, two):
+            for surface in (first, second):
                 self.hardness(law.hardness, surface.hardness, at)
 
-    def hardness(self, wanted: Hardness, found: Hardness | None, at: str) -> None:
-        if found is None or wanted.kind != found.kind:
-            self.note("geometry", "hardness", None, at, f"{found}, should be {wanted}")
+    def hardness(self, wanted: Hardness, actual: Hardness | None, at: str) -> None:
+        if actual is None or wanted.kind != actual.kind:
+            self.note("geometry", "hardness", None, at, f"{actual}, should be {wanted}")
             return
         self.note("geometry", "hardness", 0.0, at)
         for name in ("time_constant", "damping_ratio", "stiffness", "damping"):
-            self.number("geometry", "hardness", getattr(wanted, name), getattr(found, name), at)
+            self.number("geometry", "hardness", getattr(wanted, name), getattr(actual, name), at)
 
     def explicit(self, laws: Mapping[tuple[str, str], PairContact]) -> None:
         """Pairs of shapes that the engine holds as such, and that all of those are there which numbers cannot give."""
         material = {shape.name: shape.material for body in self.world.bodies for shape in body.shapes}
-        held = set()
-        for pair in self.held.pairs:
+        listed = set()
+        for pair in self.read_back.pairs:
             at = f"pair {pair.first}, {pair.second}"
-            held.add((pair.first, pair.second))
+            listed.add((pair.first, pair.second))
             both = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
             if both not in laws:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
@@ -366,7 +377,7 @@ class _Comparison:
                 self.hardness(law.hardness, pair.surface.hardness, at)
         if self.plan.missed:
             for first, second in shape_pairs(self.world, self.plan.missed):
-                if (first, second) not in held:
+                if (first, second) not in listed:
                     self.note("geometry", "explicit pair", None, f"pair {first}, {second}", "is not there")
                 else:
                     self.note("geometry", "explicit pair", 0.0, f"pair {first}, {second}")

@@ -41,40 +41,40 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     """Why ``certificate`` does not prove that its engines hold ``world``, a line each; [] when it does."""
     if certificate.world_sha256 != sha256(world):
         return ["it belongs to another world"]
-    found = []
+    faults = []
     if certificate.simspec != version("simspec"):
-        found.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
+        faults.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
     if not certificate.engines:
-        found.append("it contains no engine")
+        faults.append("it contains no engine")
     for name, proof in certificate.engines.items():
-        found += [f"{name}: {line}" for line in judge_proof(name, proof, world)]
-    return found
+        faults += [f"{name}: {line}" for line in judge_proof(name, proof, world)]
+    return faults
 
 
 def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack."""
     known = engines().get(engine_name(engine))
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
-    found = judge_checks(world, proof.checks, proof.not_compared, lacking)
-    found += [
+    faults = judge_checks(world, proof.checks, proof.not_compared, lacking)
+    faults += [
         f"{name} is listed as not checked ({why}), which {engine} does not declare"
         for name, why in proof.not_checked.items()
         if name in TITLES and name not in lacking
     ]
-    found += [
+    faults += [
         f"{name} is neither checked nor listed as not checked" for name in lacking if name not in proof.not_checked
     ]
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
         if coarsest is None:
-            found.append(f"unknown level {check.level!r}")
+            faults.append(f"unknown level {check.level!r}")
         elif check.tolerance > coarsest:
-            found.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
+            faults.append(f"{title(check.level, check.name)}: a tolerance of {check.tolerance:g}, at most {coarsest:g}")
     twice = [(check.level, check.name) for check in proof.checks]
-    found += sorted({f"{title(*one)} is duplicated" for one in twice if twice.count(one) > 1})
-    found += _counts(proof, world, lacking)
-    found += _contact(proof, world)
-    return found
+    faults += sorted({f"{title(*part)} is duplicated" for part in twice if twice.count(part) > 1})
+    faults += _counts(proof, world, lacking)
+    faults += _contact(proof, world)
+    return faults
 
 
 def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Iterator[str]:

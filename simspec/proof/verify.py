@@ -84,9 +84,9 @@ class Probes:
         if ("L4", MATRIX) not in lacking:
             asked.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
         if self.motion is not None and ("L6", "motion") not in lacking:
-            one = self.motion
-            arrays = {"q": one.q, "v": one.v, "effort": one.effort, "rubbing": one.rubbing}
-            asked.append(Operation("motion", {"steps": one.steps, "every": one.every}, arrays, world))
+            motion = self.motion
+            arrays = {"q": motion.q, "v": motion.v, "effort": motion.effort, "rubbing": motion.rubbing}
+            asked.append(Operation("motion", {"steps": motion.steps, "every": motion.every}, arrays, world))
         if self.rubbing is not None and ("L6", SLIDING_CHECK) not in lacking:
             asked.append(self.rubbing.operation(world))
         if self.response is not None and ("L7", "step response") not in lacking:
@@ -155,9 +155,9 @@ def verify(
         proofs = {}
         texts: dict[str, list[Check]] = {}
         replies: dict[str, Reply] = {}
-        for name, one in compiled.items():
+        for name, compilation in compiled.items():
             say(f"verifying {name}")
-            texts[name] = _text_checks(world, one, folders[name])
+            texts[name] = _text_checks(world, compilation, folders[name])
             try:
                 if name in running:
                     replies[name] = running[name].wait()
@@ -171,10 +171,10 @@ def verify(
             }
             say("measuring contact")
             figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
-        for name, one in compiled.items():
+        for name, compilation in compiled.items():
             checks = [*texts[name], *contact.get(name, [])]
             answered = replies.get(name) if name not in refused else refused[name]
-            proof = _engine_proof(world, one, folders[name], checks, answered, probes, not_compared)
+            proof = _engine_proof(world, compilation, folders[name], checks, answered, probes, not_compared)
             proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
     return Certificate(world.name, sha256(world), _oracle_version(), proofs)
 
@@ -229,9 +229,9 @@ def _contact(
                 measuring[name] = stack.enter_context(asked)
             except (UnsupportedError, EngineError) as error:
                 checks[name] = [not_measured(error)]
-        for name, one in measuring.items():
+        for name, measurement in measuring.items():
             try:
-                figures[name], complaints = one.wait()
+                figures[name], complaints = measurement.wait()
                 checks[name] = contact_checks(figures[name])
                 for complaint in complaints:
                     say(complaint)
@@ -255,14 +255,14 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
     return compare(world, read, engine.RULES, engine.LAYERS, text=True)
 
 
-def read_back_checks(world: World, engine: type[Engine], held: ReadBack) -> list[Check]:
+def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) -> list[Check]:
     """What the engine says it holds against the world: levels L1, L2 and L4."""
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
-    checks = compare(world, held, engine.RULES, engine.LAYERS, accepted_cone=accepted)
+    checks = compare(world, read_back, engine.RULES, engine.LAYERS, accepted_cone=accepted)
     if Capability.INVENTORY in engine.LACKS:
         return checks
-    return checks + inventory_checks(engine.expected_inventory(world, held.neutral), held.inventory)
+    return checks + inventory_checks(engine.expected_inventory(world, read_back.neutral), read_back.inventory)
 
 
 def engine_checks(
@@ -271,11 +271,11 @@ def engine_checks(
     """The checks of everything that ``probes.operations(engine)`` asked, and what the engine could not be asked for."""
     asked = [operation.op for operation in probes.operations(engine)]
     by_operation = dict(zip(asked, answers, strict=True))
-    held = by_operation["read_back"].held
-    if held is None:
+    read_back = by_operation["read_back"].held
+    if read_back is None:
         raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}
-    checks = read_back_checks(world, engine, held)
+    checks = read_back_checks(world, engine, read_back)
     checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"])
     if "dynamics" in arrays:
         checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"])
@@ -288,7 +288,7 @@ def engine_checks(
         checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)
     if probes.response is not None and "respond" in arrays:
         checks += control_checks(probes.response, arrays["respond"])
-    return checks, not_checked(world, held.unreadable)
+    return checks, not_checked(world, read_back.unreadable)
 
 
 def _proof(

@@ -248,12 +248,12 @@ def run_all(
 
     An engine that is missing, crashes, or hangs has that as its result (``Run.failed``); the others go on.
     """
-    found: dict[str, Run] = {}
+    runs: dict[str, Run] = {}
     for engine in engines:
         if progress is not None:
             progress(engine)
         try:
-            found[engine] = run(
+            runs[engine] = run(
                 world,
                 engine,
                 artifacts=(artifacts or {}).get(engine),
@@ -261,8 +261,8 @@ def run_all(
                 deadline=deadline,
             )
         except EngineError as error:
-            found[engine] = failed_run(world, engine, error)
-    return found
+            runs[engine] = failed_run(world, engine, error)
+    return runs
 
 
 def run_jobs(
@@ -284,14 +284,14 @@ def run_jobs(
                     pending.append(stack.enter_context(begun))
                 except EngineError as error:
                     pending.append(failed_run(case.resolved, case.engine, error))
-            runs.extend(_wait(one) for one in pending)
+            runs.extend(_wait(started) for started in pending)
     return runs
 
 
-def _wait(one: PendingRun | Run) -> Run:
-    if isinstance(one, Run):
-        return one
+def _wait(pending: PendingRun | Run) -> Run:
+    if isinstance(pending, Run):
+        return pending
     try:
-        return one.wait()
+        return pending.wait()
     except EngineError as error:
-        return failed_run(one.case.resolved, one.case.engine, error)
+        return failed_run(pending.case.resolved, pending.case.engine, error)

@@ -68,11 +68,13 @@ def _evaluate(run: Run, expectation: Expectation) -> Outcome:
     if run.failed is not None or not run.recorded:
         return Outcome(expectation.kind, False, None, bound, "", f"the run failed: {run.failed}")
     try:
-        found = measure(run, parameters)
+        measured = measure(run, parameters)
     except Unmeasurable as error:
         return Outcome(expectation.kind, False, None, bound, "", str(error))
-    passed = found.value >= found.bound if found.at_least else found.value <= found.bound
-    return Outcome(expectation.kind, bool(passed), float(found.value), float(found.bound), found.unit, found.detail)
+    passed = measured.value >= measured.bound if measured.at_least else measured.value <= measured.bound
+    return Outcome(
+        expectation.kind, bool(passed), float(measured.value), float(measured.bound), measured.unit, measured.detail
+    )
 
 
 class Largest:
@@ -95,11 +97,11 @@ def _largest(
     run: Run, of: Callable[[np.ndarray], np.ndarray], bodies: Sequence[str], first: int = 0, last: int | None = None
 ) -> Largest:
     """The largest of what ``of`` makes of some bodies' poses (rows, bodies, 7), over the rows ``first`` … ``last``."""
-    found, poses, columns = Largest(), run.arrays["pose"], [_index(run, body) for body in bodies]
+    largest, poses, columns = Largest(), run.arrays["pose"], [_index(run, body) for body in bodies]
     rows = len(run.time) if last is None else last + 1
     for part in parts(rows, metrics.TEMPORARY * poses[:1].nbytes, poses, first=first):
-        found.add(of(poses[part][:, columns]), part.start)
-    return found
+        largest.add(of(poses[part][:, columns]), part.start)
+    return largest
 
 
 def _row(run: Run, at: float) -> int:
@@ -137,7 +139,7 @@ def _ratio(value: float, scale: float) -> float:
     return value / scale if scale > 0.0 else (0.0 if value == 0.0 else float("inf"))
 
 
-def _energy_never_rises(run: Run, given: Parameters) -> Measured:
+def _energy_never_rises(run: Run, parameters: Parameters) -> Measured:
     """The largest rise of the total energy above its lowest value before."""
     lowest = math.inf
 
@@ -147,10 +149,10 @@ def _energy_never_rises(run: Run, given: Parameters) -> Measured:
         lowest = float(so_far[-1])
         return total - so_far
 
-    return _energy(run, rise, given["tolerance"])
+    return _energy(run, rise, parameters["tolerance"])
 
 
-def _energy_conserved(run: Run, given: Parameters) -> Measured:
+def _energy_conserved(run: Run, parameters: Parameters) -> Measured:
     """The largest deviation of the total energy from its initial value."""
     initial: list[float] = []
 
@@ -158,71 +160,73 @@ def _energy_conserved(run: Run, given: Parameters) -> Measured:
         initial.extend(total[:1] if not initial else ())
         return np.abs(total - initial[0])
 
-    return _energy(run, change, given["tolerance"])
+    return _energy(run, change, parameters["tolerance"])
 
 
 def _energy(run: Run, of: Callable[[np.ndarray], np.ndarray], tolerance: float) -> Measured:
     """The largest of what ``of`` makes of the total energies of one block of rows after the other, relative to the scale."""
-    found, fastest, low, high = Largest(), -math.inf, math.inf, -math.inf
-    for part, some in metrics.by_blocks(run.arrays):
-        kinetic, potential = metrics.energy(run.world, some)
-        found.add(of(kinetic + potential), part.start)
+    largest, fastest, low, high = Largest(), -math.inf, math.inf, -math.inf
+    for part, block in metrics.by_blocks(run.arrays):
+        kinetic, potential = metrics.energy(run.world, block)
+        largest.add(of(kinetic + potential), part.start)
         fastest = np.maximum(fastest, kinetic.max())
         low, high = np.minimum(low, potential.min()), np.maximum(high, potential.max())
     scale = metrics.energy_scale(np.array([fastest]), np.array([low, high]))
-    return Measured(_ratio(found.value, scale), tolerance, "", f"of {scale:.4g} J, {_at(run, found.row)}")
+    return Measured(_ratio(largest.value, scale), tolerance, "", f"of {scale:.4g} J, {_at(run, largest.row)}")
 
 
-def _momentum_conserved(run: Run, given: Parameters) -> Measured:
+def _momentum_conserved(run: Run, parameters: Parameters) -> Measured:
     """The largest deviation of linear or angular momentum from its initial value, each relative to its own scale."""
     changes, initial, scales = (Largest(), Largest()), None, np.zeros(2)
-    for part, some in metrics.by_blocks(run.arrays):
-        both = metrics.momentum(run.world, some)
+    for part, block in metrics.by_blocks(run.arrays):
+        both = metrics.momentum(run.world, block)
         initial = initial or tuple(values[0] for values in both)
-        for found, values, begun in zip(changes, both, initial, strict=True):
-            found.add(np.linalg.norm(values - begun, axis=1), part.start)
-        scales = np.maximum(scales, metrics.momentum_scale(run.world, some))
-    worst = Measured(0.0, given["tolerance"], "")
+        for largest, values, begun in zip(changes, both, initial, strict=True):
+            largest.add(np.linalg.norm(values - begun, axis=1), part.start)
+        scales = np.maximum(scales, metrics.momentum_scale(run.world, block))
+    worst = Measured(0.0, parameters["tolerance"], "")
     units = {"linear": "N s", "angular": "N m s"}
-    for (name, unit), found, scale in zip(units.items(), changes, scales.tolist(), strict=True):
-        ratio = _ratio(found.value, scale)
+    for (name, unit), largest, scale in zip(units.items(), changes, scales.tolist(), strict=True):
+        ratio = _ratio(largest.value, scale)
         if not ratio < worst.value:
-            worst = Measured(ratio, given["tolerance"], "", f"{name}, of {scale:.4g} {unit}, {_at(run, found.row)}")
+            worst = Measured(
+                ratio, parameters["tolerance"], "", f"{name}, of {scale:.4g} {unit}, {_at(run, largest.row)}"
+            )
     return worst
 
 
-def _no_penetration_deeper_than(run: Run, given: Parameters) -> Measured:
+def _no_penetration_deeper_than(run: Run, parameters: Parameters) -> Measured:
     _channel(run, "contact.distance", "contacts")
-    found = metrics.deepest_penetration(run.world, run.arrays)
-    detail = f"{' and '.join(found.bodies)} at {found.time:.4g} s" if found.bodies else "no overlap"
-    return Measured(found.depth, given["depth"], "m", detail)
+    deepest = metrics.deepest_penetration(run.world, run.arrays)
+    detail = f"{' and '.join(deepest.bodies)} at {deepest.time:.4g} s" if deepest.bodies else "no overlap"
+    return Measured(deepest.depth, parameters["depth"], "m", detail)
 
 
-def _comes_to_rest(run: Run, given: Parameters) -> Measured:
+def _comes_to_rest(run: Run, parameters: Parameters) -> Measured:
     """The largest speed of a centre of mass at the end; with ``before``, at any recorded time from then on."""
     moving = metrics.moving_bodies(run.world)
     if not len(moving):
-        return Measured(0.0, given["speed"], "m/s", "no body can move")
-    first = _row(run, given["before"]) if given.get("before") is not None else len(run.time) - 1
-    found = Largest()
-    for part, some in metrics.by_blocks(run.arrays, first):
-        found.add(metrics.speeds(run.world, some)[:, moving], part.start)
-    name = run.world.bodies[moving[found.column]].name
-    return Measured(found.value, given["speed"], "m/s", f"{name} {_at(run, found.row)}")
+        return Measured(0.0, parameters["speed"], "m/s", "no body can move")
+    first = _row(run, parameters["before"]) if parameters.get("before") is not None else len(run.time) - 1
+    fastest = Largest()
+    for part, block in metrics.by_blocks(run.arrays, first):
+        fastest.add(metrics.speeds(run.world, block)[:, moving], part.start)
+    name = run.world.bodies[moving[fastest.column]].name
+    return Measured(fastest.value, parameters["speed"], "m/s", f"{name} {_at(run, fastest.row)}")
 
 
-def _follows_oracle(run: Run, given: Parameters) -> Measured:
+def _follows_oracle(run: Run, parameters: Parameters) -> Measured:
     """The largest distance of a body frame's origin from the contact-free motion of the oracle, up to ``until``."""
     steps = run.arrays["step"]
-    rows = _row(run, given["until"]) + 1 if given.get("until") is not None else len(steps)
+    rows = _row(run, parameters["until"]) + 1 if parameters.get("until") is not None else len(steps)
     if rows < 2:
         raise Unmeasurable("the run recorded no motion")
     truth = _oracle_places(run.world, int(steps[rows - 1]), int(steps[1] - steps[0]))
-    poses, found = run.arrays["pose"], Largest()
+    poses, farthest = run.arrays["pose"], Largest()
     for part in parts(rows, 4 * poses[:1].nbytes, poses, truth):
-        found.add(np.linalg.norm(poses[part, :, :3] - truth[part], axis=-1), part.start)
-    name = run.world.bodies[found.column].name
-    return Measured(found.value, given["tolerance"], "m", f"{name} {_at(run, found.row)}")
+        farthest.add(np.linalg.norm(poses[part, :, :3] - truth[part], axis=-1), part.start)
+    name = run.world.bodies[farthest.column].name
+    return Measured(farthest.value, parameters["tolerance"], "m", f"{name} {_at(run, farthest.row)}")
 
 
 @functools.lru_cache(maxsize=4)  # the runs of one world in several engines are held against one motion
@@ -239,7 +243,7 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
     if world.controllers:
         raise Unmeasurable("the oracle does not support control")
     q, v = initial_state(world)
-    found, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
+    places, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
     for states, _ in oracle.motion_by_blocks(q, v, None, steps, every):
         for body, place in zip(world.bodies, layout_of(world).position, strict=True):
             limits = body.joint.position_limits
@@ -248,25 +252,25 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
                     f"the oracle does not support joint limits, and {body.joint.name} exceeds its limits: set until"
                 )
         for state in states:
-            found[done] = oracle.body_poses(state)[:, :3]
+            places[done] = oracle.body_poses(state)[:, :3]
             done += 1
-        release(found)
-    return found
+        release(places)
+    return places
 
 
-def _position(run: Run, given: Parameters) -> Measured:
+def _position(run: Run, parameters: Parameters) -> Measured:
     """Distance of a body from a place, at a time (default: the end)."""
-    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
-    found = _path(run, given["body"])[row]
-    away = float(np.linalg.norm(found - np.array(given["xyz"])))
-    return Measured(away, given["tolerance"], "m", f"{given['body']} at {_point(found)} {_at(run, row)}")
+    row = _row(run, parameters["at"]) if parameters.get("at") is not None else len(run.time) - 1
+    place = _path(run, parameters["body"])[row]
+    away = float(np.linalg.norm(place - np.array(parameters["xyz"])))
+    return Measured(away, parameters["tolerance"], "m", f"{parameters['body']} at {_point(place)} {_at(run, row)}")
 
 
-def _at_target(run: Run, given: Parameters) -> Measured:
+def _at_target(run: Run, parameters: Parameters) -> Measured:
     """The largest distance of a body from its place, at a time (default: the end); and which bodies miss theirs."""
-    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
-    bound, names = given["tolerance"], [name for name, _ in given["targets"]]
-    away = np.array([np.linalg.norm(_path(run, name)[row] - np.array(place)) for name, place in given["targets"]])
+    row = _row(run, parameters["at"]) if parameters.get("at") is not None else len(run.time) - 1
+    bound, names = parameters["tolerance"], [name for name, _ in parameters["targets"]]
+    away = np.array([np.linalg.norm(_path(run, name)[row] - np.array(place)) for name, place in parameters["targets"]])
     worst = int(away.argmax())
     missed = [name for name, far in zip(names, away, strict=True) if not far <= bound]
     detail = f"{names[worst]} {1e3 * away[worst]:.4g} mm away {_at(run, row)}"
@@ -275,51 +279,53 @@ def _at_target(run: Run, given: Parameters) -> Measured:
     return Measured(float(away[worst]), bound, "m", detail)
 
 
-def _displacement(run: Run, given: Parameters) -> Measured:
+def _displacement(run: Run, parameters: Parameters) -> Measured:
     """How a body moved from its first place, at a time (default: the end): as a vector, or its length alone."""
-    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
-    path = _path(run, given["body"])
+    row = _row(run, parameters["at"]) if parameters.get("at") is not None else len(run.time) - 1
+    path = _path(run, parameters["body"])
     moved = path[row] - path[0]
-    if given.get("xyz") is not None:
-        away = float(np.linalg.norm(moved - np.array(given["xyz"])))
+    if parameters.get("xyz") is not None:
+        away = float(np.linalg.norm(moved - np.array(parameters["xyz"])))
     else:
-        away = abs(float(np.linalg.norm(moved)) - given["distance"])
-    detail = f"{given['body']} moved {np.linalg.norm(moved):.4g} m, {_point(moved)} {_at(run, row)}"
-    return Measured(away, given["tolerance"], "m", detail)
+        away = abs(float(np.linalg.norm(moved)) - parameters["distance"])
+    detail = f"{parameters['body']} moved {np.linalg.norm(moved):.4g} m, {_point(moved)} {_at(run, row)}"
+    return Measured(away, parameters["tolerance"], "m", detail)
 
 
-def _apex_height(run: Run, given: Parameters) -> Measured:
+def _apex_height(run: Run, parameters: Parameters) -> Measured:
     """How far the greatest height z that a body reaches after a time is from the expected one."""
-    top = _largest(run, lambda poses: poses[:, 0, 2], [given["body"]], first=_row(run, given["after"]))
-    away = abs(top.value - given["height"])
-    return Measured(away, given["tolerance"], "m", f"apex {top.value:.4g} m {_at(run, top.row)}")
+    top = _largest(run, lambda poses: poses[:, 0, 2], [parameters["body"]], first=_row(run, parameters["after"]))
+    away = abs(top.value - parameters["height"])
+    return Measured(away, parameters["tolerance"], "m", f"apex {top.value:.4g} m {_at(run, top.row)}")
 
 
-def _angular_speed(run: Run, given: Parameters) -> Measured:
+def _angular_speed(run: Run, parameters: Parameters) -> Measured:
     """How far a body's angular speed is from the expected one."""
-    row = _row(run, given["at"]) if given.get("at") is not None else len(run.time) - 1
-    speed = float(np.linalg.norm(run.arrays["velocity"][row, _index(run, given["body"]), 3:]))
-    return Measured(abs(speed - given["speed"]), given["tolerance"], "rad/s", f"{speed:.4g} rad/s {_at(run, row)}")
+    row = _row(run, parameters["at"]) if parameters.get("at") is not None else len(run.time) - 1
+    speed = float(np.linalg.norm(run.arrays["velocity"][row, _index(run, parameters["body"]), 3:]))
+    return Measured(
+        abs(speed - parameters["speed"]), parameters["tolerance"], "rad/s", f"{speed:.4g} rad/s {_at(run, row)}"
+    )
 
 
-def _stays_within(run: Run, given: Parameters) -> Measured:
+def _stays_within(run: Run, parameters: Parameters) -> Measured:
     """How far a body leaves a box; 0 when it never does."""
-    lower, upper = np.array(given["lower"]), np.array(given["upper"])
+    lower, upper = np.array(parameters["lower"]), np.array(parameters["upper"])
 
     def out(poses: np.ndarray) -> np.ndarray:
         places = poses[:, 0, :3]
         result: np.ndarray = np.maximum(lower - places, places - upper).max(axis=1)
         return result
 
-    found = _largest(run, out, [given["body"]])
-    place = _point(_path(run, given["body"])[found.row])
-    return Measured(max(0.0, found.value), 0.0, "m", f"{given['body']} at {place} {_at(run, found.row)}")
+    farthest = _largest(run, out, [parameters["body"]])
+    place = _point(_path(run, parameters["body"])[farthest.row])
+    return Measured(max(0.0, farthest.value), 0.0, "m", f"{parameters['body']} at {place} {_at(run, farthest.row)}")
 
 
-def _keeps_place(run: Run, given: Parameters) -> Measured:
+def _keeps_place(run: Run, parameters: Parameters) -> Measured:
     """The largest distance of a body from the place that it had in another body's frame at a time."""
-    first = _row(run, given["after"])
-    last = _row(run, given["until"]) if given.get("until") is not None else len(run.time) - 1
+    first = _row(run, parameters["after"])
+    last = _row(run, parameters["until"]) if parameters.get("until") is not None else len(run.time) - 1
     initial: list[np.ndarray] = []
 
     def away(poses: np.ndarray) -> np.ndarray:
@@ -329,20 +335,20 @@ def _keeps_place(run: Run, given: Parameters) -> Measured:
         result: np.ndarray = np.linalg.norm(places - initial[0], axis=1)
         return result
 
-    found = _largest(run, away, [given["body"], given["within"]], first, last)
-    where = f"{1e3 * found.value:.4g} mm from its place in {given['within']} {_at(run, found.row)}"
-    return Measured(found.value, given["distance"], "m", f"{given['body']} {where}")
+    farthest = _largest(run, away, [parameters["body"], parameters["within"]], first, last)
+    where = f"{1e3 * farthest.value:.4g} mm from its place in {parameters['within']} {_at(run, farthest.row)}"
+    return Measured(farthest.value, parameters["distance"], "m", f"{parameters['body']} {where}")
 
 
-def _bodies_apart(run: Run, given: Parameters) -> Measured:
+def _bodies_apart(run: Run, parameters: Parameters) -> Measured:
     """The smallest distance of two bodies' origins."""
 
     def near(poses: np.ndarray) -> np.ndarray:
         result: np.ndarray = -np.linalg.norm(poses[:, 0, :3] - poses[:, 1, :3], axis=1)
         return result
 
-    found = _largest(run, near, [given["first"], given["second"]])
-    return Measured(-found.value, given["at_least"], "m", _at(run, found.row), at_least=True)
+    nearest = _largest(run, near, [parameters["first"], parameters["second"]])
+    return Measured(-nearest.value, parameters["at_least"], "m", _at(run, nearest.row), at_least=True)
 
 
 def _point(xyz: np.ndarray) -> str:

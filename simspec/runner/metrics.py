@@ -100,27 +100,27 @@ def by_blocks(arrays: Arrays, first: int = 0) -> Iterator[tuple[slice, Arrays]]:
 
     What the functions of this module give for each row of a block is what they give for that row of the whole.
     """
-    some = {name: arrays[name] for name in ("q", "v", "pose", "velocity") if name in arrays}
+    needed = {name: arrays[name] for name in ("q", "v", "pose", "velocity") if name in arrays}
     rows, size = len(arrays["pose"]), TEMPORARY * arrays["pose"][:1].nbytes
-    for part in parts(rows, size, *some.values(), first=first):
-        yield part, {name: np.asarray(values[part]) for name, values in some.items()}
+    for part in parts(rows, size, *needed.values(), first=first):
+        yield part, {name: np.asarray(values[part]) for name, values in needed.items()}
 
 
 def _each(
     world: World, arrays: Arrays, make: Callable[[World, Arrays], tuple[np.ndarray, ...]]
 ) -> tuple[np.ndarray, ...]:
     """What ``make`` gives for each row, made block by block."""
-    found: tuple[np.ndarray, ...] = ()
-    for part, some in by_blocks(arrays):
-        made = make(world, some)
+    results: tuple[np.ndarray, ...] = ()
+    for part, block in by_blocks(arrays):
+        made = make(world, block)
         if part.stop - part.start == len(arrays["pose"]):
             return made
-        if not found:
-            found = tuple(zeros((len(arrays["pose"]), *one.shape[1:])) for one in made)
-        for whole, one in zip(found, made, strict=True):
-            whole[part] = one
-            release(whole)
-    return found
+        if not results:
+            results = tuple(zeros((len(arrays["pose"]), *values.shape[1:])) for values in made)
+        for result, values in zip(results, made, strict=True):
+            result[part] = values
+            release(result)
+    return results
 
 
 def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:

@@ -91,15 +91,15 @@ def is_run(folder: Path) -> bool:
 
 def stored_runs(folder: Path) -> dict[str, str | None]:
     """The runs below a folder: the hash of the world that each is of, by the folder's name; None where that cannot be read."""
-    found: dict[str, str | None] = {}
+    hashes: dict[str, str | None] = {}
     for place in sorted(folder.iterdir()):
         if place.is_symlink() or not place.is_dir() or not is_run(place):
             continue
         try:
-            found[place.name] = read_provenance(place).world_sha256
+            hashes[place.name] = read_provenance(place).world_sha256
         except (SpecError, OSError):
-            found[place.name] = None
-    return found
+            hashes[place.name] = None
+    return hashes
 
 
 def read_provenance(folder: Path) -> Provenance:
@@ -111,10 +111,10 @@ def read_provenance(folder: Path) -> Provenance:
     if schema != SCHEMA:
         message = f"{path}: schema {schema!r}, this simspec reads {SCHEMA}"
         raise SpecError([Problem(message, hint="run it again: simspec run")])
-    found = read_as(Provenance, content, str(path))
-    if found.sha256 != content_hash(plain):
+    provenance = read_as(Provenance, content, str(path))
+    if provenance.sha256 != content_hash(plain):
         raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
-    return found
+    return provenance
 
 
 def load_run(folder: Path | str) -> Run:

@@ -42,25 +42,25 @@ def schemas(world: World, arrays: Sequence[str], joints: Sequence[str]) -> dict[
     """The columns of every table of a run of ``world`` that recorded ``arrays``; ``joints``: those with controllers."""
     import pyarrow as pa
 
-    number, whole, name = pa.float64(), pa.int64(), pa.dictionary(pa.int32(), pa.string())
-    when = [("step", whole), ("time", number)]
+    number, integer, name = pa.float64(), pa.int64(), pa.dictionary(pa.int32(), pa.string())
+    when = [("step", integer), ("time", number)]
     known = coordinates(world)
-    found = {"states": pa.schema([*when, *_coordinate_fields(world)])}
+    tables = {"states": pa.schema([*when, *_coordinate_fields(world)])}
     if len(known.q) + len(known.v) > MOST_COLUMNS:
         told = json.dumps({"q": known.q, "v": known.v})
-        found["states"] = found["states"].with_metadata({COORDINATES: told})
+        tables["states"] = tables["states"].with_metadata({COORDINATES: told})
     placed = [(column, number) for column in (*POSE_COLUMNS, *VELOCITY_COLUMNS)]
-    found["bodies"] = pa.schema([*when, ("body", name), *placed])
+    tables["bodies"] = pa.schema([*when, ("body", name), *placed])
     if "energy" in arrays:
-        found["energy"] = pa.schema([*when, ("kinetic", number), ("potential", number)])
+        tables["energy"] = pa.schema([*when, ("kinetic", number), ("potential", number)])
     if "control.target" in arrays:
         driven = [(f"{part}.{joint}", number) for part in ("target", "effort") for joint in joints]
-        found["control"] = pa.schema([*when, *driven])
+        tables["control"] = pa.schema([*when, *driven])
     if "contact.row" in arrays:
         measured = [*AXES, *(f"n{axis}" for axis in AXES), "distance", "normal_force"]
         pair = [("first", name), ("second", name)]
-        found["contacts"] = pa.schema([("row", whole), *when, *pair, *((column, number) for column in measured)])
-    return found
+        tables["contacts"] = pa.schema([("row", integer), *when, *pair, *((column, number) for column in measured)])
+    return tables
 
 
 def _coordinate_fields(world: World) -> list[tuple[str, Any]]:
@@ -93,24 +93,26 @@ def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World) -> pa
     import pyarrow as pa
 
     names = pa.array([body.name for body in world.bodies], pa.string())
-    found = []
+    filled = []
     for values, field in zip(columns, schema, strict=True):
         if pa.types.is_dictionary(field.type):
-            found.append(pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int32)), names))
+            filled.append(pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int32)), names))
         elif pa.types.is_fixed_size_list(field.type):
-            found.append(pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1]))
+            filled.append(pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1]))
         elif pa.types.is_list(field.type):
-            found.append(pa.array([[] for _ in range(len(values))], field.type))
+            filled.append(pa.array([[] for _ in range(len(values))], field.type))
         else:
-            found.append(pa.array(np.ascontiguousarray(values), field.type))
-    return pa.Table.from_arrays(found, schema=schema)
+            filled.append(pa.array(np.ascontiguousarray(values), field.type))
+    return pa.Table.from_arrays(filled, schema=schema)
 
 
 def _parts(arrays: Mapping[str, np.ndarray], *names: str, more: int = 0) -> Iterator[list[np.ndarray]]:
     """Blocks of rows of some arrays, whose memory is given back after each; ``more``: bytes that a row costs beside them."""
-    some = [arrays[name] for name in names]
-    for part in parts(len(some[0]), more + sum(one[:1].nbytes for one in some), *some, arrays["step"], arrays["time"]):
-        yield [np.asarray(one[part]) for one in some]
+    named = [arrays[name] for name in names]
+    for part in parts(
+        len(named[0]), more + sum(array[:1].nbytes for array in named), *named, arrays["step"], arrays["time"]
+    ):
+        yield [np.asarray(array[part]) for array in named]
 
 
 def _states(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
@@ -198,11 +200,11 @@ def check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
         raise ValueError(f"{facts.num_rows:,} rows, should be {rows:,}")
     if needed > LARGEST_TABLE:
         raise ValueError(f"{needed / 1e9:.3g} GB unpacked, more than the {LARGEST_TABLE / 1e9:.3g} GB that are read")
-    found = source.schema_arrow
-    if not found.equals(schema, check_metadata=False):
-        raise ValueError(_differing(found, schema))
+    stored = source.schema_arrow
+    if not stored.equals(schema, check_metadata=False):
+        raise ValueError(_differing(stored, schema))
     wanted = (schema.metadata or {}).get(COORDINATES)
-    if wanted is not None and (found.metadata or {}).get(COORDINATES) != wanted:
+    if wanted is not None and (stored.metadata or {}).get(COORDINATES) != wanted:
         raise ValueError("it has other coordinates than the world")
 
 
@@ -211,19 +213,19 @@ def _demand_whole(table: pa.Table) -> None:
         raise ValueError(f"the column {gaps[0]!r} has missing values")
 
 
-def _differing(found: pa.Schema, wanted: pa.Schema) -> str:
+def _differing(stored: pa.Schema, wanted: pa.Schema) -> str:
     """Which columns are missing, too many, or of another type: the first of each."""
-    missing = [name for name in wanted.names if name not in found.names]
-    more = [name for name in found.names if name not in wanted.names]
+    missing = [name for name in wanted.names if name not in stored.names]
+    more = [name for name in stored.names if name not in wanted.names]
     if missing:
         return f"the column {missing[0]!r} is missing"
     if more:
         return f"the column {more[0][:80]!r} is unknown"
     for name, field in zip(wanted.names, wanted, strict=True):
-        if found.names.count(name) > 1:
+        if stored.names.count(name) > 1:
             return f"the column {name!r} is duplicated"
-        if not found.field(name).type.equals(field.type):
-            return f"the column {name!r} holds {found.field(name).type}, should be {field.type}"
+        if not stored.field(name).type.equals(field.type):
+            return f"the column {name!r} holds {stored.field(name).type}, should be {field.type}"
     return "its columns are in another order"
 
 
@@ -245,7 +247,7 @@ def lists(table: pa.Table, name: str) -> np.ndarray:
 def indices(table: pa.Table, name: str, world: World) -> np.ndarray:
     """A column of bodies' names as indices (rows,). Raises ValueError for a name that is no body's."""
     places = {body.name: index for index, body in enumerate(world.bodies)}
-    found = [np.zeros(0, dtype=np.int64)]
+    blocks = [np.zeros(0, dtype=np.int64)]
     for chunk in table[name].chunks:
         words = chunk.dictionary.to_pylist()
         strange = [word for word in words if word not in places]
@@ -253,8 +255,8 @@ def indices(table: pa.Table, name: str, world: World) -> np.ndarray:
             raise ValueError(
                 f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which is not a body of the world"
             )
-        found.append(np.array([places[word] for word in words], dtype=np.int64)[chunk.indices.to_numpy()])
-    return np.concatenate(found)
+        blocks.append(np.array([places[word] for word in words], dtype=np.int64)[chunk.indices.to_numpy()])
+    return np.concatenate(blocks)
 
 
 def read_arrays(
@@ -273,10 +275,10 @@ def read_arrays(
             raise ValueError("bodies.parquet: the bodies are not the world's, in the world's order, at every time")
         _demand_times(arrays, "bodies", table, place // count)
         _put(part, (pose, columns(table, POSE_COLUMNS)), (velocity, columns(table, VELOCITY_COLUMNS)))
-    arrays["pose"], arrays["velocity"] = (one.reshape(times, count, one.shape[1]) for one in (pose, velocity))
-    found = {"energy": {"energy": ["kinetic", "potential"]}}
-    found["control"] = {f"control.{part}": [f"{part}.{name}" for name in joints] for part in ("target", "effort")}
-    for name, wanted in found.items():
+    arrays["pose"], arrays["velocity"] = (values.reshape(times, count, values.shape[1]) for values in (pose, velocity))
+    by_table = {"energy": {"energy": ["kinetic", "potential"]}}
+    by_table["control"] = {f"control.{part}": [f"{part}.{name}" for name in joints] for part in ("target", "effort")}
+    for name, wanted in by_table.items():
         if name not in read:
             continue
         arrays |= {array: zeros((times, len(names))) for array, names in wanted.items()}
@@ -288,9 +290,9 @@ def read_arrays(
 
 def _put(part: slice, *pairs: tuple[np.ndarray, np.ndarray]) -> None:
     """Put a block's values into arrays of all rows."""
-    for whole, values in pairs:
-        whole[part] = values
-        release(whole)
+    for array, values in pairs:
+        array[part] = values
+        release(array)
 
 
 def _read_states(known: Coordinates, arrays: Mapping[str, np.ndarray], read: Blocks) -> None:
@@ -304,10 +306,10 @@ def _read_states(known: Coordinates, arrays: Mapping[str, np.ndarray], read: Blo
             q, v = lists(table, "q"), lists(table, "v")
         else:
             q, v = (
-                columns(table, [f"{one}.{name}" for name in names]) for one, names in (("q", known.q), ("v", known.v))
+                columns(table, [f"{kind}.{name}" for name in names]) for kind, names in (("q", known.q), ("v", known.v))
             )
         values = {"step": step, "time": table["time"].to_numpy(), "q": q, "v": v}
-        _put(part, *((arrays[name], one) for name, one in values.items()))
+        _put(part, *((arrays[name], kind) for name, kind in values.items()))
 
 
 def _demand_times(arrays: Mapping[str, np.ndarray], name: str, table: pa.Table, row: np.ndarray) -> None:
@@ -321,7 +323,9 @@ def _demand_times(arrays: Mapping[str, np.ndarray], name: str, table: pa.Table, 
 def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, read: Blocks) -> dict[str, np.ndarray]:
     shapes: dict[str, tuple[int, ...]] = {"row": (), "body": (2,), "position": (3,), "normal": (3,)}
     shapes |= {"distance": (), "normal_force": ()}
-    found = {name: zeros((count, *shape), int if name in ("row", "body") else float) for name, shape in shapes.items()}
+    contacts = {
+        name: zeros((count, *shape), int if name in ("row", "body") else float) for name, shape in shapes.items()
+    }
     last, rows = 0, len(arrays["step"])
     for part, table in read:
         row = table["row"].to_numpy()
@@ -334,5 +338,5 @@ def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, r
         values = {"row": row, "position": columns(table, AXES), "normal": columns(table, [f"n{axis}" for axis in AXES])}
         values |= {name: table[name].to_numpy() for name in ("distance", "normal_force")}
         values["body"] = np.stack([indices(table, side, world) for side in ("first", "second")], axis=-1)
-        _put(part, *((found[name], one) for name, one in values.items()))
-    return {f"contact.{name}": values for name, values in found.items()}
+        _put(part, *((contacts[name], column) for name, column in values.items()))
+    return {f"contact.{name}": values for name, values in contacts.items()}
