@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+from simspec.engines.drake.building import told_name
 from simspec.engines.drake.readback import (
     SHAPE,
     SIZES,
@@ -43,7 +44,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found = of_plant(sim.built.drake, sim.plant, sim.built.scene)
     found["stiction_tolerance"] = sim.settings["stiction_tolerance"]
     found |= sidecar_labels(sim.sidecar)
-    found["sidecar.bodies"] = listed([body.name() for body in sim.built.bodies])
+    found["sidecar.bodies"] = listed([told_name(body)[1] for body in sim.built.bodies])
     every = [sim.plant.get_input_port(index) for index in range(sim.plant.num_input_ports())]
     found["ports"] = listed([port.get_name() for port in every if port.HasValue(sim.context)])
     found["port.actuation"] = bool(sim.plant.get_actuation_input_port().HasValue(sim.context))
@@ -103,9 +104,9 @@ def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
 
 
 def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
-    joint, name = joint_of(sim, index), held.name()
+    joint, (_, name) = joint_of(sim, index), told_name(held)
     found: dict[str, HeldValue] = {
-        "model": sim.plant.GetModelInstanceName(held.model_instance()),
+        "instance": sim.plant.GetModelInstanceName(held.model_instance()),
         "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
         "joint": sim.document.bodies[index].joint.name,
         "joint.own_name": "" if joint.is_ephemeral() else joint.name(),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.drake.building import CONE, NAME
+from simspec.engines.drake.building import CONE, NAME, told_name
 from simspec.engines.drake.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames
@@ -41,8 +41,8 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     q, v = sim.get_state()
     bodies = []
     for index, held in enumerate(sim.built.bodies):
-        model = sim.plant.GetModelInstanceName(held.model_instance()).removeprefix("model.")
-        bodies.append(Body(held.name(), model, inertial(sim, held), _joint(sim, index, q, v), _shapes(sim, held)))
+        model, name = told_name(held)
+        bodies.append(Body(name, model, inertial(sim, held), _joint(sim, index, q, v), _shapes(sim, held)))
     moved = zip(sim.names, sim.offsets.tolist(), strict=True)
     offsets = {name: tuple(offset) for name, offset in moved if any(offset)}
     return ReadBack(
@@ -78,17 +78,12 @@ def inertial(sim: Simulation, held: Any) -> Inertial:
 
 def joint_of(sim: Simulation, index: int) -> Any:
     """Drake's joint of a body; that of a free one it made itself."""
-    if sim.built.joints[index] is not None:
-        return sim.built.joints[index]
-    held = sim.built.bodies[index]
-    every = (sim.plant.get_joint(one) for one in sim.plant.GetJointIndices(held.model_instance()))
-    return next(one for one in every if one.child_body().index() == held.index())
+    return sim.inboard[int(sim.built.bodies[index].index())]
 
 
 def actuator_of(sim: Simulation, joint: Any) -> Any:
     """The actuator of a joint; None without one."""
-    every = (sim.plant.get_joint_actuator(one) for one in sim.plant.GetJointActuatorIndices())
-    return next((one for one in every if one.joint().index() == joint.index()), None)
+    return sim.actuators.get(int(joint.index()))
 
 
 def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
@@ -106,7 +101,7 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     if not joint.frame_on_child().is_body_frame():
         raise EngineError(NAME, f"joint {joint.name()!r} is not at its child's frame")
     above = joint.parent_body()
-    parent = None if above.index() == sim.plant.world_body().index() else above.name()
+    parent = None if above.index() == sim.plant.world_body().index() else told_name(above)[1]
     origin = pose_of(joint.frame_on_parent().GetFixedPoseInBodyFrame())
     held = Joint(joint.name(), kind, parent, origin, position=tuple(position), velocity=tuple(velocity))
     if kind == "fixed":
@@ -137,9 +132,9 @@ def _names(sim: Simulation, held: Any, of: str) -> list[tuple[list[str], Any]]:
     inspector = sim.query().inspector()
     ask = getattr(sim.plant, of)
     own = [(inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(held)]
-    if held.name() in sim.built.places:
-        body = next(body for body in sim.document.bodies if body.name == held.name())
-        planes = {shape.name for shape in body.shapes if shape.kind == "plane"}
+    name = told_name(held)[1]
+    if name in sim.built.places:
+        planes = {shape.name for shape in sim.told[name].shapes if shape.kind == "plane"}
         every = ((inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(sim.plant.world_body()))
         own += [(words, one) for words, one in every if words[0] in planes]
     return own

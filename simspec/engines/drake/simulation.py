@@ -42,12 +42,14 @@ class Simulation:
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
         self.coordinates = Coordinates(self.built, [body.joint.kind for body in bodies])
         self.names = [body.name for body in bodies]
+        self.told = {body.name: body for body in bodies}
         self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
         self._given: np.ndarray | None = None
         self._push(np.zeros(self.coordinates.nv))
+        self._index()
         self.shape_of = {one.id: one.shape for one in self.built.geometries}
         self._before: tuple[np.ndarray, np.ndarray] | None = None
         q: list[float] = []
@@ -58,6 +60,14 @@ class Simulation:
             q.extend(position)
             v.extend([*velocity[:3], *_into(position, velocity[3:])] if free else velocity)
         self.set_state(np.array(q, dtype=float), np.array(v, dtype=float))
+
+    def _index(self) -> None:
+        """Drake's joints by the index of their child, and its actuators by the index of their joint, asked for once."""
+        plant = self.plant
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        self.inboard = {int(joint.child_body().index()): joint for joint in joints}
+        actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+        self.actuators = {int(actuator.joint().index()): actuator for actuator in actuators}
 
     def _losses(self) -> None:
         """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""
