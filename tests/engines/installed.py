@@ -6,8 +6,6 @@ from collections.abc import Callable
 
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
-from simspec.support.declarations import Level
-from simspec.support.features import Feature
 
 INSTALLED = [name for name, engine in engines().items() if engine.version() is not None]
 """Every engine of this environment."""
@@ -16,7 +14,3 @@ INSTALLED = [name for name, engine in engines().items() if engine.version() is n
 def having(wanted: Callable[[type[Engine]], bool]) -> list[str]:
     """Those of which ``wanted`` is true."""
     return [name for name in INSTALLED if wanted(engines()[name])]
-
-
-BOUNCING = having(lambda engine: engine.SUPPORT[Feature.RESTITUTION].level is not Level.UNSUPPORTED)
-"""Engines that have the whole contact law, restitution too."""

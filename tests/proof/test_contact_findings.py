@@ -12,7 +12,10 @@ import pytest
 
 import simspec
 from simspec.runner.run import Run
-from tests.engines.installed import BOUNCING as ENGINES
+from simspec.support.features import Feature
+from tests.declared import engines_with
+
+ENGINES = engines_with(Feature.RESTITUTION)
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"
 GRAVITY = 9.81

@@ -11,8 +11,11 @@ import pytest
 import simspec
 from simspec.language.formatting import format_text
 from simspec.runner.expectations import evaluate
+from simspec.support.features import Feature
 from simspec.world.canonical import sha256
-from tests.engines.installed import BOUNCING as ENGINES
+from tests.declared import engines_with
+
+ENGINES = engines_with(Feature.RESTITUTION)
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"
 QUICK = (

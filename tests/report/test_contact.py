@@ -17,9 +17,12 @@ from simspec.proof.contact.probe import Figure
 from simspec.report import polar
 from simspec.report.contact import contact_table, deviations
 from simspec.report.explain import explained, tables, ways
+from simspec.support.features import Feature
 from simspec.world.types import Hardness
 from tests import worlds
-from tests.engines.installed import BOUNCING as ENGINES
+from tests.declared import engines_with
+
+ENGINES = engines_with(Feature.RESTITUTION)
 
 FRICTION = 0.4
 
