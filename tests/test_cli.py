@@ -488,18 +488,18 @@ def test_engines_of_the_project_file(project, folder):
 
 
 def test_two_labels_of_the_project_file_at_work(project, folder):
-    study = data("run", "../fall.yaml", "--no-repeats")
+    study = data("run", "../fall.yaml", "--no-repeats", "--no-verify")
     assert set(study["runs"]) == {"dart", project}
     assert len(study["diffs"]) == 1
     assert set(data("verify", "../fall.yaml", "--engine", "mujoco")["certificate"]["engines"]) == {"mujoco"}
-    assert set(data("run", "../fall.yaml", "--no-repeats", "--all-engines")["runs"]) == set(engines())
+    assert set(data("run", "../fall.yaml", "--no-repeats", "--no-verify", "--all-engines")["runs"]) == set(engines())
 
 
 def test_the_command_line_comes_before_the_project_file(project, folder):
     (folder / "here" / "python").write_text("#!/bin/sh\nexit 3\n")
-    assert project in simspec("run", "../fall.yaml", "--no-repeats", code=3).output
-    simspec("run", "../fall.yaml", "--no-repeats", "--python", f"{project}={sys.executable}")
-    simspec("run", "../fall.yaml", "--no-repeats", "--engine", f"{project}={sys.executable}")
+    assert project in simspec("run", "../fall.yaml", "--no-repeats", "--no-verify", code=3).output
+    simspec("run", "../fall.yaml", "--no-repeats", "--no-verify", "--python", f"{project}={sys.executable}")
+    simspec("run", "../fall.yaml", "--no-repeats", "--no-verify", "--engine", f"{project}={sys.executable}")
 
 
 def test_a_bad_project_file_is_an_error_of_the_command(project, folder):
