@@ -33,7 +33,7 @@ from simspec.world.types import World
 from tests.random_specs import spec
 
 ACCEPT = re.compile(r"engines\.(\w+)\.(accept|outside): \[([\w.-]+)\]")
-"""How an error tells what a spec may accept."""
+"""How an error names what a spec may accept."""
 ABSURD = 1e6
 """m/s and rad/s that no random world reaches unless its steps are too long for it."""
 

@@ -1,6 +1,6 @@
 """Runs the complete self-test and puts its table into docs/proof.md: ``python tools/selftest.py [ENGINE ...]``.
 
-Exits 1 when a change was missed; the table then says so. With engines named, only their rows are made anew. Printed are missed
+Exits 1 when a change was missed; the table then lists it. With engines named, only their rows are made anew. Printed are missed
 changes, and declarations of something inert that no change needs.
 """
 
