@@ -23,10 +23,10 @@ from simspec.outputs.marker import RUN
 from simspec.outputs.reading import open_regular
 from simspec.outputs.writing import add_file
 from simspec.runner import tables
-from simspec.runner.metrics import rotation_vectors
 from simspec.runner.run import Run
 from simspec.runner.store import read_provenance
 from simspec.stored import FloorFacts, read_as
+from simspec.world.rotations import logarithm, relative
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -68,11 +68,7 @@ DEVIATION_BYTES = 512
 def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances (m) and angles (rad) (rows, bodies) between two arrays of poses (rows, bodies, 7)."""
     position = np.linalg.norm(one[..., :3] - other[..., :3], axis=-1)
-    a, b = one[..., 3:7], other[..., 3:7]
-    # of conj(a) b: the vector part without cancellation, so that small angles keep their digits
-    scalar = np.einsum("tni,tni->tn", a, b)
-    vector = a[..., :1] * b[..., 1:] - b[..., :1] * a[..., 1:] - np.cross(a[..., 1:], b[..., 1:])
-    angle = np.linalg.norm(rotation_vectors(np.concatenate([scalar[..., None], vector], axis=-1)), axis=-1)
+    angle = np.linalg.norm(logarithm(relative(one[..., 3:7], other[..., 3:7])), axis=-1)
     return position, angle
 
 

@@ -22,6 +22,7 @@ from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.mapped import blocks
 from simspec.world import frames
 from simspec.world.kinematics import layout_of, trees
+from simspec.world.rotations import logarithm
 from simspec.world.types import VELOCITY_SIZE, Body, Pose, World
 
 MODEL_SIZE = 48
@@ -193,7 +194,7 @@ class Tree:
         if len(self._hinge_v):
             effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
         for at_q, at_v, stiffness in self._sprung_balls:
-            effort[at_v] -= stiffness * rotation_vector(q[at_q])
+            effort[at_v] -= stiffness * logarithm(q[at_q])
         return effort
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
@@ -209,7 +210,7 @@ class Tree:
         stretch = q[self._hinge_q] - self._rest[at_v]
         potential += 0.5 * float(self._stiffness[at_v] @ (stretch * stretch))
         for at_q, _, stiffness in self._sprung_balls:
-            turn = rotation_vector(q[at_q])
+            turn = logarithm(q[at_q])
             potential += 0.5 * stiffness * float(turn @ turn)
         return float(kinetic), float(potential)
 
@@ -412,15 +413,3 @@ class Oracle:
             if count:
                 yield all_q, all_v
                 q, v = all_q[-1].copy(), all_v[-1].copy()
-
-
-def rotation_vector(quaternion: np.ndarray) -> np.ndarray:
-    """log R (3,) of a unit quaternion w x y z: axis times the angle in [0, π]."""
-    w, xyz = quaternion[0], np.asarray(quaternion[1:])
-    if w < 0.0:
-        w, xyz = -w, -xyz
-    sine = np.sqrt(xyz @ xyz)
-    if sine == 0.0:
-        return np.zeros(3)
-    vector: np.ndarray = xyz * (2.0 * np.arctan2(sine, w) / sine)
-    return vector

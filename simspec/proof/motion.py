@@ -17,8 +17,8 @@ from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, random_states
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
-from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.rotations import rotation_error
 from simspec.world.types import World
 
 STEPS = 2000

@@ -11,6 +11,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import MODEL_TOLERANCE, Check, Tally
+from simspec.world.rotations import rotation_error
 from simspec.world.types import World
 
 STATES = 5
@@ -88,12 +89,3 @@ def dynamics_checks(
                 i = int(np.argmax(error))
                 tally.add("L3", name, MODEL_TOLERANCE, float(error[i]), f"bodies.{names[block[i]]}, state {row}")
     return tally.checks()
-
-
-def rotation_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angles (rad) between orientations (..., 4), as 2 |sin(angle/2)|, without loss of digits near zero."""
-    w, xyz = a[..., :1], a[..., 1:]
-    other_w, other = b[..., :1], b[..., 1:]
-    apart = w * other - other_w * xyz - np.cross(xyz, other)
-    angles: np.ndarray = 2.0 * np.linalg.norm(apart, axis=-1)
-    return angles

@@ -19,6 +19,7 @@ from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.rotations import matrices
 from simspec.world.types import Expectation, World
 
 
@@ -329,7 +330,7 @@ def _keeps_place(run: Run, parameters: Parameters) -> Measured:
     initial: list[np.ndarray] = []
 
     def away(poses: np.ndarray) -> np.ndarray:
-        turns = metrics.rotation_matrices(poses[:, 1, 3:7])
+        turns = matrices(poses[:, 1, 3:7])
         places = np.einsum("tji,tj->ti", turns, poses[:, 0, :3] - poses[:, 1, :3])
         initial.extend(places[:1] if not initial else ())
         result: np.ndarray = np.linalg.norm(places - initial[0], axis=1)

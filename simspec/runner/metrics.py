@@ -16,31 +16,10 @@ import numpy as np
 
 from simspec.mapped import parts, release, zeros
 from simspec.world.kinematics import layout_of, rigid_groups
+from simspec.world.rotations import logarithm, matrices
 from simspec.world.types import World
 
 Arrays = Mapping[str, np.ndarray]
-
-
-def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4) w x y z."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def rotation_vectors(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation vectors log R (..., 3) of unit quaternions (..., 4); |log R| ≤ π, to full precision at small angles."""
-    turned = np.where(quaternions[..., :1] < 0, -quaternions, quaternions)
-    length = np.linalg.norm(turned[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(length, turned[..., :1])
-    # at zero the ratio angle / sin(angle / 2) is 2; the division is done only where there is something to divide
-    ratio = np.divide(angle, length, out=np.full_like(length, 2.0), where=length > 0)
-    result: np.ndarray = turned[..., 1:] * ratio
-    return result
 
 
 def moving_bodies(world: World) -> np.ndarray:
@@ -83,7 +62,7 @@ def motion(world: World, arrays: Arrays) -> Motion:
     """How the bodies' masses move in a run."""
     masses = Masses.of(world)
     pose, velocity = arrays["pose"], arrays["velocity"]
-    turn = rotation_matrices(pose[..., 3:7])
+    turn = matrices(pose[..., 3:7])
     lever = np.einsum("tnij,nj->tni", turn, masses.centre)
     angular = velocity[..., 3:6]
     local = np.einsum("tnji,tnj->tni", turn, angular)
@@ -146,7 +125,7 @@ def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
             kinetic += 0.5 * joint.armature * arrays["v"][:, speed].ravel() ** 2
         if joint.spring_stiffness:
             q = arrays["q"][:, position]
-            bent = rotation_vectors(q) if joint.kind == "ball" else q - joint.spring_rest
+            bent = logarithm(q) if joint.kind == "ball" else q - joint.spring_rest
             potential += 0.5 * joint.spring_stiffness * np.einsum("ti,ti->t", bent, bent)
     return kinetic, potential
 

@@ -18,11 +18,11 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.certificate import EngineProof
-from simspec.proof.probes import rotation_error
 from simspec.proof.verify import LEVELS, verify
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature
 from simspec.testing.worlds import accepting, with_options
+from simspec.world.rotations import rotation_error
 from simspec.world.types import World
 
 OWN = (Level.EXACT, Level.VIA_API)

@@ -22,7 +22,7 @@ from simspec.engines.kit.process import Answer, Operation
 from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
-from simspec.proof.probes import dynamics_operation, rotation_error
+from simspec.proof.probes import dynamics_operation
 from simspec.proof.verify import read_back_checks
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -38,6 +38,7 @@ from simspec.testing.bench import (
     touching_operation,
 )
 from simspec.world.kinematics import initial_state
+from simspec.world.rotations import rotation_error
 from simspec.world.types import Surface, World
 
 WORLDS: Mapping[str, Callable[[], World]] = {

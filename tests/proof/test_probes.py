@@ -12,7 +12,8 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof import motion
-from simspec.proof.probes import dynamics_checks, dynamics_operation, kinematics_checks, rotation_error
+from simspec.proof.probes import dynamics_checks, dynamics_operation, kinematics_checks
+from simspec.world.rotations import rotation_error
 from simspec.world.types import World
 from tests import worlds
 from tests.proof.wild import WILD, at_4_ms

@@ -6,7 +6,6 @@ configuration, and rotations are put together from the file's own numbers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -18,7 +17,8 @@ from simspec.formats.kit.passes import restore_frames
 from simspec.formats.skel import document as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
+from simspec.world.rotations import exponential_of
+from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 KINDS = {"weld": "fixed", "revolute": "hinge", "prismatic": "slide", "ball": "ball", "free": "free"}
 COORDINATES = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}
@@ -164,10 +164,10 @@ def _with_state(read: Joint, joint: skel.Joint) -> Joint:
     position = _needed(joint.item, joint.item.numbers("init_pos", count), "init_pos")
     velocity = _needed(joint.item, joint.item.numbers("init_vel", count), "init_vel")
     if read.kind == "ball":
-        return replace(read, position=_turn(position), velocity=velocity)
+        return replace(read, position=frames.normalise(exponential_of(position)), velocity=velocity)
     if read.kind == "free":
         x, y, z = position[3:]
-        placed = frames.compose(read.origin, Pose((x, y, z), _turn(position[:3])))
+        placed = frames.compose(read.origin, Pose((x, y, z), frames.normalise(exponential_of(position[:3]))))
         return replace(
             read,
             origin=Pose(),
@@ -175,15 +175,6 @@ def _with_state(read: Joint, joint: skel.Joint) -> Joint:
             velocity=(*velocity[3:], *velocity[:3]),
         )
     return replace(read, position=position, velocity=velocity)
-
-
-def _turn(vector: Sequence[float]) -> Quaternion:
-    """The rotation of a rotation vector."""
-    angle = math.sqrt(sum(x * x for x in vector))
-    if angle == 0.0:
-        return frames.IDENTITY
-    x, y, z = (math.sin(angle / 2.0) / angle * part for part in vector)
-    return frames.normalise((math.cos(angle / 2.0), x, y, z))
 
 
 def _fixed(joints: Mapping[str, Joint]) -> set[str]:

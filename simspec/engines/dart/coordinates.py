@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.dialect import SMALL_TURN
-from simspec.engines.kit.vectors import cross
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.rotations import conjugate, exponential, exponential_of, logarithm_of, rotate
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Quaternion, Vector3
 
 NAME = "dart"
@@ -33,61 +33,14 @@ JOINT_KINDS = {
 """DART's joint types."""
 
 
-def turn_of(vector: Sequence[float]) -> Quaternion:
-    """The rotation of a rotation vector, as a unit quaternion with w ≥ 0."""
-    x, y, z = vector
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle == 0.0:
-        return frames.IDENTITY
-    share, w = math.sin(angle / 2.0) / angle, math.cos(angle / 2.0)
-    if w < 0.0:
-        w, share = -w, -share
-    return (w, x * share, y * share, z * share)
-
-
 def vector_of(q: Sequence[float]) -> Vector3:
     """log R of a unit quaternion; short turns the long way round (see ``SMALL_TURN`` in ``dialects/dart/dialect.py``)."""
-    w, x, y, z = q
-    if w < 0.0:
-        w, x, y, z = -w, -x, -y, -z
-    sine = math.sqrt(x * x + y * y + z * z)
-    if sine == 0.0:
-        return (0.0, 0.0, 0.0)
-    turn = 2.0 * math.atan2(sine, w)
-    if SMALL_TURN[0] < turn < SMALL_TURN[1]:
-        turn -= 2.0 * math.pi
-    factor = turn / sine
+    x, y, z = logarithm_of(q)
+    turn = math.sqrt(x * x + y * y + z * z)
+    if not SMALL_TURN[0] < turn < SMALL_TURN[1]:
+        return (x, y, z)
+    factor = 1.0 - 2.0 * math.pi / turn
     return (x * factor, y * factor, z * factor)
-
-
-def multiply(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """The rotation ``a`` after ``b``, brought back to unit length."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    w = aw * bw - ax * bx - ay * by - az * bz
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by - ax * bz + ay * bw + az * bx
-    z = aw * bz + ax * by - ay * bx + az * bw
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    return (w / length, x / length, y / length, z / length)
-
-
-def turns_of(vectors: np.ndarray) -> np.ndarray:
-    """:func:`turn_of` for many: (n, 3) to (n, 4)."""
-    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    share = np.where(angle == 0.0, 0.0, np.sin(angle / 2.0) / np.where(angle == 0.0, 1.0, angle))
-    found = np.concatenate([np.cos(angle / 2.0), share * vectors], axis=1)
-    return np.where(found[:, :1] < 0.0, -found, found)
-
-
-def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by unit quaternions (n, 4)."""
-    across = cross(q[:, 1:], v)
-    turned: np.ndarray = v + 2.0 * (q[:, :1] * across + cross(q[:, 1:], across))
-    return turned
-
-
-_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 @dataclass(slots=True)
@@ -131,7 +84,7 @@ class Tree:
             if one.kind == "ball":
                 found[row : row + 3, first : first + 3] = np.eye(3)
             else:
-                turn = turn_of(one.joint.getPositions()[:3].tolist())
+                turn = exponential_of(one.joint.getPositions()[:3].tolist())
                 found[row : row + 3, first + 3 : first + 6] = frames.matrix(turn)
                 found[row + 3 : row + 6, first : first + 3] = np.eye(3)
         return found
@@ -218,12 +171,12 @@ class Coordinates:
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         q[self._q], v[self._v] = held[self._dof], rate[self._dof]
         if len(self._ball_q):
-            q[self._ball_q], v[self._ball_v] = turns_of(held[self._ball_dof]), rate[self._ball_dof]
+            q[self._ball_q], v[self._ball_v] = exponential(held[self._ball_dof]), rate[self._ball_dof]
         if len(self._free_q):
             place, motion = held[self._free_dof], rate[self._free_dof]
-            turns = turns_of(place[:, :3])
+            turns = exponential(place[:, :3])
             q[self._free_q] = np.concatenate([place[:, 3:], turns], axis=1)
-            v[self._free_v] = np.concatenate([motion[:, 3:], rotate(turns * _INVERSE, motion[:, :3])], axis=1)
+            v[self._free_v] = np.concatenate([motion[:, 3:], rotate(conjugate(turns), motion[:, :3])], axis=1)
         return q, v
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:

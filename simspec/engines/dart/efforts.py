@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.coordinates import Coordinates, Tree, turn_of
+from simspec.engines.dart.coordinates import Coordinates, Tree
 from simspec.world import frames
+from simspec.world.rotations import exponential_of
 
 
 def shortest(vector: np.ndarray) -> np.ndarray:
@@ -96,7 +97,7 @@ class Efforts:
             total = given.copy()
             for one in tree.turners:
                 if one.kind == "free":
-                    turn = one.turn or turn_of(one.joint.getPositions()[:3].tolist())
+                    turn = one.turn or exponential_of(one.joint.getPositions()[:3].tolist())
                     place = slice(one.start, one.start + 3)
                     total[place] = frames.rotate(turn, tuple(given[place].tolist()))
         if name in self._driven:

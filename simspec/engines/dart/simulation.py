@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, multiply, turn_of, vector_of
+from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, vector_of
 from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
 from simspec.engines.kit.captured import captured
 from simspec.errors import EngineError
 from simspec.formats.skel.format import WORLD
 from simspec.formats.skel.reading import without_visual_shapes
+from simspec.world.rotations import exponential_of, multiply_of
 
 CONTACT_CAP = 1000
 """Contacts that DART takes in one step. Beyond that it leaves some out; dartpy gives no way to raise it (the collision
@@ -265,7 +266,7 @@ class Simulation:
         if self.exact_rotation:
             for one in turners:
                 if one.turn is None:
-                    one.turn = turn_of(one.joint.getPositions()[:3].tolist())
+                    one.turn = exponential_of(one.joint.getPositions()[:3].tolist())
         else:
             if turners and turners[0].turn is not None:  # all are set together and cleared together
                 for one in turners:
@@ -298,14 +299,14 @@ class Simulation:
 
         DART's own is a Taylor form for turns below 1e-3 rad in a step, off by up to 1.7e-10 (measured).
         """
-        change = turn_of([x * self.timestep for x in one.joint.getVelocities()[:3].tolist()])
+        change = exponential_of([x * self.timestep for x in one.joint.getVelocities()[:3].tolist()])
         if one.turn is None:
             raise RuntimeError("the rotation before the step is not known")
         if one.kind == "ball":
-            one.turn = multiply(one.turn, change)
+            one.turn = multiply_of(one.turn, change)
             one.joint.setPositions(vector_of(one.turn))
         else:
-            one.turn = multiply(change, one.turn)
+            one.turn = multiply_of(change, one.turn)
             one.joint.setPositions([*vector_of(one.turn), *one.joint.getPositions()[3:].tolist()])
 
     def messages(self) -> list[str]:

@@ -15,45 +15,8 @@ import numpy as np
 
 from simspec.engines.drake.building import Built
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.rotations import conjugate, exponential, matrices, multiply, rotate, unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
-
-
-def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternions a b (n, 4)."""
-    w, v, x, u = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
-    scalar = w * x - np.sum(v * u, axis=1, keepdims=True)
-    return np.concatenate([scalar, w * u + x * v + np.cross(v, u)], axis=1)
-
-
-def exponential(vectors: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) of rotation vectors (n, 3)."""
-    half = 0.5 * np.sqrt(np.sum(vectors * vectors, axis=1, keepdims=True))
-    return np.asarray(np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=1), dtype=float)
-
-
-def logarithm(turns: np.ndarray) -> np.ndarray:
-    """Rotation vectors (n, 3), of at most π, of quaternions (n, 4)."""
-    turns = np.where(turns[:, :1] < 0.0, -turns, turns)
-    sine = np.sqrt(np.sum(turns[:, 1:] ** 2, axis=1, keepdims=True))
-    angle = 2.0 * np.arctan2(sine, turns[:, :1])
-    return np.asarray(turns[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0), dtype=float)
-
-
-def rotate(turns: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by quaternions (n, 4)."""
-    across = np.cross(turns[:, 1:], vectors)
-    return np.asarray(vectors + 2.0 * (turns[:, :1] * across + np.cross(turns[:, 1:], across)), dtype=float)
-
-
-def conjugate(turns: np.ndarray) -> np.ndarray:
-    """The inverse rotations."""
-    return np.asarray(turns * np.array([1.0, -1.0, -1.0, -1.0]), dtype=float)
-
-
-def unit(turns: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) of length 1, w ≥ 0."""
-    turns = turns / np.sqrt(np.sum(turns * turns, axis=1, keepdims=True))
-    return np.where(turns[:, :1] < 0.0, -turns, turns)
 
 
 class Coordinates:
@@ -135,19 +98,18 @@ class Coordinates:
     def matrices(self, x: np.ndarray) -> np.ndarray:
         """Rotations (n, 3, 3) of the free bodies."""
         turns = unit(x[self.free_drake_q][:, :4]) if len(self.free) else np.zeros((0, 4))
-        columns = [rotate(turns, np.tile(axis, (len(turns), 1))) for axis in np.eye(3)]
-        return np.stack(columns, axis=-1)
+        return matrices(turns)
 
     def turn(self, before: np.ndarray, after: np.ndarray, timestep: float) -> None:
         """Write the rotations of the free bodies into ``after``, and those of the balls into the context's parameters to come:
         R' = exp(dt ω) R with the new ω. Drake's own are off by 1e-5 (measured)."""
         rate = after[self.positions :]
         if len(self.free):
-            turns = product(exponential(timestep * rate[self.free_drake_v[:, :3]]), before[self.free_drake_q[:, :4]])
+            turns = multiply(exponential(timestep * rate[self.free_drake_v[:, :3]]), before[self.free_drake_q[:, :4]])
             after[self.free_drake_q[:, :4]] = unit(turns)
         if len(self.ball):
             after[: self.positions][self._ball_drake_q()] = 0.0
-            self.turns = unit(product(self.turns, exponential(timestep * rate[self.ball_drake_v])))
+            self.turns = unit(multiply(self.turns, exponential(timestep * rate[self.ball_drake_v])))
 
     def _ball_drake_q(self) -> np.ndarray:
         joints = self._built.joints

@@ -10,10 +10,11 @@ import numpy as np
 
 from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.engines.drake.building import NAME, build, warnings_into
-from simspec.engines.drake.coordinates import Coordinates, logarithm
+from simspec.engines.drake.coordinates import Coordinates
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
+from simspec.world.rotations import logarithm
 
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.engines.kit.vectors import cross
+from simspec.world.rotations import cross, rotate
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
     "body": (2,),
@@ -70,10 +70,7 @@ def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.nd
     poses, velocities = poses.copy(), velocities.copy()
     moved = np.flatnonzero(offsets.any(axis=1))
     if len(moved):
-        q = poses[moved, 3:7]
-        c = offsets[moved]
-        uv = cross(q[:, 1:], c)
-        lever = c + 2.0 * (q[:, :1] * uv + cross(q[:, 1:], uv))
+        lever = rotate(poses[moved, 3:7], offsets[moved])
         poses[moved, :3] -= lever
         velocities[moved, :3] -= cross(velocities[moved, 3:], lever)
     return poses, velocities

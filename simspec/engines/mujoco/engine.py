@@ -25,7 +25,6 @@ from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.kit.vectors import cross
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
@@ -49,6 +48,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
+from simspec.world.rotations import cross
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, HeldValue, ReadBack, World
 
 DISTRIBUTIONS = ("mujoco-core", "mujoco")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,16 +9,9 @@ import numpy as np
 from simspec.dialects.kit.joints import Armature, Spring
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import Tree
-from simspec.engines.pybullet.turns import from_xyzw
+from simspec.engines.pybullet.turns import told_turn
 from simspec.world import frames
-
-
-def rotation_vector(q: Sequence[float]) -> np.ndarray:
-    """log R of a unit quaternion w x y z, the shorter way round."""
-    w, x, y, z = q if q[0] >= 0.0 else [-component for component in q]
-    sine = math.sqrt(x * x + y * y + z * z)
-    factor = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
-    return np.array([x, y, z]) * factor
+from simspec.world.rotations import from_xyzw_of, logarithm_of
 
 
 class Efforts:
@@ -71,7 +63,7 @@ class Efforts:
         p, client = self._sim.bullet, self._sim.client
         damping = np.array([p.getJointInfo(tree.uid, joint, physicsClientId=client)[6] for joint in joints])
         _, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
-        local_gravity = frames.rotate(frames.conjugate(from_xyzw(raw)), self._sim.sidecar.gravity)
+        local_gravity = frames.rotate(frames.conjugate(told_turn(raw)), self._sim.sidecar.gravity)
         return joints, places, damping, local_gravity
 
     def total(self, given: np.ndarray) -> np.ndarray:
@@ -83,8 +75,8 @@ class Efforts:
         for tree, link, stiffness, rest in self._springs:
             if link.kind == "ball":
                 state = p.getJointStateMultiDof(tree.uid, link.link, physicsClientId=client)
-                x, y, z, w = state[0]
-                effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, tuple(rotation_vector((w, x, y, z)))))
+                turned = logarithm_of(from_xyzw_of(state[0]))
+                effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, turned))
             else:
                 effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
         gravity = self._sim.sidecar.gravity
@@ -121,7 +113,7 @@ class Efforts:
             given = effort[root.v]
             if given.any():
                 at, raw = p.getBasePositionAndOrientation(uid, physicsClientId=client)
-                turn = frames.multiply((raw[3], raw[0], raw[1], raw[2]), frames.conjugate(root.turn))
+                turn = frames.multiply(from_xyzw_of(raw), frames.conjugate(root.turn))
                 torque = frames.rotate(turn, tuple(given[3:].tolist()))
                 p.applyExternalForce(uid, -1, given[:3].tolist(), at, p.WORLD_FRAME, physicsClientId=client)
                 p.applyExternalTorque(uid, -1, list(torque), p.WORLD_FRAME, physicsClientId=client)
@@ -133,6 +125,6 @@ class Efforts:
         q, v = self._sim.get_state()
         potential = 0.0
         for _, link, stiffness, rest in self._springs:
-            away = rotation_vector(q[link.q].tolist()) if link.kind == "ball" else q[link.q] - rest
+            away = np.array(logarithm_of(q[link.q].tolist())) if link.kind == "ball" else q[link.q] - rest
             potential += 0.5 * stiffness * float(away @ away)
         return 0.5 * float(np.sum(self.armature * v**2)), potential

@@ -16,7 +16,7 @@ from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.pybullet.bullet_file import Block, plain, read_blocks
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import Tree
-from simspec.engines.pybullet.turns import from_xyzw
+from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
 from simspec.world import frames
@@ -273,10 +273,10 @@ def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) ->
 def _weld(name: str, info: Any, parent: Any, own: Any) -> dict[str, HeldValue]:
     """Where a link that only carries shapes sits on its body: (0, 0, 0) and no turn, as distances in m and rad."""
     turn = frames.multiply(
-        frames.multiply(from_xyzw(parent[4]), frames.conjugate(from_xyzw(info[15]))),
-        frames.conjugate(from_xyzw(own[4])),
+        frames.multiply(told_turn(parent[4]), frames.conjugate(told_turn(info[15]))),
+        frames.conjugate(told_turn(own[4])),
     )
-    place = frames.add(tuple(parent[3]), frames.rotate(from_xyzw(parent[4]), tuple(info[14])))
+    place = frames.add(tuple(parent[3]), frames.rotate(told_turn(parent[4]), tuple(info[14])))
     return {f"joint.{name}.place": _rounded(place), f"joint.{name}.turn": _rounded(turn[1:])}
 
 

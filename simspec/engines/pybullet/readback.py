@@ -13,7 +13,7 @@ from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
-from simspec.engines.pybullet.turns import from_xyzw
+from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -88,13 +88,13 @@ def _inertial_frames(sim: Simulation, tree: Tree) -> dict[int, Pose]:
     found = {}
     for link in range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client)):
         info = sim.bullet.getDynamicsInfo(tree.uid, link, physicsClientId=sim.client)
-        found[link] = Pose(tuple(info[3]), from_xyzw(info[4]))
+        found[link] = Pose(tuple(info[3]), told_turn(info[4]))
     return found
 
 
 def _base_pose(sim: Simulation, tree: Tree, inertial: Pose) -> Pose:
     at, raw = sim.bullet.getBasePositionAndOrientation(tree.uid, physicsClientId=sim.client)
-    return frames.compose(Pose(tuple(at), from_xyzw(raw)), frames.inverse(inertial))
+    return frames.compose(Pose(tuple(at), told_turn(raw)), frames.inverse(inertial))
 
 
 def _joint(
@@ -111,7 +111,7 @@ def _joint(
     # axes, inverted (measured)
     parent, own = inertials[above], inertials[link.link]
     turn = frames.multiply(
-        frames.multiply(parent.quaternion, frames.conjugate(from_xyzw(info[15]))), frames.conjugate(own.quaternion)
+        frames.multiply(parent.quaternion, frames.conjugate(told_turn(info[15]))), frames.conjugate(own.quaternion)
     )
     place = frames.add(parent.position, frames.rotate(parent.quaternion, tuple(info[14])))
     origin = Pose(place, turn)
@@ -183,14 +183,14 @@ def _solid(sim: Simulation, tree: Tree, link: int) -> list[Shape]:
     """The collision shapes of one link, without names, with the link's surface."""
     p, client = sim.bullet, sim.client
     info = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
-    inertial = Pose(tuple(info[3]), from_xyzw(info[4]))
+    inertial = Pose(tuple(info[3]), told_turn(info[4]))
     surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
     for entry in p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
         kind = _kind(entry[2])
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
-        pose = frames.compose(inertial, Pose(tuple(entry[5]), from_xyzw(entry[6])))
+        pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
         found.append(Shape("", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(surface,)))
     return found
 
@@ -238,7 +238,7 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     found: dict[int, list[Shape]] = {}
     for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
         kind = _kind(entry[2])
-        pose = Pose(tuple(entry[5]), from_xyzw(entry[6]))
+        pose = Pose(tuple(entry[5]), told_turn(entry[6]))
         size = _size(kind, entry[3])
         if kind != "plane" and not any(size):
             continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes

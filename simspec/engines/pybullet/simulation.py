@@ -11,14 +11,14 @@ import numpy as np
 
 from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.captured import captured
-from simspec.engines.kit.vectors import cross
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
 from simspec.engines.pybullet.sleeping import Sleepers
 from simspec.engines.pybullet.trees import Loader, rub
-from simspec.engines.pybullet.turns import conjugate, from_xyzw, multiply, rotate, to_xyzw
+from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.world import frames
+from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
 GREETING = "build time"
@@ -227,7 +227,7 @@ class Simulation:
                 at, turn = q[root.q][:3], tuple(q[root.q][3:7].tolist())
                 linear, angular = v[root.v][:3], frames.rotate(turn, tuple(v[root.v][3:].tolist()))
                 p.resetBasePositionAndOrientation(
-                    tree.uid, at.tolist(), to_xyzw(frames.multiply(turn, root.turn)), physicsClientId=client
+                    tree.uid, at.tolist(), to_xyzw_of(frames.multiply(turn, root.turn)), physicsClientId=client
                 )
                 p.resetBaseVelocity(tree.uid, linear.tolist(), list(angular), physicsClientId=client)
             movers = tree.movers
@@ -237,7 +237,7 @@ class Simulation:
                     if link.kind == "ball":
                         back = frames.conjugate(link.turn)
                         turn = frames.multiply(frames.multiply(back, tuple(q[link.q].tolist())), link.turn)
-                        positions.append(to_xyzw(turn))
+                        positions.append(to_xyzw_of(turn))
                         velocities.append(list(frames.rotate(back, tuple(v[link.v].tolist()))))
                     else:
                         positions.append(q[link.q].tolist())
@@ -252,7 +252,7 @@ class Simulation:
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if len(self._free):
             at, raw, linear, angular = (part[self._free] for part in self.inertial_states())
-            turn = multiply(raw, conjugate(self.turn[self._free]))
+            turn = positive(multiply(raw, conjugate(self.turn[self._free])))
             q[self._free_q] = np.concatenate([at, turn], axis=1)
             v[self._free_v] = np.concatenate([linear, rotate(conjugate(turn), angular)], axis=1)
         for tree in self.trees:
@@ -262,7 +262,7 @@ class Simulation:
             states = p.getJointStatesMultiDof(tree.uid, joints, physicsClientId=client)
             for link, state in zip(tree.movers, states, strict=True):
                 if link.kind == "ball":
-                    turned = frames.multiply(link.turn, from_xyzw(state[0]))
+                    turned = frames.multiply(link.turn, told_turn(state[0]))
                     q[link.q] = frames.multiply(turned, frames.conjugate(link.turn))
                     v[link.v] = frames.rotate(link.turn, state[1])
                 else:
@@ -301,7 +301,7 @@ class Simulation:
             if links[0].link < 0:
                 index = links[0].index
                 at[index], raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
-                turn[index] = raw[3], raw[0], raw[1], raw[2]
+                turn[index] = from_xyzw_of(raw)
                 linear[index], angular[index] = p.getBaseVelocity(tree.uid, physicsClientId=client)
                 links = links[1:]
             if links:
@@ -309,14 +309,14 @@ class Simulation:
                 for link, state in zip(links, states, strict=True):
                     # [4] and [5], the link frame, have single precision (measured: 1e-8 to 4e-7)
                     raw = state[1]
-                    at[link.index], turn[link.index] = state[0], (raw[3], raw[0], raw[1], raw[2])
+                    at[link.index], turn[link.index] = state[0], from_xyzw_of(raw)
                     linear[link.index], angular[link.index] = state[6], state[7]
         return at, turn, linear, angular
 
     def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6) of the body frames as the files have them."""
         at, raw, linear, angular = self.inertial_states()
-        turn = multiply(raw, conjugate(self.turn))
+        turn = positive(multiply(raw, conjugate(self.turn)))
         lever = rotate(turn, self.centre)
         poses = np.concatenate([at - lever, turn], axis=1)
         return poses, np.concatenate([linear - cross(angular, lever), angular], axis=1)

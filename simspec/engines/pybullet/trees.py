@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from simspec.dialects.pybullet.sidecar import Instance
-from simspec.engines.pybullet.turns import from_xyzw, to_xyzw
+from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.language.vocabulary import TREE_JOINTS
+from simspec.world.rotations import to_xyzw_of
 from simspec.world.types import Quaternion
 
 JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
@@ -83,7 +84,7 @@ class Loader:
             uid = p.loadURDF(
                 str(path),
                 basePosition=base.position,
-                baseOrientation=to_xyzw(base.quaternion),
+                baseOrientation=to_xyzw_of(base.quaternion),
                 useFixedBase=int(instance.root != "free"),
                 flags=flags,
                 physicsClientId=self.client,
@@ -95,7 +96,7 @@ class Loader:
         links = []
         for position, name in enumerate(instance.bodies):
             index, link = self.place[name], position - 1 + extra
-            turn = from_xyzw(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
+            turn = told_turn(p.getDynamicsInfo(uid, link, physicsClientId=self.client)[4])
             self._check_kind(uid, link, name, instance.root)
             links.append(Link(index, link, self.kinds[index], self._q[index], self._v[index], turn))
         movers = tuple(link for link in links if link.kind in TREE_JOINTS)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.proof.touch.geometry import Solid, gap, wanted_depth
+from simspec.world.rotations import matrices
 
 POSES = 3
 """Poses in which two shapes that may touch are tried when some detector misses overlaps of their kinds; one contact is enough.
@@ -153,14 +154,7 @@ def _thin(base: Solid) -> int:
 
 def _rotation(number: int) -> np.ndarray:
     """A seeded rotation matrix, in general position."""
-    w, x, y, z = _unit(np.random.default_rng(1000 + number).normal(size=4))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return matrices(_unit(np.random.default_rng(1000 + number).normal(size=4)))
 
 
 def _unit(values: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ from simspec.dynamics.oracle import Oracle
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.skel.format import WORLD
-from simspec.proof.probes import rotation_error
 from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.dart.saying import WORLDS, failures, small_turns
