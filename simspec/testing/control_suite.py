@@ -13,7 +13,6 @@ from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import UnsupportedError
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.runner.run import Run
@@ -22,8 +21,9 @@ from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.base import Suite
 from simspec.testing.bench import Bench, failures, run_operation
-from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
-from simspec.world.control import Controller, Trajectory
+from simspec.testing.driving import OracleJoints, chain, driven, native, told, wheel
+from simspec.testing.servos import SERVOS, closed_form, servo_world
+from simspec.world.control import Trajectory
 from simspec.world.types import Record, World
 
 STEPS = 250
@@ -39,14 +39,6 @@ def with_load(damping: float = 0.0) -> World:
     world = driven(worlds.world(more + first.bodies, physics=first.physics), joints=joints)
     rows = (tuple(q.tolist()), tuple((q + 0.3).tolist()))
     return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0, 0.5), rows, interpolation="quintic"))
-
-
-def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
-    """``base`` with its hinges and slides under the engine's own controllers."""
-    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
-    count = len(joints)
-    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
-    return dataclasses.replace(base, controllers=(one,))
 
 
 def recorded(bench: Bench, world: World) -> Run:
@@ -133,6 +125,27 @@ class ControlSuite(Suite):
         """As a capability of the engine, and as a feature of the language."""
         supported = bench.support[Feature.CONTROL_NATIVE].level is not Level.UNSUPPORTED
         assert supported == (not bench.lacks("native_controllers"))
+
+    @pytest.mark.parametrize("timestep", [0.001, 0.008])
+    def test_a_native_controller_follows_its_declared_law(self, bench: Bench, timestep: float) -> None:
+        """Step by step: at its limit and below, with a target at rest and in motion, and under a constant load."""
+        world = bench.allowed(servo_world(timestep))
+        if world is None:
+            return
+        declared = bench.kind.NATIVE_LAW
+        assert declared is not None
+        steps = round(1.0 / timestep)
+        answer = bench.run(world, steps, 1)
+        measured = answer.arrays["q"]
+        largest_error = dict(zip(answer.result["control"]["joints"], answer.result["control"]["error"], strict=True))
+        for column, servo in enumerate(SERVOS):
+            expected = closed_form(declared.law, servo, steps, timestep)
+            np.testing.assert_allclose(
+                measured[:, column], expected, rtol=0.0, atol=declared.accuracy, err_msg=servo.name
+            )
+            if not servo.speed:
+                error = np.abs(measured[1:, column] - servo.target).max()
+                assert largest_error[f"{servo.name}_joint"] == pytest.approx(error, abs=1e-15)
 
     @pytest.mark.parametrize("limit", [None, 0.4])
     def test_a_native_controller_settles_at_its_target_without_gravity(self, bench: Bench, limit: float | None) -> None:

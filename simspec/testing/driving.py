@@ -28,6 +28,14 @@ def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] |
     return dataclasses.replace(world, controllers=(Controller("all", joints, law, **(given | more)),))
 
 
+def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
+    """``base`` with its hinges and slides under the engine's own controllers."""
+    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
+    count = len(joints)
+    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
+    return dataclasses.replace(base, controllers=(one,))
+
+
 def told(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:
     """``world`` with a constant trajectory."""
     joints = joints or world.controllers[0].joints

@@ -1,8 +1,5 @@
-"""Law ``native`` in every engine: what each engine's own controller does is what it declares, no more and no less.
-
-The declarations in numbers: MuJoCo's actuators are kp (q* − q) + kd (v* − v), clipped, explicit in time; the motors of PyBullet
-and DART make the velocity v* + kp/(kd + dt kp) (q* − q) within their effort limit.
-"""
+"""Law ``native`` in every engine that has it, beyond the shipped suite: what the declared law says of whole robots, of
+controllers beside laws, and what is refused."""
 
 from __future__ import annotations
 
@@ -15,96 +12,43 @@ import pytest
 
 import simspec
 from simspec.comparison.runs import summary
-from simspec.compiler import compile_world, write_folder
+from simspec.compiler import compile_world
 from simspec.control.law import Control, ControlError
 from simspec.control.native import fed_forward
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.contract import Actuation, Engine
-from simspec.errors import EngineError, UnsupportedError
+from simspec.engines.kit.native_law import NativeLaw
+from simspec.engines.kit.registry import engines
+from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
-from simspec.testing.driving import chain, driven, told, wheel
+from simspec.testing.driving import chain, driven, native, told, wheel
+from simspec.testing.servos import Servo, closed_form
 from simspec.world.control import Controller, Trajectory
-from simspec.world.types import Inertial, Record, World
+from simspec.world.types import Record, World
 from tests import worlds
 from tests.engines.installed import having
+from tests.engines.natively import at_work
 
 INERTIA, KP, KD = 0.02, 40.0, 3.0
 SPECS = Path(__file__).resolve().parents[2] / "specs"
-EXPLICIT = ("mujoco",)
-"""Engines whose controller is an explicit spring and damper; that of the others is a motor for velocity."""
-EXACT = {"mujoco": 1e-13, "pybullet": 1e-12, "dart": 1e-6}
-"""rad from the closed form over a second. DART's solver leaves what is below its tolerance: 4e-7 rad, measured."""
 
 
 NATIVE = having(lambda engine: Capability.NATIVE_CONTROLLERS not in engine.LACKS)
 """Engines that have controllers of their own."""
 
 
+def declared(name: str) -> NativeLaw:
+    """The law that the engine's own controllers follow."""
+    law = engines()[name].NATIVE_LAW
+    assert law is not None
+    return law
+
+
 @pytest.fixture(params=NATIVE)
 def name(request) -> str:
     return request.param
-
-
-def native(world: World, limit: float | None = None, kp: float = KP, kd: float = KD) -> World:
-    joints = tuple(body.joint.name for body in world.bodies if body.joint.kind in ("hinge", "slide"))
-    count = len(joints)
-    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
-    return dataclasses.replace(world, controllers=(one,))
-
-
-def at_work(engine: Engine, world: World, quick: bool = True):
-    """A function that does so many steps more, and the control that it does them under."""
-    control = Control(world, reference(world))
-    joints = (engine.actuate if quick else lambda q, v: Actuation(engine, q, v))(control.q_places, control.v_places)
-    own, at = control.native, control.native_places
-    servos = engine.track(control.q_places[at], control.v_places[at], own.stiffness, own.damping, own.limit)
-    done = 0
-
-    def advance(count: int) -> np.ndarray:
-        nonlocal done
-        control.advance(joints, done, count, servos)
-        done += count
-        return joints.read()[0].copy()
-
-    return advance, control
-
-
-def closed_form(name: str, steps: int, dt: float, target: float, limit: float | None, kp=KP, kd=KD, speed=0.0):
-    """Angles of the wheel after each step, by what the engine declares; the target moves at ``speed``."""
-    q = v = 0.0
-    found, most = [], math.inf if limit is None else limit
-    for step in range(steps):
-        wanted = target + speed * step * dt
-        if name in EXPLICIT:
-            effort = kp * (wanted - q) + kd * (speed - v)
-        else:
-            effort = INERTIA * (speed + (kp / (kd + dt * kp) * (wanted - q) if kp else 0.0) - v) / dt
-        v += dt * min(max(effort, -most), most) / INERTIA
-        q += dt * v
-        found.append(q)
-    return np.array(found)
-
-
-@pytest.mark.parametrize("dt", [0.001, 0.008])
-@pytest.mark.parametrize("limit", [None, 5.0, 0.4])
-def test_the_step_response_is_the_declared_closed_form(name, loaded, dt, limit):
-    world = told(native(wheel(INERTIA, dt), limit), [0.5])
-    advance, control = at_work(loaded(world), world)
-    steps = round(1.0 / dt)
-    found = np.array([advance(1)[0] for _ in range(steps)])
-    np.testing.assert_allclose(found, closed_form(name, steps, dt, 0.5, limit), rtol=0, atol=EXACT[name])
-    assert abs(found[-1] - 0.5) < 1e-4 or limit == 0.4
-    assert control.error[0] == pytest.approx(np.abs(found - 0.5).max(), abs=1e-15)
-
-
-@pytest.mark.parametrize("limit", [None, 0.4])
-def test_it_settles_at_its_target_without_gravity(name, loaded, limit):
-    world = told(native(wheel(INERTIA), limit), [0.5])
-    advance, _ = at_work(loaded(world), world)
-    assert advance(6000)[0] == pytest.approx(0.5, abs=max(1e-9, EXACT[name]))
 
 
 def test_the_difference_between_engines_is_the_declared_one(name, loaded):
@@ -116,53 +60,21 @@ def test_the_difference_between_engines_is_the_declared_one(name, loaded):
     fast, slow = (np.roots([INERTIA, KD, KP]).real[k] for k in (0, 1))
     spring = (fast * math.exp(slow * 0.05) - slow * math.exp(fast * 0.05)) / (fast - slow)
     assert abs(motor - spring) > 0.02  # what the joint's inertia is worth after 50 ms
-    assert found == pytest.approx(spring if name in EXPLICIT else motor, abs=1e-3)
-
-
-@pytest.mark.parametrize("kp", [KP, 0.0])
-def test_it_follows_a_moving_target(name, loaded, kp):
-    """With v* there is no lag; without kp the velocity alone is followed."""
-    joints = ("wheel_joint",)
-    world = dataclasses.replace(
-        native(wheel(INERTIA), kp=kp),
-        trajectory=Trajectory(joints, (0.0, 2.0), ((0.0,), (1.0,)), interpolation="linear"),
-    )
-    advance, _ = at_work(loaded(world), world)
-    found = np.array([advance(1)[0] for _ in range(1000)])
-    expected = closed_form(name, 1000, 0.001, 0.0, None, kp=kp, speed=0.5)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=EXACT[name])
-    assert found[-1] - found[-2] == pytest.approx(0.0005, rel=1e-6)
-    if kp:
-        assert found[-1] == pytest.approx(0.5, abs=1e-5)
+    assert found == pytest.approx(spring if declared(name).sags else motor, abs=1e-3)
 
 
 def test_the_joints_own_damping_counts_against_a_motor_at_its_limit(name, loaded):
-    """Terminal speed: limit / damping; DART's own damping, which alone acts on its servos, is weaker by 1 + dt damping / I."""
+    """Terminal speed: limit / damping, with the damping that the engine declares."""
     base = wheel(INERTIA)
     body = dataclasses.replace(base.bodies[0], joint=dataclasses.replace(base.bodies[0].joint, damping=0.1))
-    world = dataclasses.replace(native(dataclasses.replace(base, bodies=(body,)), 0.5), trajectory=None)
+    world = dataclasses.replace(native(dataclasses.replace(base, bodies=(body,)), limit=0.5), trajectory=None)
     world = told(world, [1000.0])
     engine = loaded(world)
     advance, control = at_work(engine, world)
     advance(4000)
     assert engine.get_state()[1][control.v_places[0]] == pytest.approx(
-        5.0 * (1.0 + 0.001 * 0.1 / INERTIA if name == "dart" else 1.0), rel=1e-6
+        5.0 * (1.0 + 0.001 * 0.1 / INERTIA if declared(name).implicit_damping else 1.0), rel=1e-6
     )
-
-
-def hanging(kp: float) -> World:
-    """2 kg on a vertical slide."""
-    base = wheel()
-    joint = dataclasses.replace(base.bodies[0].joint, kind="slide")
-    body = dataclasses.replace(base.bodies[0], joint=joint, inertial=Inertial(2.0, inertia=(0.1, 0.1, 0.1, 0, 0, 0)))
-    return told(native(dataclasses.replace(base, bodies=(body,)), kp=kp, kd=100.0), [0.1])
-
-
-def test_under_gravity_a_spring_sags_and_a_motor_does_not(name, loaded):
-    world = hanging(1000.0)
-    advance, _ = at_work(loaded(world), world)
-    sag = 2.0 * 9.81 / 1000.0 if name in EXPLICIT else 0.0
-    assert advance(3000)[0] == pytest.approx(0.1 - sag, abs=1e-8)
 
 
 @pytest.mark.parametrize("quick", [True, False])
@@ -180,8 +92,8 @@ def test_laws_and_the_engines_own_controllers_work_side_by_side(name, loaded, qu
     assert control.joints[-1] == "wheel_joint"
     assert np.isnan(control.applied[-1])
     assert np.isfinite(control.applied[:-1]).all()
-    expected = closed_form(name, 400, 0.001, 0.5, None)[-1]
-    assert found["wheel_joint"] == pytest.approx(expected, abs=EXACT[name])
+    expected = closed_form(declared(name).law, Servo("wheel", INERTIA), 400, 0.001)[-1]
+    assert found["wheel_joint"] == pytest.approx(expected, abs=declared(name).accuracy)
     lawful = Trajectory(law.joints, (0.0,), (trajectory.positions[0][:-1],))
     alone = dataclasses.replace(world, controllers=(law,), trajectory=lawful)
     engine = loaded(alone)
@@ -215,8 +127,8 @@ def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
     own = np.array([joint in world.controllers[1].joints for joint in about["joints"]])
     assert np.isnan(found.arrays["control.effort"][1:, own]).all()
     assert np.isfinite(found.arrays["control.effort"][1:, ~own]).all()
-    # MuJoCo's joints sag by what their weight is of kp, and pull the others along; motors lag by a fraction of a mm
-    assert max(about["error"]) < (0.2 if name in EXPLICIT else 0.05)
+    # springs sag by what the weight is of kp, and pull the others along; motors lag by a fraction of a mm
+    assert max(about["error"]) < (0.2 if declared(name).sags else 0.05)
     assert [about["clipped"][k] for k in np.flatnonzero(own)] == [None, None]
     assert [about["clipped"][k] for k in np.flatnonzero(~own)] == [0, 0]
     assert "efforts clipped, most steps of a joint" in summary(found)
@@ -261,7 +173,7 @@ def declared_lag(name: str, world: World) -> np.ndarray:
     kp, kd = np.array(one.kp), np.array(one.kd)
     times = np.arange(world.physics.steps) * dt
     q, v, a = reference(world).position.at(times, 2)
-    if name not in EXPLICIT:
+    if not declared(name).sags:
         return np.abs(a).max(axis=0) * dt * (kd + dt * kp) / (2.0 * kp)
     oracle = Oracle(world)
     rows = range(0, len(times), 10)
@@ -280,38 +192,19 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
         assert error < 1.1 * lag[joint] + 1e-6, joint
     q = found.arrays["q"][-1]
     held = np.abs(q - np.array(world.trajectory.positions[-1]))
-    if name in EXPLICIT:
+    if declared(name).sags:
         sag = Oracle(world).bias_force(q, 0.0 * q) / np.array(world.controllers[0].kp)
         np.testing.assert_allclose(np.array(world.trajectory.positions[-1]) - q, sag, atol=1e-5)
     else:
         assert held.max() < 1e-6
 
 
-def test_an_engines_own_controllers_are_at_work_only_when_told(name, loaded):
-    """In the probes of the proof, the files' controllers must not hold the joints."""
-    base = wheel()
-    body = dataclasses.replace(base.bodies[0], joint=dataclasses.replace(base.bodies[0].joint, velocity=(1.0,)))
-    world = told(native(dataclasses.replace(base, bodies=(body,))), [0.0])
-    engine = loaded(world)
-    engine.step(100)
-    assert engine.get_state()[1][0] == pytest.approx(1.0, abs=1e-13)
-    advance, _ = at_work(engine, world)
-    advance(100)
-    assert abs(engine.get_state()[1][0]) < 0.9
-
-
-def test_a_joint_without_gains_is_left_alone(loaded):
-    world = told(native(wheel(), kp=0.0, kd=0.0), [1.0])
-    advance, _ = at_work(loaded(world), world)
-    assert advance(100)[0] == pytest.approx(0.0, abs=1e-13)
-
-
 def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):
-    world = worlds.with_options(told(native(chain(), 100.0, kp=200.0, kd=2.0), [0.1] * 4), name)
+    world = worlds.with_options(told(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4), name)
     proof = verify(world, [name], levels=["L0", "L1", "L2", "L3", "L6"]).engines[name]
     assert [check for check in proof.checks if not check.passed] == []
     counts = {(check.level, check.name): check.count for check in proof.checks}
-    if name in EXPLICIT:
+    if "control.native" not in engines()[name].UNREADABLE:
         for level in ("L0", "L2"):
             assert counts[level, "controllers"] == 1
             for number in ("kp", "kd", "effort limit"):
@@ -322,54 +215,6 @@ def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):
         assert "control.native" not in verify(law, [name], levels=["L1"]).engines[name].not_checked
 
 
-WRONG = {
-    "kp": ('kp="200"', 'kp="200.1"', "controller's kp"),
-    "kd": ('kv="2"', 'kv="2.001"', "controller's kd"),
-    "effort limit": ('forcerange="-100 100"', 'forcerange="-100.1 100.1"', "controller's effort limit"),
-    "effort limit dropped": ('forcelimited="true"', 'forcelimited="false"', "controller's effort limit"),
-    "another joint": ('joint="link1_joint" kp', 'joint="link2_joint" kp', "controllers"),
-}
-
-
-@pytest.mark.parametrize("key", WRONG)
-def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, tmp_path):
-    (engine,) = EXPLICIT
-    text, other, check = WRONG[key]
-    world = told(native(chain(), 100.0, kp=200.0, kd=2.0), [0.1] * 4)
-    files = dict(compile_world(world, [engine])[engine].files)
-    assert text in files["model.xml"]
-    files["model.xml"] = files["model.xml"].replace(text, other, 1)
-    write_folder(files, tmp_path / engine)
-    proof = verify(world, [engine], artifacts={engine: tmp_path / engine}, levels=["L0", "L1", "L2"]).engines[engine]
-    failed = {(one.level, one.name) for one in proof.checks if not one.passed}
-    assert failed == {("L0", check), ("L2", check)}
-
-
-@pytest.mark.parametrize(
-    ("text", "other"),
-    [('gear="1 0 0 0 0 0"', 'gear="2 0 0 0 0 0"'), ('forcerange="-100 100"', 'forcerange="-100 90"')],
-)
-def test_an_actuator_of_another_kind_is_refused_by_both_readers(text, other, tmp_path):
-    (engine,) = EXPLICIT
-    world = told(native(chain(), 100.0, kp=200.0, kd=2.0), [0.1] * 4)
-    files = dict(compile_world(world, [engine])[engine].files)
-    files["model.xml"] = files["model.xml"].replace(text, other, 1)
-    write_folder(files, tmp_path / engine)
-    proof = verify(world, [engine], artifacts={engine: tmp_path / engine}, levels=["L0", "L1"]).engines[engine]
-    assert {check.level for check in proof.checks if not check.passed} >= {"L0", "L1"}
-
-
-def test_a_file_without_actuators_is_refused_when_a_run_begins(loaded):
-    """As MuJoCo's, which hold them in the file; the others have them from the world."""
-    world = told(native(wheel()), [0.5])
-    engine = loaded(dataclasses.replace(world, controllers=()))
-    if engine.NAME in EXPLICIT:
-        with pytest.raises(EngineError, match="no actuator for wheel_joint"):
-            at_work(engine, world)
-    else:
-        at_work(engine, world)
-
-
 def changed(**fields) -> World:
     base = wheel()
     joint = dataclasses.replace(base.bodies[0].joint, **fields)
@@ -378,7 +223,7 @@ def changed(**fields) -> World:
 
 REFUSED = {
     ("mujoco", "stiff"): (lambda: native(wheel(), kd=50.0), "diverge at 0.001 s; the largest stable step is 0.00079"),
-    ("mujoco", "no effort"): (lambda: native(wheel(), 0.0), "effort limit of zero"),
+    ("mujoco", "no effort"): (lambda: native(wheel(), limit=0.0), "effort limit of zero"),
     ("pybullet", "dry friction"): (
         lambda: changed(dry_friction=0.1),
         "one motor a joint, and that of 'wheel' is its dry",

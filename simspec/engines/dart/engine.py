@@ -30,6 +30,7 @@ from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
@@ -125,6 +126,7 @@ class Dart(SimulatedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),

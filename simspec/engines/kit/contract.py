@@ -19,6 +19,7 @@ from simspec.control.native import Servos
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
 from simspec.engines.kit.capabilities import Capability, check_capabilities
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
@@ -59,6 +60,8 @@ class Engine:
     """Fields that it cannot be asked for, with the reason."""
     LACKS: ClassVar[Mapping[Capability, str]] = {}
     """The capabilities that it does not have, with the reason: it is not asked for what is behind them. Empty: it has all."""
+    NATIVE_LAW: ClassVar[NativeLaw | None] = None
+    """What its own controllers do; None where it lacks them."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
         """Check what the class declares; ``abstract``: it is no engine, but what several engines are built on."""
@@ -71,6 +74,8 @@ class Engine:
         native = cls.SUPPORT[Feature.CONTROL_NATIVE]
         if Capability.NATIVE_CONTROLLERS in cls.LACKS and native.level is not Level.UNSUPPORTED:
             raise TypeError(f"engine {cls.NAME} lacks native controllers, but declares support for control.native")
+        if (Capability.NATIVE_CONTROLLERS in cls.LACKS) != (cls.NATIVE_LAW is None):
+            raise TypeError(f"engine {cls.NAME} must declare NATIVE_LAW exactly where it has native controllers")
 
     @classmethod
     def version(cls) -> str | None:

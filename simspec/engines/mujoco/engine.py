@@ -24,6 +24,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_ve
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import Drive, JointArrays, explicit_servos_hold
@@ -77,6 +78,7 @@ class MuJoCo(Engine):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),

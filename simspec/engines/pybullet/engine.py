@@ -26,6 +26,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_block
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
@@ -84,6 +85,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,

@@ -10,6 +10,7 @@ import pytest
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.report import matrix
@@ -86,6 +87,16 @@ def test_a_declaration_names_a_capability_and_a_reason(lacks):
 def test_native_controllers_and_control_native_go_together():
     with pytest.raises(TypeError, match=r"lacks native controllers, but declares support for control\.native"):
         make(ALL, SUPPORT=dict.fromkeys(Feature, EXACT))
+
+
+def test_who_has_native_controllers_says_which_law_they_follow():
+    with pytest.raises(TypeError, match="must declare NATIVE_LAW exactly where it has native controllers"):
+        make(without(Capability.NATIVE_CONTROLLERS), track=lambda self: None)
+    with pytest.raises(TypeError, match="must declare NATIVE_LAW exactly where it has native controllers"):
+        make(ALL, NATIVE_LAW=NativeLaw(ServoLaw.MOTOR, accuracy=1e-9))
+    law = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-9)
+    engine = make(without(Capability.NATIVE_CONTROLLERS), track=lambda self: None, NATIVE_LAW=law)
+    assert engine.NATIVE_LAW is law
 
 
 def test_a_subclass_may_lack_what_its_parent_has_and_give_it_back():

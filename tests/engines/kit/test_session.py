@@ -15,6 +15,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import METHODS, Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import engines
@@ -40,6 +41,7 @@ class Noting(type("Able", (Engine,), HAS, abstract=True)):
     RULES, LAYERS = Rules("max", "max"), False
     SUPPORT: ClassVar = dict.fromkeys(Feature, EXACT)
     SETTINGS: ClassVar = {}
+    NATIVE_LAW: ClassVar = NativeLaw(ServoLaw.MOTOR, accuracy=1e-9)
     made: ClassVar[list[Noting]] = []
 
     def __init__(self):
