@@ -106,8 +106,8 @@ SECTIONS: Mapping[str, Section] = {
         "Friction in 24 directions",
         "push",
         "A slider is pushed at 1.6 times the limit in 24 directions; the friction force (vector) is compared with what the "
-        "cone requires. Shown: the largest deviation, as a share of μ N. MuJoCo's cones are associated: what slides is pushed up, "
-        "and hops under the inscribed pyramid, and under the elliptic cone at long timesteps; while it flies nothing "
+        "cone requires. Shown: the largest deviation, as a share of μ N. MuJoCo's cones are associated: what slides is pushed "
+        "up, and hops under the inscribed pyramid, and under the elliptic cone at long timesteps; while it flies nothing "
         "holds it. With friction: coulomb nothing is pushed up.",
         _frictions("%"),
     ),
@@ -122,8 +122,8 @@ SECTIONS: Mapping[str, Section] = {
     "stop": Section(
         "Stop distance",
         "stop",
-        "A slider with an initial speed in 24 directions; its path length is compared with the one-step law, under the elliptic "
-        "cone v²/2μg − v dt/2. Shown: the largest deviation, as a share of the distance. MuJoCo's come "
+        "A slider with an initial speed in 24 directions; its path length is compared with the one-step law, under the "
+        "elliptic cone v²/2μg − v dt/2. Shown: the largest deviation, as a share of the distance. MuJoCo's come "
         "from its hops, and, where a slide lasts a few steps only (8 and 16 ms), from friction that takes back slip at a rate; "
         "with friction: coulomb only from a slider that is set down and touches one step later.",
         _frictions("%"),
