@@ -28,8 +28,10 @@ RARE = {
     Feature.RESTITUTION_THRESHOLD,
     Feature.HARDNESS_PAIRS,
     Feature.HARDNESS_STIFFNESS,
+    Feature.CONSTRAINT_LOOP,
+    Feature.CONSTRAINT_COUPLING,
 }
-"""What is an engine's matter (pairs), or refused in most worlds."""
+"""What is an engine's matter (pairs), refused in most worlds, or not yet in the language (constraints)."""
 
 
 @pytest.fixture(scope="module")
