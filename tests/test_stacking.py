@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import json
 import math
 import sys
 from pathlib import Path
@@ -12,7 +13,6 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.engines.kit.registry import engines
 from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
 from simspec.world.kinematics import poses
@@ -20,7 +20,9 @@ from simspec.world.types import Inertial
 
 ROOT = Path(__file__).resolve().parent.parent
 SPECS = ROOT / "specs"
-ENGINES = sorted(engines())
+SUPPORTED = json.loads((ROOT / "generated" / "stack-cylinders" / "certificate.json").read_text())["engines"]
+"""The engines that support the scenario."""
+ENGINES = sorted(SUPPORTED)
 LIMIT = 0.01
 
 
@@ -173,7 +175,7 @@ def test_the_page_is_made_of_the_results():
     asleep = next(line for line in made["asleep"].splitlines() if line.startswith(f"| {name}, 4 ms"))
     assert asleep.split(" | ")[2] == lost["failure"]
     lines = made["limits"].splitlines()
-    assert next(line for line in lines if line.startswith("| 4 ms")).split(" | ")[1] == "3.4"
+    assert next(line for line in lines if line.startswith("| 4 ms")).strip(" |").split(" | ")[1] == "3.4"
     assert "fails** (1 of 2)" in next(line for line in lines if line.startswith("| 16 ms"))
     assert "slip: not lifted" in made["failures"]
     text = "".join(f"x <!-- {part} -->old<!-- /{part} --> y\n" for part in made)

@@ -118,7 +118,7 @@ def test_a_setting_that_does_nothing_beside_another_is_a_located_error(engine, n
     (problem,) = caught.value.problems
     assert problem.path == f"engines.{engine}.settings.{name}"
     assert problem.location == place
-    assert f"does nothing with {other}: {str(value).lower()}" in problem.message
+    assert f"has no effect with {other}: {str(value).lower()}" in problem.message
     assert all(str(one).lower() in problem.hint for one in needs[1])
     assert not check_settings(known, [(name, default), (other, needs[1][0])])
     assert not check_settings(known, [(other, value)])
@@ -148,7 +148,7 @@ def test_the_command_refuses_it_and_names_it(tmp_path, capsys):
     assert main(["compile", spec, "--engine", "mujoco", "--out", str(tmp_path / "out"), *given]) == 2
     said = capsys.readouterr().err
     assert "engines.mujoco.settings.friction_rate" in said
-    assert "does nothing with friction: coulomb" in said
+    assert "has no effect with friction: coulomb" in said
     assert not (tmp_path / "out").exists()
 
 

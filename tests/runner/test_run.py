@@ -84,7 +84,7 @@ def test_what_the_oracle_leaves_out_is_said():
         short(worlds.limits_and_armature(), 2000), expectations=(Expectation("follows_oracle", (("tolerance", 1.0),)),)
     )
     dry = dataclasses.replace(short(worlds.limits_and_armature(dry_friction=0.1)), expectations=limited.expectations)
-    for world, words in ((limited, "beyond its own"), (dry, "no dry friction")):
+    for world, words in ((limited, "does not support joint limits"), (dry, "dry friction")):
         steps = np.arange(0, world.physics.steps + 1, 10)
         arrays = {"step": steps, "time": steps * 1e-3, "pose": np.zeros((len(steps), 4, 7))}
         from simspec.runner.run import Run

@@ -109,7 +109,7 @@ def test_its_answers_are_held_against_the_world_like_any_engine_s(point_mass):
 
 def test_no_python_can_be_chosen_for_it(point_mass):
     _, folder = point_mass
-    with pytest.raises(EngineError, match="a program of its own"):
+    with pytest.raises(EngineError, match="is a separate program"):
         call("point-mass", folder, [], python="python3")
 
 
