@@ -31,7 +31,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
-from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, alike, exactly, never, via_api
+from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, alike, exactly, never, shape_kinds, via_api
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
@@ -54,7 +54,7 @@ _IN_THE_FILE = (
     *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE),
     *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT, Feature.DAMPING, Feature.DRY_FRICTION),
     *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-    *(Feature.SHAPE_SPHERE, Feature.SHAPE_BOX, Feature.SHAPE_CYLINDER, Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+    *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
 )
 _NOT_OF_FILES = (Feature.IMPACT_FRICTION, Feature.CONTROL, Feature.CONTROL_NATIVE)
 """What no file says: what the engine does by itself, and what is given to it while it runs."""
@@ -67,6 +67,7 @@ class UrdfDialect(Dialect):
     FORMAT: ClassVar[str] = "urdf"
     SIDECAR: ClassVar[type[Sidecar]] = UrdfSidecar
     SUPPORT: ClassVar[Table] = {
+        **shape_kinds("URDF", LANGUAGE_KINDS),
         **exactly(*_IN_THE_FILE),
         **alike(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),

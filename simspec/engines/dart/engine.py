@@ -21,7 +21,7 @@ from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.inventory import inventory, neutral
-from simspec.engines.dart.readback import read_back
+from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.settings import SETTINGS
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.armature import armature_felt
@@ -45,6 +45,7 @@ from simspec.support.declarations import (
     exactly,
     never,
     outside,
+    shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
@@ -128,6 +129,7 @@ class Dart(SimulatedEngine[Simulation]):
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
+        **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
             Feature.DRY_FRICTION,
