@@ -56,7 +56,7 @@ def bare_dart(engine, steps, every):
 
 
 def bare_drake(engine, steps, every):
-    plant, context = engine.plant, engine.context
+    plant, context = engine._simulation.plant, engine._simulation.context
     started = time.perf_counter()
     for _ in range(steps):
         context.SetDiscreteState(plant.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
