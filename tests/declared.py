@@ -9,11 +9,12 @@ from simspec.support.features import Feature
 
 
 def engines_with(*features: Feature) -> list[str]:
-    """Every engine that supports all the features in some world, by name."""
+    """Every installed engine that supports all the features in some world, by name."""
     return sorted(
         name
         for name, engine in engines().items()
-        if all(
+        if engine.version() is not None
+        and all(
             combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)[feature].level is not Level.UNSUPPORTED
             for feature in features
         )

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final
 
+from simspec.dialects.kit.instances import check_by_body, check_coordinates, check_every_body, check_unit
 from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Pose, Vector3
+from simspec.world.types import POSITION_SIZE, Pose, Vector3
 
-UNIT: Final = 1e-9
-"""How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""
 FREE: Final = "free"
 FIXED: Final = "fixed"
 WORLD_LINK: Final = "world link"
@@ -93,10 +91,7 @@ class PybulletSidecar(Sidecar):
 
     def check(self) -> None:
         kinds = {body.name: body.kind for body in self.bodies}
-        named = [name for instance in self.instances for name in instance.bodies]
-        check_distinct(named, "sidecar.instances")
-        if set(named) != set(kinds):
-            raise ValueError(f"sidecar.instances and sidecar.bodies differ in {sorted(set(named) ^ set(kinds))}")
+        check_every_body((instance.bodies for instance in self.instances), kinds)
         solid: set[str] = set()
         for index, instance in enumerate(self.instances):
             _check_instance(instance, kinds, f"sidecar.instances.{index}")
@@ -132,8 +127,6 @@ def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:
 
 def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
     bodies = instance.bodies
-    if not bodies:
-        raise ValueError(f"{at} has no bodies")
     if instance.root not in ROOTS:
         raise ValueError(f"{at}.root is {instance.root!r}, should be one of {', '.join(ROOTS)}")
     lists = {
@@ -142,19 +135,11 @@ def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> No
         "visual_only": instance.visual_only,
         "layers": instance.layers,
     }
-    for name, entries in lists.items():
-        if len(entries) != len(bodies):
-            raise ValueError(f"{at}.{name} has {len(entries)} entries for {len(bodies)} bodies")
+    check_by_body(bodies, lists, at)
     for names, places in zip(instance.shapes, instance.visual_only, strict=True):
         if not set(places) <= set(range(len(names))):
             raise ValueError(f"{at}.visual_only names shapes {list(places)} of {len(names)}")
-    for name, sizes, numbers in (
-        ("position", POSITION_SIZE, instance.position),
-        ("velocity", VELOCITY_SIZE, instance.velocity),
-    ):
-        size = sum(sizes[kinds[body]] for body in bodies)
-        if len(numbers) != size:
-            raise ValueError(f"{at}.{name} has {len(numbers)} numbers, should have {size}")
+    check_coordinates([kinds[body] for body in bodies], instance.position, instance.velocity, at)
     _check_placed(instance, kinds, at)
     check_known({copy.body for copy in instance.copies}, set(bodies), f"{at}.copies")
     shapes = dict(zip(bodies, instance.shapes, strict=True))
@@ -173,5 +158,4 @@ def _check_placed(instance: Instance, kinds: Mapping[str, str], at: str) -> None
         own = [numbers.pop(0) for _ in range(POSITION_SIZE[kinds[body]])]
         if kinds[body] in QUATERNION_JOINTS:
             turns.append(own[-4:])
-    if any(abs(math.hypot(*turn) - 1.0) > UNIT for turn in turns):
-        raise ValueError(f"{at} has a quaternion that is not of unit length")
+    check_unit(turns, at)

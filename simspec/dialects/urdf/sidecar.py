@@ -5,20 +5,18 @@ An engine's process imports this module; it needs numpy only.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.dialects.kit.instances import check_by_body, check_coordinates, check_every_body, check_unit
 from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import HARDNESS_KINDS
 from simspec.world.shapes import SHAPES
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Hardness, PairContact, Pose, Vector3
+from simspec.world.types import Hardness, PairContact, Pose, Vector3
 
-UNIT: Final = 1e-9
-"""How far a quaternion may be from unit length: numbers are printed to round-trip, and normalised before."""
 BESIDE: Final = tuple(kind for kind in SHAPES if kind not in ("sphere", "box", "cylinder"))
 """The kinds of shapes that URDF lacks, which stand in the sidecar."""
 
@@ -123,10 +121,7 @@ class UrdfSidecar(Sidecar):
 
     def check(self) -> None:
         kinds = {body.name: body.kind for body in self.bodies}
-        named = [name for instance in self.instances for name in instance.bodies]
-        check_distinct(named, "sidecar.instances")
-        if set(named) != set(kinds):
-            raise ValueError(f"sidecar.instances and sidecar.bodies differ in {sorted(set(named) ^ set(kinds))}")
+        check_every_body((instance.bodies for instance in self.instances), kinds)
         for index, instance in enumerate(self.instances):
             _check_instance(instance, kinds, f"sidecar.instances.{index}")
         shapes = [name for instance in self.instances for names in instance.shapes for name in names]
@@ -166,28 +161,12 @@ class UrdfSidecar(Sidecar):
 
 def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:
     bodies = instance.bodies
-    if not bodies:
-        raise ValueError(f"{at} has no bodies")
-    for name, count in (
-        ("joints", len(instance.joints)),
-        ("shapes", len(instance.shapes)),
-        ("materials", len(instance.materials)),
-    ):
-        if count != len(bodies):
-            raise ValueError(f"{at}.{name} has {count} entries for {len(bodies)} bodies")
+    lists = {"joints": instance.joints, "shapes": instance.shapes, "materials": instance.materials}
+    check_by_body(bodies, lists, at)
     for names, materials in zip(instance.shapes, instance.materials, strict=True):
         if len(names) != len(materials):
             raise ValueError(f"{at}.materials has {len(materials)} entries for {len(names)} shapes")
     if instance.free != (kinds[bodies[0]] == "free") or any(kinds[name] == "free" for name in bodies[1:]):
         raise ValueError(f"{at}.free does not fit the kinds of its bodies")
-    numbers = list(instance.position)
-    for name, sizes, given in (
-        ("position", POSITION_SIZE, instance.position),
-        ("velocity", VELOCITY_SIZE, instance.velocity),
-    ):
-        size = sum(sizes[kinds[body]] for body in bodies)
-        if len(given) != size:
-            raise ValueError(f"{at}.{name} has {len(given)} numbers, should have {size}")
-    turns: Sequence[Sequence[float]] = [numbers[3:7]] if instance.free else []
-    if any(abs(math.hypot(*turn) - 1.0) > UNIT for turn in turns):
-        raise ValueError(f"{at} has a quaternion that is not of unit length")
+    check_coordinates([kinds[body] for body in bodies], instance.position, instance.velocity, at)
+    check_unit([instance.position[3:7]] if instance.free else [], at)
