@@ -1,0 +1,1 @@
+"""Figures of runs: speed, validity, determinism, horizons, conservation, contact, distributions; each once."""

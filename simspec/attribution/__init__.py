@@ -1,0 +1,1 @@
+"""Which setting, quantity or moment a difference between two engines comes from."""
