@@ -50,7 +50,9 @@ def native(engine: str) -> World:
     joints = ("upper_joint", "lower_joint")
     one = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
     way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
-    options = EngineOptions(engine, accept=("control.native",))
+    # the friction of a solver that has controllers is an approximation somewhere
+    accept = ("contact.cone.elliptic", "contact.friction.impact", "control.native")
+    options = EngineOptions(engine, accept=accept)
     return dataclasses.replace(world, name="self-test-native", controllers=(one,), trajectory=way, engines=(options,))
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from simspec.contact.meeting import excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
+from simspec.control.native import natives
 from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
@@ -38,12 +39,17 @@ class DrakeDialect(Dialect):
             for shape in solid_shapes(body)
             for layer in plan.layers(shape.material)
         }
+        servos = {
+            name: tree.Servo(kp, kd, limit)
+            for one in natives(world)
+            for name, kp, kd, limit in zip(one.joints, one.kp, one.kd, one.effort_limits, strict=True)
+        }
         used = {body.collision_group for body in world.bodies if solid_shapes(body)}
         document = tree.Document(
             gravity=world.physics.gravity,
             timestep=world.physics.timestep,
             friction_cone=world.contact.friction_cone,
-            bodies=tuple(_body(body, plan) for body in moved.bodies),
+            bodies=tuple(_body(body, plan, servos.get(body.joint.name)) for body in moved.bodies),
             meets=tuple(
                 (*pair, layer)
                 for pair, layer in sorted(plan.layer_of.items())
@@ -63,7 +69,7 @@ class DrakeDialect(Dialect):
         return raised(document, sidecar)
 
 
-def _body(body: Body, plan: ContactPlan) -> tree.Body:
+def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
     return tree.Body(
         body.name,
         body.model,
@@ -71,12 +77,12 @@ def _body(body: Body, plan: ContactPlan) -> tree.Body:
         body.inertial.mass,
         body.inertial.centre_of_mass,
         body.inertial.inertia,
-        _joint(body.joint),
+        _joint(body.joint, servo),
         tuple(_shape(shape, plan) for shape in body.shapes),
     )
 
 
-def _joint(joint: Joint) -> tree.Joint:
+def _joint(joint: Joint, servo: tree.Servo | None) -> tree.Joint:
     """Of a joint the fields that its kind has."""
     name, parent, origin = joint.name, joint.parent, joint.origin
     position, velocity = joint.position, joint.velocity
@@ -111,6 +117,7 @@ def _joint(joint: Joint) -> tree.Joint:
         armature=joint.armature,
         position=position,  # type: ignore[arg-type]
         velocity=velocity,  # type: ignore[arg-type]
+        servo=servo,
     )
 
 

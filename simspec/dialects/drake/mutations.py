@@ -13,6 +13,8 @@ ADDITIONS = (
     Addition("", "1.0", "strength"),
     Addition("bodies.*", "0.1", "drag"),
     Addition("bodies.*.joint", "0.1", "backlash"),
+    Addition("bodies.*.joint", '{"kp": 10.0, "kd": 1.0, "effort_limit": null}', "servo"),
+    Addition("bodies.*.joint.servo", "0.1", "ki"),
     Addition("bodies.*.shapes.*", "0.01", "margin"),
     Addition("bodies.*.shapes.*.copies", COPY),
     Addition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),

@@ -8,13 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simspec.dialects.drake.sidecar import DrakeSidecar
-from simspec.dialects.kit.joints import UNREADABLE
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, ReadBack, Shape, Surface
-
-OWN_CONTROLLERS = "control.native"
+from simspec.world.types import Body, HeldServo, Inertial, Joint, ReadBack, Shape, Surface
 
 
 def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
@@ -25,7 +22,16 @@ def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
         document.gravity,
         document.timestep,
         document.friction_cone,
-        {OWN_CONTROLLERS: UNREADABLE[OWN_CONTROLLERS]},
+        servos=_servos(document),
+    )
+
+
+def _servos(document: tree.Document) -> tuple[HeldServo, ...]:
+    joints = (body.joint for body in document.bodies)
+    return tuple(
+        HeldServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
+        for joint in joints
+        if isinstance(joint, tree.AxisJoint) and joint.servo is not None
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,6 +26,8 @@ from simspec.world.types import Pose
 NAME = "drake"
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
+SERVO = "servo"
+"""How the names of actuators that hold the gains of a PD controller begin."""
 CONE = "elliptic"
 """The only one that Drake has."""
 LACKING = ("torsional_friction", "rolling_friction", "restitution", "hardness")
@@ -97,6 +100,11 @@ def told_name(held: Any) -> tuple[str, str]:
     return model, name
 
 
+def is_servo(actuator: Any) -> bool:
+    """Whether one of Drake's actuators holds the gains of a PD controller; else the joint's effort limit."""
+    return bool(actuator.name().startswith(f"{SERVO}."))
+
+
 @dataclass(frozen=True, slots=True)
 class Geometry:
     """One geometry of a collision shape: ``id`` Drake's, ``shape`` the shape's place among all collision shapes, ``part`` what
@@ -131,7 +139,7 @@ class Built:
 
 def build(document: Document, settings: Mapping[str, Any]) -> Built:
     """Build the world. Raises EngineError for what Drake does not have, or refuses."""
-    _check(document)
+    _check(document, settings)
     drake = import_drake()
     builder = drake.framework.DiagramBuilder()
     plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(document.timestep))
@@ -166,8 +174,11 @@ def build(document: Document, settings: Mapping[str, Any]) -> Built:
     return built
 
 
-def _check(document: Document) -> None:
+def _check(document: Document, settings: Mapping[str, Any]) -> None:
     """Raise EngineError for what Drake does not have."""
+    driven = any(isinstance(body.joint, AxisJoint) and body.joint.servo is not None for body in document.bodies)
+    if driven and settings["contact_approximation"] != "sap":
+        raise EngineError(NAME, "supports its PD controllers by SAP alone")
     if document.friction_cone != CONE:
         raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
     planes = sum(len(shape.copies) for body in document.bodies for shape in body.shapes if shape.kind == "plane")
@@ -213,11 +224,19 @@ def _joint(built: Built, index: int, joint: Joint, bodies: Mapping[str | None, A
         found.set_position_limits(*([value] for value in joint.position_limits))
     if joint.velocity_limit is not None:
         found.set_velocity_limits([-joint.velocity_limit], [joint.velocity_limit])
-    if joint.armature or joint.effort_limit is not None:
+    # a controller has an actuator of its own, since its effort limit is not the joint's. Of several actuators Drake takes the
+    # rotor inertia of the last for the joint's, whatever the others have (measured)
+    driven = joint.servo is not None
+    if joint.effort_limit is not None or (joint.armature and not driven):
         actuator = plant.AddJointActuator(f"actuator.{name}", found)
-        actuator.set_default_rotor_inertia(joint.armature)
+        actuator.set_default_rotor_inertia(0.0 if driven else joint.armature)
         if joint.effort_limit is not None:
             actuator.set_effort_limit(joint.effort_limit)
+    if joint.servo is not None:
+        limit = math.inf if joint.servo.effort_limit is None else joint.servo.effort_limit
+        servo = plant.AddJointActuator(f"{SERVO}.{name}", found, limit)
+        servo.set_default_rotor_inertia(joint.armature)
+        servo.set_controller_gains(tree.PdControllerGains(p=joint.servo.kp, d=joint.servo.kd))
     return found
 
 

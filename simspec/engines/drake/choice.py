@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.contact.meeting import meeting_laws, solid_shapes
+from simspec.control.native import natives
 from simspec.support.declarations import Level, Refinement
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import World
@@ -16,18 +17,19 @@ towers of six boxes, at 1 ms not in towers of eight (measured)."""
 
 
 def approximation(world: World) -> str:
-    """``tamsi`` where friction matters, few bodies move and no joint has limits: its friction is exact and its slides do not
-    hop. ``sap`` elsewhere: it has the common law's β, stops joints at their limits, and its time grows with the number of
-    contacts alone."""
+    """``tamsi`` where friction matters, few bodies move, no joint has limits and none a PD controller of Drake's: its friction
+    is exact and its slides do not hop. ``sap`` elsewhere: it has the common law's β, stops joints at their limits, has the
+    controllers, and its time grows with the number of contacts alone."""
     rubs = any(law.friction for law in meeting_laws(world).values())
     groups = rigid_groups(world)
     moving = sum(groups[body.name] != "world" and bool(solid_shapes(body)) for body in world.bodies)
     limited = any(body.joint.position_limits for body in world.bodies)
     few = moving <= 1 or (moving <= MOST_TAMSI and moving * world.physics.timestep <= BODY_SECONDS)
-    return "tamsi" if rubs and few and not limited else "sap"
+    return "tamsi" if rubs and few and not limited and not natives(world) else "sap"
 
 
-def _asked(world: World) -> str:
+def asked_approximation(world: World) -> str:
+    """The solver that a world's options name, or get."""
     asked = dict(world.options("drake").settings).get("contact_approximation", "auto")
     return approximation(world) if asked == "auto" else str(asked)
 
@@ -36,12 +38,12 @@ def coulomb(world: World) -> Refinement | None:
     """Friction is exact unless SAP has some."""
     if not any(law.friction for law in meeting_laws(world).values()):
         return Refinement(Level.VIA_API, "nothing that meets has friction")
-    return Refinement(Level.VIA_API, "TAMSI's friction") if _asked(world) == "tamsi" else None
+    return Refinement(Level.VIA_API, "TAMSI's friction") if asked_approximation(world) == "tamsi" else None
 
 
 def stops(world: World) -> Refinement | None:
     """Joints stop at their limits as the language has it but by TAMSI, which has springs there."""
-    if _asked(world) != "sap":
+    if asked_approximation(world) != "sap":
         return None
     return Refinement(
         Level.VIA_API, "SAP's limits stop within the step, to 1.3e-8 rad and 5e-9 m under gravity at 1 ms (with dt²)"

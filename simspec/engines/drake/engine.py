@@ -12,6 +12,8 @@ import numpy as np
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
+from simspec.control.native import Servos
+from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
 from simspec.engines.drake.expected import expected
@@ -22,6 +24,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_block
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
@@ -45,10 +48,6 @@ from simspec.world.types import HeldValue, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
-_PD = (
-    "simspec does not use the PD controllers of Drake's actuators, which take their gains before the plant is finished, and "
-    "work by SAP alone"
-)
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
 _ONE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
@@ -93,9 +92,9 @@ class Drake(SimulatedEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
-        Capability.NATIVE_CONTROLLERS: _PD,
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7)
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),
@@ -156,17 +155,17 @@ class Drake(SimulatedEngine[Simulation]):
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: not_yet(_PD, Attempt.OWN_CONTROLLER),
+        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
         **NO_CONSTRAINTS_YET,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
             "auto",
-            "auto: tamsi where something that meets has friction, no joint has limits, and one body with collision shapes "
-            f"moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms over their number; else "
-            "sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 boxes 30 ms a step, SAP 5), "
-            "and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction and stops joints at their "
-            "limits; its friction lifts what slides.",
+            "auto: tamsi where something that meets has friction, no joint has limits or a controller of Drake's own, and one "
+            f"body with collision shapes moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms "
+            "over their number; else sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 "
+            "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction "
+            "and stops joints at their limits; its friction lifts what slides.",
             ("auto", "sap", "tamsi"),
         ),
         "stiffness": Setting(
@@ -210,7 +209,6 @@ class Drake(SimulatedEngine[Simulation]):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "control.native": "Drake's own controllers are not used",
         "collision_group": "Drake's filter is set by pairs of geometries, not by groups",
     }
 
@@ -245,6 +243,12 @@ class Drake(SimulatedEngine[Simulation]):
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         self._simulation.advance(count, effort)
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        # the gains were given before the plant was finished, which is what Drake asks for; the proof compares them
+        return JointServos(self._simulation, v)
 
     def contacts(self) -> dict[str, np.ndarray]:
         sim = self._simulation

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
+from simspec.control.native import natives
 from simspec.engines.drake.building import ERROR_REDUCTION
 from simspec.engines.drake.corners import Part, corners
 from simspec.engines.drake.inventory import finite
@@ -32,6 +33,8 @@ PROPERTIES = {
 }
 """What is said of every collision geometry."""
 Settings = Mapping[str, bool | int | float | str]
+Gains = Mapping[str, bool]
+"""By natively driven joint, whether its controller has any gains."""
 
 
 def expected(
@@ -44,6 +47,11 @@ def expected(
     chosen = str(settings["contact_approximation"])
     turned = sum(body.joint.kind != "free" for body in world.bodies)
     balls = sum(body.joint.kind == "ball" for body in world.bodies)
+    gains = {
+        joint: bool(kp or kd)
+        for one in natives(world)
+        for joint, kp, kd in zip(one.joints, one.kp, one.kd, strict=True)
+    }
     found |= {
         "contact.model": "kPoint",
         "contact.approximation": APPROXIMATIONS[chosen],
@@ -61,7 +69,7 @@ def expected(
         "port.wrenches": False,
         "count.bodies": len(world.bodies),
         "count.joints": len(world.bodies),
-        "count.actuators": sum(_driven(body) for body in world.bodies),
+        "count.actuators": sum(_limited(body, gains) for body in world.bodies) + len(gains),
         "count.force_elements": 1,
         "count.constraints": 0,
         "count.frames": turned + balls,
@@ -69,7 +77,7 @@ def expected(
     }
     carriers, count, small = [], 0, 0
     for body in moved.bodies:
-        found |= _body(body, groups[body.name] == "world")
+        found |= _body(body, groups[body.name] == "world", gains) | _servo(body, gains)
         for shape in solid_shapes(body):
             balls_of = corners(shape.kind, shape.size)
             for layer in plan.layers(shape.material):
@@ -83,11 +91,12 @@ def expected(
     return found | expected_apart(world, plan, carriers)
 
 
-def _driven(body: Body) -> bool:
-    return bool(body.joint.armature) or body.joint.effort_limit is not None
+def _limited(body: Body, gains: Gains) -> bool:
+    """Whether the joint has an actuator beside that of a controller, which then has the armature."""
+    return body.joint.effort_limit is not None or (bool(body.joint.armature) and body.joint.name not in gains)
 
 
-def _body(body: Body, still: bool) -> dict[str, HeldValue]:
+def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
     joint = body.joint
     q, v = POSITION_SIZE[joint.kind], VELOCITY_SIZE[joint.kind]
     q -= joint.kind == "ball"
@@ -108,12 +117,12 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
         "shapes": tuple(shape.name for shape in told if shape.collision),
         "seen": tuple(shape.name for shape in told if shape.visual),
     }
-    if _driven(body):
+    if _limited(body, gains):
         effort = math.inf if joint.effort_limit is None else joint.effort_limit
         found |= {
             "actuator": f"actuator.{joint.name}",
             "actuator.gear": 1.0,
-            "actuator.rotor": joint.armature,
+            "actuator.rotor": 0.0 if joint.name in gains else joint.armature,
             "actuator.effort_limit": finite((effort,)),
             "actuator.controller": False,
         }
@@ -121,6 +130,20 @@ def _body(body: Body, still: bool) -> dict[str, HeldValue]:
         mass = body.inertial
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return {f"body.{body.name}.{field}": value for field, value in found.items()}
+
+
+def _servo(body: Body, gains: Gains) -> dict[str, HeldValue]:
+    """The actuator of a natively driven joint. Drake has no controller without gains."""
+    name = body.joint.name
+    if name not in gains:
+        return {}
+    held: dict[str, HeldValue] = {
+        "": f"servo.{name}",
+        ".gear": 1.0,
+        ".rotor": body.joint.armature,
+        ".controller": gains[name],
+    }
+    return {f"body.{body.name}.servo{field}": value for field, value in held.items()}
 
 
 def _surface(

@@ -63,12 +63,11 @@ GETTERS: Mapping[str, Mapping[str, str]] = {
     },
     "JointActuator": {
         INVENTORY: "effort_limit gear_ratio rotor_inertia has_controller",
-        READ_BACK: "calc_reflected_inertia",
+        READ_BACK: "calc_reflected_inertia get_controller_gains",
         DEFAULT: "default_gear_ratio default_reflected_inertia default_rotor_inertia",
         STATE: "get_actuation_vector",
         WAY: "joint",
         LABEL: "index input_start is_ephemeral model_instance name num_inputs",
-        UNUSED: "get_controller_gains",
     },
     "RigidBody": {
         READ_BACK: "get_mass",

@@ -127,6 +127,14 @@ def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
             "actuator.effort_limit": finite((actuator.effort_limit(),)),
             "actuator.controller": actuator.has_controller(),
         }
+    servo = sim.servos.get(int(joint.index()))
+    if servo is not None:
+        found |= {
+            "servo": servo.name(),
+            "servo.gear": float(servo.gear_ratio(sim.context)),
+            "servo.rotor": float(servo.rotor_inertia(sim.context)),
+            "servo.controller": servo.has_controller(),
+        }
     if sim.plant.IsAnchored(held):
         mass = inertial(sim, held)
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}

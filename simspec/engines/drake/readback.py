@@ -13,7 +13,7 @@ from simspec.engines.drake.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import Body, HeldServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 JOINT_KINDS = {
     "weld": "fixed",
@@ -51,7 +51,17 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
         float(sim.plant.time_step()),
         CONE,
         dict(unreadable),
+        servos=_servos(sim),
     )
+
+
+def _servos(sim: Simulation) -> tuple[HeldServo, ...]:
+    """Drake's PD controllers; one without gains is held as none, which is the same."""
+    found = []
+    for servo in sim.servos.values():
+        limit, gains = float(servo.effort_limit()), servo.get_controller_gains()
+        found.append(HeldServo(servo.joint().name(), gains.p, gains.d, limit if math.isfinite(limit) else None))
+    return tuple(found)
 
 
 def _vector(values: Any) -> Vector3:
@@ -82,7 +92,7 @@ def joint_of(sim: Simulation, index: int) -> Any:
 
 
 def actuator_of(sim: Simulation, joint: Any) -> Any:
-    """The actuator of a joint; None without one."""
+    """The actuator with a joint's effort limit; None without one."""
     return sim.actuators.get(int(joint.index()))
 
 
@@ -114,6 +124,7 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     lower, upper = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
     speed = float(joint.velocity_upper_limits()[0])
     actuator = actuator_of(sim, joint)
+    last = sim.servos.get(int(joint.index()), actuator)
     effort = math.inf if actuator is None else float(actuator.effort_limit())
     return dataclasses.replace(
         held,
@@ -121,7 +132,7 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
         position_limits=(lower, upper) if math.isfinite(lower) or math.isfinite(upper) else None,
         velocity_limit=speed if math.isfinite(speed) else None,
         effort_limit=effort if math.isfinite(effort) else None,
-        armature=0.0 if actuator is None else float(actuator.calc_reflected_inertia(sim.context)),
+        armature=0.0 if last is None else float(last.calc_reflected_inertia(sim.context)),
         spring_rest=float(sim.rest[at.start]),
     )
 

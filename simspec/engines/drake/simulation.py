@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.drake.sidecar import DrakeSidecar
-from simspec.engines.drake.building import NAME, build, warnings_into
+from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
@@ -68,7 +68,11 @@ class Simulation:
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
         self.inboard = {int(joint.child_body().index()): joint for joint in joints}
         actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
-        self.actuators = {int(actuator.joint().index()): actuator for actuator in actuators}
+        self.actuators: dict[int, Any] = {}
+        self.servos: dict[int, Any] = {}
+        for actuator in actuators:
+            by_joint = self.servos if is_servo(actuator) else self.actuators
+            by_joint[int(actuator.joint().index())] = actuator
 
     def _losses(self) -> None:
         """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""

@@ -10,11 +10,21 @@ from simspec.formats.kit.contract import Format
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.plain import Plain
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.tree import SCHEMA, BallJoint, Document, FixedJoint, FreeJoint, Joint, Shape, parent_of
+from simspec.formats.world.tree import (
+    SCHEMA,
+    BallJoint,
+    Document,
+    FixedJoint,
+    FreeJoint,
+    Joint,
+    Servo,
+    Shape,
+    parent_of,
+)
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import NO_CONSTRAINTS_YET, Attempt, Table, exactly, not_yet, shape_kinds
+from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, exactly, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
@@ -51,11 +61,10 @@ class WorldJson(Format):
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
-            Feature.CONTROL,
+            *(Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("world.json", SHAPES),
-        Feature.CONTROL_NATIVE: not_yet("world.json has no gains of controllers", Attempt.OWN_CONTROLLER),
         **NO_CONSTRAINTS_YET,
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
@@ -131,6 +140,15 @@ def _check_joint(joint: Joint, at: str) -> None:
         _check_unit(joint.position[-4:], f"{at}.position")
     elif not isinstance(joint, FixedJoint):
         _check_unit(joint.axis, f"{at}.axis")
+        _check_servo(joint.servo, f"{at}.servo")
+
+
+def _check_servo(servo: Servo | None, at: str) -> None:
+    if servo is None:
+        return
+    for name, value in (("kp", servo.kp), ("kd", servo.kd), ("effort_limit", servo.effort_limit)):
+        if value is not None and value < 0.0:
+            raise ValueError(f"{at}.{name} is {value}, should not be negative")
 
 
 def _check_shape(shape: Shape, at: str) -> None:

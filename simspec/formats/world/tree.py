@@ -54,9 +54,19 @@ class FixedJoint:
     origin: Pose
 
 
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """The engine's own controller of a joint: gains as in :class:`simspec.world.control.Controller`, and the largest effort."""
+
+    kp: float
+    kd: float
+    effort_limit: float | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisJoint:
-    """A hinge or a slide, with the fields of :class:`simspec.world.types.Joint`."""
+    """A hinge or a slide, with the fields of :class:`simspec.world.types.Joint`. ``servo`` None, which is left out of the text:
+    no controller of the engine's own."""
 
     name: str
     kind: Literal["hinge", "slide"]
@@ -73,6 +83,7 @@ class AxisJoint:
     armature: float
     position: tuple[float]
     velocity: tuple[float]
+    servo: Servo | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
