@@ -19,6 +19,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
 from simspec.outputs.reading import files_below, read_bytes, read_text
 from simspec.outputs.writing import update_folder
+from simspec.selection import Selection
 from simspec.world.canonical import sha256
 from simspec.world.types import World
 
@@ -38,9 +39,12 @@ class Built:
     files: Artifacts
 
 
-def build(world: World, engines: list[str], locate: Callable[[str], Location | None]) -> Built:
-    """Compile ``world`` for ``engines``. Raises UnsupportedError with every problem."""
-    compiled = compile_world(world, engines, locate)
+def build(world: World, selection: Selection, locate: Callable[[str], Location | None]) -> Built:
+    """All files of ``world`` for the engines of ``selection``, compiled here unless choosing them has done it. Raises
+    UnsupportedError with every problem."""
+    compiled = selection.compiled
+    if compiled is None:
+        compiled = compile_world(world, selection.engines, locate)
     return Built(world, compiled, output_files(world, compiled))
 
 

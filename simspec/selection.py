@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from simspec.compiler import check_control, check_options, compile_world
+from simspec.compiler import Compiled, check_control, check_options, compile_world
 from simspec.engines.kit.installing import left_out
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, UnsupportedError
@@ -36,11 +36,15 @@ class NotTaken:
 
 @dataclass(frozen=True)
 class Selection:
-    """``engines`` by label, in order; ``named``: whether the user named them; ``not_taken``: the others, by name."""
+    """``engines`` by label, in order; ``named``: whether the user named them; ``not_taken``: the others, by name.
+
+    ``compiled``: the artifacts of each of ``engines``, where compiling a world has chosen them; None: nothing is compiled yet.
+    """
 
     engines: tuple[str, ...]
     named: bool
     not_taken: Mapping[str, NotTaken]
+    compiled: Mapping[str, Compiled] | None = None
 
     def lines(self) -> list[str]:
         """Every engine that is not taken, with the reason and the place in the spec."""
@@ -49,36 +53,35 @@ class Selection:
     def for_world(
         self, world: World, locate: Callable[[str], Location | None] = lambda path: None, least: int = 1
     ) -> Selection:
-        """The engines of this selection that support ``world``.
+        """The engines of this selection that support ``world``, with its artifacts for them: support is what compiling says.
 
-        Named engines stay: what they refuse is the error of the step that compiles for them. Raises UnsupportedError, with
-        every problem, when fewer than ``least`` engines are left, and for what is wrong whatever the engine is.
+        Named engines stay, not compiled: what they refuse is the error of the step that compiles for them. Raises
+        UnsupportedError, with every problem, when fewer than ``least`` engines are left, and for what is wrong whatever the
+        engine is.
         """
         if self.named:
             return self
         if general := [*check_options(world, locate), *check_control(world, locate)]:
             raise UnsupportedError(general)
-        taken, left = supporting(world, self.engines, locate)
+        compiled, left = supporting(world, self.engines, locate)
         not_taken = {**self.not_taken, **left}
-        if len(taken) < least:
-            raise UnsupportedError(_too_few(taken, least, not_taken))
-        return Selection(tuple(taken), False, not_taken)
+        if len(compiled) < least:
+            raise UnsupportedError(_too_few(list(compiled), least, not_taken))
+        return Selection(tuple(compiled), False, not_taken, compiled)
 
 
 def supporting(
     world: World, names: Iterable[str], locate: Callable[[str], Location | None]
-) -> tuple[list[str], dict[str, NotTaken]]:
-    """The engines that ``world`` compiles for, and the others with the reason."""
-    taken: list[str] = []
+) -> tuple[dict[str, Compiled], dict[str, NotTaken]]:
+    """What ``world`` is compiled to for the engines that support it, and the others with the reason."""
+    compiled: dict[str, Compiled] = {}
     left: dict[str, NotTaken] = {}
     for name in names:
         try:
-            compile_world(world, [name], locate)
+            compiled |= compile_world(world, [name], locate)
         except UnsupportedError as error:
             left[name] = dataclasses.replace(refusal(error.problems), acceptable=_acceptable(world, name))
-        else:
-            taken.append(name)
-    return taken, left
+    return compiled, left
 
 
 def _acceptable(world: World, name: str) -> bool:

@@ -115,8 +115,8 @@ def test_what_is_wrong_whatever_the_engine_is_an_error(place, capsys):
 def test_where_no_engine_supports_a_world_all_say_why():
     world = simspec.Spec.from_data({"simspec": 1, "name": "a", "bodies": {"b": {"fixed": True}}}).resolve()
     names = list(engines())
-    taken, left = selection.supporting(world, names, lambda path: None)
-    assert (taken, left) == (names, {})
+    compiled, left = selection.supporting(world, names, lambda path: None)
+    assert (list(compiled), left) == (names, {})
     ball = simspec.load(simspec.find_spec("bouncing-ball")).resolve()
     with pytest.raises(UnsupportedError) as caught:
         selection.Selection(("drake",), False, {}).for_world(ball)

@@ -109,7 +109,7 @@ def compile_all(
     for spec, world in loaded:
         try:
             chosen.append(selection.for_world(world, spec.locate))
-            built.append(generated.build(world, list(chosen[-1].engines), spec.locate))
+            built.append(generated.build(world, chosen[-1], spec.locate))
         except SpecError as error:
             problems.extend(error.problems)
     demand(problems)

@@ -105,6 +105,7 @@ def run_world(
         result = study(
             world,
             engines,
+            compiled=selection.compiled,
             arrivals=results,
             prove=prove,
             repeats=repeats,

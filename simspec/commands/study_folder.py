@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
+from simspec.artifacts import Artifacts
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.study import Arrivals, Study
-from simspec.compiler import Compiled, output_files
+from simspec.compiler import Compiled
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.marker import COMPILED, RUN, STUDY
@@ -51,9 +52,9 @@ class Results(Arrivals):
         below = {COMPILED_FOLDER: COMPILED} | dict.fromkeys(engines, RUN)
         demand(folder_problem(self._folder / name, kind, specs) for name, kind in below.items())
 
-    def compiled(self, compiled: Mapping[str, Compiled]) -> None:
+    def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
         open_folder(self._folder, STUDY)
-        built = generated.Built(self._world, compiled, output_files(self._world, compiled))
+        built = generated.Built(self._world, compiled, files)
         generated.write(built, self._folder / COMPILED_FOLDER)
 
     def certificate(self, certificate: Certificate) -> None:

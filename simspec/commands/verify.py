@@ -93,15 +93,14 @@ def verify_world(
     from simspec.proof.verify import verify as prove
 
     selection = selection.for_world(world, locate)
-    engines = list(selection.engines)
     folder = out or generated.GENERATED / world.name
-    built = generated.build(world, engines, locate)
+    built = generated.build(world, selection, locate)
     generated.write(built, folder)
     with progress(not as_json) as tell:
         # in a private copy: the folder may be written again meanwhile, and its certificate names the hashes of these files
         certificate = prove(
             world,
-            engines,
+            selection.engines,
             compiled=built.compiled,
             pythons=pythons,
             locate=locate,

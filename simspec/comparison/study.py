@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from simspec.artifacts import Artifacts
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, compile_world, output_files
@@ -64,8 +65,8 @@ class Arrivals:
     Results are saved here: whatever comes after, an error or the end of the process, they are not lost.
     """
 
-    def compiled(self, compiled: Mapping[str, Compiled]) -> None:
-        """The artifacts of all engines, before anything is proven or run."""
+    def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
+        """The artifacts of all engines, and as the files of one folder, before anything is proven or run."""
 
     def certificate(self, certificate: Certificate) -> None:
         """The proof, before anything is run."""
@@ -96,6 +97,7 @@ def study(
     world: World,
     engines: Iterable[str],
     *,
+    compiled: Mapping[str, Compiled] | None = None,
     arrivals: Arrivals | None = None,
     prove: bool = True,
     repeats: bool = True,
@@ -109,6 +111,7 @@ def study(
 ) -> Study:
     """Compile ``world``, prove that the engines hold it, run it in each, and compare the runs pair by pair.
 
+    compiled   what compiling ``world`` for these engines gave (default: compiled here)
     arrivals   is told of artifacts, certificate, runs and floors as they come
     prove      whether to verify first
     repeats    whether to run each engine again, unchanged and perturbed, for its noise floor
@@ -131,10 +134,14 @@ def study(
     # engines work from a private copy: the one that is kept may be replaced by another process meanwhile
     with scratch_folder("study") as place:
         root = place / "compiled"
-        progress("compiling")
-        compiled = compile_world(world, there, locate)
-        output_files(world, compiled).write(root)
-        arrivals.compiled(compiled)
+        if compiled is None:
+            progress("compiling")
+            compiled = compile_world(world, there, locate)
+        else:
+            compiled = {name: compiled[name] for name in there}
+        files = output_files(world, compiled)
+        files.write(root)
+        arrivals.compiled(compiled, files)
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:

@@ -154,10 +154,13 @@ def verify(
                 refused[name] = error
         proofs = {}
         texts: dict[str, list[Check]] = {}
+        read: dict[str, ReadBack] = {}
         replies: dict[str, Reply] = {}
         for name, compilation in compiled.items():
             say(f"verifying {name}")
-            texts[name] = _text_checks(world, compilation, folders[name])
+            texts[name], understood = _text_checks(world, compilation, folders[name])
+            if understood is not None:
+                read[name] = understood
             try:
                 if name in running:
                     replies[name] = running[name].wait()
@@ -166,9 +169,7 @@ def verify(
         figures: dict[str, list[Figure]] = {}
         contact: dict[str, list[Check]] = {}
         if "L5" in levels and meeting_laws(world):
-            sound = {
-                name: folders[name] for name in replies if all(check.passed for check in texts[name] if _unread(check))
-            }
+            sound = {name: (folders[name], read[name]) for name in replies if name in read}
             say("measuring contact")
             figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
         for name, compilation in compiled.items():
@@ -205,27 +206,23 @@ def _engine_proof(
     return dataclasses.replace(proof, not_compared=dict(not_compared))
 
 
-def _unread(check: Check) -> bool:
-    """Whether a check says that the files could not be read at all."""
-    return check.level == "L0" and check.name == UNREAD
-
-
 def _contact(
     world: World,
-    folders: Mapping[str, Path],
+    files: Mapping[str, tuple[Path, ReadBack]],
     pythons: Mapping[str, str],
     deadline: float,
     cache: bool,
     say: Callable[[str], None],
 ) -> tuple[dict[str, list[Figure]], dict[str, list[Check]]]:
-    """Level L5 in every engine, side by side: figures and checks by engine."""
+    """Level L5 in every engine, side by side: figures and checks by engine. ``files``: by engine the folder of artifacts, and
+    the model that the independent reader made of it."""
     figures: dict[str, list[Figure]] = {}
     checks: dict[str, list[Check]] = {}
     with contextlib.ExitStack() as stack:
         measuring = {}
-        for name, folder in folders.items():
+        for name, (folder, read) in files.items():
             try:
-                asked = measure(world, name, folder, pythons.get(name), deadline, cache)
+                asked = measure(world, name, folder, pythons.get(name), deadline, cache, read)
                 measuring[name] = stack.enter_context(asked)
             except (UnsupportedError, EngineError) as error:
                 checks[name] = [not_measured(error)]
@@ -240,7 +237,8 @@ def _contact(
     return figures, checks
 
 
-def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
+def _text_checks(world: World, compiled: Compiled, folder: Path) -> tuple[list[Check], ReadBack | None]:
+    """The checks of level L0, and the model that the independent reader made of the files; None where it refuses them."""
     engine = find_engine(compiled.engine)
     try:
         read = dialects()[compiled.dialect].read(folder)
@@ -251,8 +249,9 @@ def _text_checks(world: World, compiled: Compiled, folder: Path) -> list[Check]:
         OSError,
         SyntaxError,
     ) as error:  # a reader's ways to refuse a damaged file
-        return [failed("L0", UNREAD, f"the independent reader refuses the files: {type(error).__name__}: {error}")]
-    return compare(world, read, engine.RULES, engine.LAYERS, text=True)
+        message = f"the independent reader refuses the files: {type(error).__name__}: {error}"
+        return [failed("L0", UNREAD, message)], None
+    return compare(world, read, engine.RULES, engine.LAYERS, text=True), read
 
 
 def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) -> list[Check]:

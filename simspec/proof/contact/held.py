@@ -39,12 +39,13 @@ class Held:
     timestep: float
 
 
-def held(world: World, engine: type[Engine], folder: Path) -> Held:
-    """Read the contact law from the artifacts in ``folder``.
+def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> Held:
+    """Read the contact law from the artifacts in ``folder``; ``read`` is what the independent reader made of them (default:
+    read here).
 
     Raises what readers raise at damaged files, and UnsupportedError for numbers that no file could be written with.
     """
-    read = dialects()[engine.DIALECT].read(folder)
+    read = dialects()[engine.DIALECT].read(folder) if read is None else read
     # what the engine's own file says counts, not what is said beside it
     settings = read_sidecar(folder)["settings"] | {
         name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")

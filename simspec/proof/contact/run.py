@@ -33,7 +33,7 @@ from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
-from simspec.world.types import Body, Physics, World
+from simspec.world.types import Body, Physics, ReadBack, World
 
 LEVEL = "L5"
 PROBES: Mapping[str, Probe] = {
@@ -138,15 +138,22 @@ def laws(world: World) -> list[Law]:
 
 @contextmanager
 def measure(
-    world: World, engine_name: str, folder: Path, python: str | None, deadline: float, use_cache: bool
+    world: World,
+    engine_name: str,
+    folder: Path,
+    python: str | None,
+    deadline: float,
+    use_cache: bool,
+    read: ReadBack | None = None,
 ) -> Iterator[Measuring]:
-    """Begin to measure what ``engine_name`` makes of the contact law in the artifacts of ``folder``.
+    """Begin to measure what ``engine_name`` makes of the contact law in the artifacts of ``folder``; ``read`` is what the
+    independent reader made of them (default: read here).
 
     Raises UnsupportedError when the law that the files hold cannot be compiled, EngineError when the engine is missing.
     """
     engine = find_engine(engine_name)
     use_cache = use_cache and python is None  # the version in another interpreter is known only afterwards
-    whole = held(world, engine, folder)
+    whole = held(world, engine, folder, read)
     jobs = [
         _job(engine, whole, law, probe, use_cache)
         for law in laws(world)
