@@ -116,6 +116,16 @@ def run_operation(world: World, steps: int, every: int | None = None, *channels:
     return Operation("run", {**parameters, **asked}, arrays, world)
 
 
+def windows_operation(world: World, run: Answer, *channels: str) -> Operation:
+    """Windows from every recorded row of ``run`` but the last to the one after it; see ``_windows`` in ``operations.py``."""
+    step = np.asarray(run.arrays["step"], dtype=np.int64)
+    (steps,) = set(np.diff(step).tolist())
+    asked, arrays = to_request(world)
+    states = {name: np.ascontiguousarray(run.arrays[name][:-1]) for name in ("q", "v")}
+    parameters: dict[str, Any] = {"starts": step[:-1].tolist(), "steps": steps, "channels": list(channels)}
+    return Operation("windows", {**parameters, **asked}, {**arrays, **states}, world)
+
+
 def drive_operation(world: World, *phases: tuple[int, np.ndarray | None]) -> Operation:
     """See :meth:`Bench.drive`."""
     still = np.zeros(sum(len(body.joint.velocity) for body in world.bodies))

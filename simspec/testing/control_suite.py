@@ -20,7 +20,7 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.base import Suite
-from simspec.testing.bench import Bench, failures, run_operation
+from simspec.testing.bench import Bench, failures, run_operation, windows_operation
 from simspec.testing.driving import OracleJoints, chain, driven, native, told, wheel
 from simspec.testing.servos import SERVOS, closed_form, servo_world
 from simspec.world.control import Trajectory
@@ -88,6 +88,17 @@ class ControlSuite(Suite):
         one, other = bench.ask(world, run_operation(world, STEPS, 10), run_operation(world, STEPS, 10))
         for name in ("q", "control.effort"):
             assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+
+    def test_windows_from_the_rows_of_a_run_end_in_the_next_ones(self, bench: Bench) -> None:
+        """Under controllers, whose references begin in the middle, and without contact: nothing is remembered but the state."""
+        world = bench.allowed(with_load())
+        if world is None:
+            return
+        whole = bench.run(world, STEPS, 50)
+        (ends,) = bench.ask(world, windows_operation(world, whole))
+        assert len(ends.arrays["q"]) == STEPS // 50
+        for name in ("q", "v", "pose", "velocity"):
+            np.testing.assert_allclose(ends.arrays[name], whole.arrays[name][1:], rtol=0.0, atol=1e-12)
 
     @pytest.mark.parametrize("law", ["computed-torque", "pd"])
     def test_the_proof_holds_the_step_response(self, bench: Bench, law: str) -> None:

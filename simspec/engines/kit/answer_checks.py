@@ -101,7 +101,7 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
     elif result["control"] is not None:
         raise BadAnswerError("controllers that were not requested")
     if "contact.row" in arrays:
-        _check_contacts(operation, arrays, rows, certain)
+        check_contacts(arrays, rows, certain)
     return {**arrays, "step": planned}
 
 
@@ -128,7 +128,8 @@ def _check_control(
             raise BadAnswerError("control.effort is not finite, and the run is not reported as failed")
 
 
-def _check_contacts(operation: Operation, arrays: Mapping[str, np.ndarray], rows: int, certain: int) -> None:
+def check_contacts(arrays: Mapping[str, np.ndarray], rows: int, certain: int) -> None:
+    """Contacts are of bodies that there are, in the order of the rows, and finite in the first ``certain`` of them."""
     row, body = arrays["contact.row"], arrays["contact.body"]
     bodies = arrays["pose"].shape[1]
     last = 0

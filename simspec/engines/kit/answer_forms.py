@@ -38,6 +38,14 @@ STATE = {
     "pose": Form(("rows", "bodies", 7)),
     "velocity": Form(("rows", "bodies", 6)),
 }
+CONTACTS = {
+    "contact.row": Form(("contacts",), "i8", when="contacts"),
+    "contact.body": Form(("contacts", 2), "i8", when="contacts"),
+    "contact.position": Form(("contacts", 3), when="contacts"),
+    "contact.normal": Form(("contacts", 3), when="contacts"),
+    "contact.distance": Form(("contacts",), when="contacts"),
+    "contact.normal_force": Form(("contacts",), when="contacts"),
+}
 FORMS: Mapping[str, Mapping[str, Form]] = {
     "read_back": {},
     "kinematics": STATE,
@@ -51,18 +59,14 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
     "touching": {"touching": Form(("pairs", 3), "i8"), "units": Form(("unit_pairs", 3), "i8")},
+    "windows": {**STATE, **CONTACTS},
     "run": {
         "step": Form(("rows",)),
         **STATE,
         "energy": Form(("rows", 2), when="energy"),
         "control.target": Form(("rows", "joints"), when="control"),
         "control.effort": Form(("rows", "joints"), when="control"),
-        "contact.row": Form(("contacts",), "i8", when="contacts"),
-        "contact.body": Form(("contacts", 2), "i8", when="contacts"),
-        "contact.position": Form(("contacts", 3), when="contacts"),
-        "contact.normal": Form(("contacts", 3), when="contacts"),
-        "contact.distance": Form(("contacts",), when="contacts"),
-        "contact.normal_force": Form(("contacts",), when="contacts"),
+        **CONTACTS,
     },
 }
 """The arrays of each operation of ``operations.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""
@@ -107,7 +111,7 @@ def _rows_of(steps: int, every: int) -> int:
 def planned_rows(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
     asked = operation.parameters
-    if operation.op in ("kinematics", "dynamics", "trials"):
+    if operation.op in ("kinematics", "dynamics", "trials", "windows"):
         return len(operation.arrays["q"])
     if operation.op in ("motion", "respond", "run"):
         return 1 + _rows_of(asked["steps"], asked["every"])

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from simspec.engines.kit import worker
-from simspec.engines.kit.answer_checks import check_motion, check_touching, checked_run, read_back
+from simspec.engines.kit.answer_checks import check_contacts, check_motion, check_touching, checked_run, read_back
 from simspec.engines.kit.answer_forms import (
     FORMS,
     RESULTS,
@@ -131,6 +131,8 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
         arrays = checked_run(operation, result, arrays)
     elif operation.op == "motion":
         check_motion(operation, result, arrays)
+    elif operation.op == "windows" and "contact.row" in arrays:
+        check_contacts(arrays, len(arrays["pose"]), 0)
     elif operation.op == "touching":
         check_touching(result, arrays, dimensions)
     return Answer(result, arrays, entry.load_seconds, entry.seconds, entry.log, held)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from simspec.control.request import from_request
-from simspec.engines.kit.arrays import bodies_of
-from simspec.engines.kit.recorder import record
+from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of
+from simspec.engines.kit.recorder import Stepper, record
 from simspec.engines.kit.session import Condition, Session
 from simspec.world.canonical import to_plain
 
@@ -165,6 +165,30 @@ def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result
     return {"units": named}, {name: np.concatenate(rows) for name, rows in tables.items()}
 
 
+def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:
+    """Short motions with contact and under the controllers, ``steps`` steps each, from q (k, nq), v (k, nv), which are the state
+    after ``starts`` (k) steps of a run -> q (k, nq), v (k, nv), pose (k, bodies, 7), velocity (k, bodies, 6) at their ends; and,
+    with the channel ``contacts``, the contacts of each one's last step, ``contact.row`` being its place among the k."""
+    stepper = Stepper(session, from_request(operation, arrays))
+    with_contacts = "contacts" in operation["channels"]
+    rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
+    touching: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS)}
+    for index, (q, v, start) in enumerate(zip(arrays["q"], arrays["v"], operation["starts"], strict=True)):
+        session.set_state(q, v)
+        stepper.advance(start, operation["steps"])
+        _add_state(rows, session)
+        if with_contacts:
+            contacts = session.contacts()
+            count = len(contacts["distance"])
+            touching["row"].append(np.full(count, index, np.int64))
+            for name, shape in CONTACT_FIELDS.items():
+                touching[name].append(np.asarray(contacts[name]).reshape(count, *shape))
+    answer: dict[str, Any] = {name: np.array(values) for name, values in rows.items()}
+    if with_contacts:
+        answer |= {f"contact.{name}": np.concatenate(blocks) for name, blocks in touching.items()}
+    return {}, answer
+
+
 def _run(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     return record(session, arrays, operation, operation["place"])
 
@@ -178,6 +202,7 @@ OPERATIONS: Mapping[str, Named] = {
     "trials": Named(_trials),
     "drive": Named(_drive),
     "respond": Named(_respond),
+    "windows": Named(_windows),
     "run": Named(_run),
 }
 """Each motion begins with a load of its own. What sets the states that it asks about may share one with other questions; the
