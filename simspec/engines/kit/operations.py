@@ -166,9 +166,9 @@ def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result
 
 
 def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:
-    """Short motions with contact and under the controllers, ``steps`` steps each, from q (k, nq), v (k, nv), which are the state
-    after ``starts`` (k) steps of a run -> q (k, nq), v (k, nv), pose (k, bodies, 7), velocity (k, bodies, 6) at their ends; and,
-    with the channel ``contacts``, the contacts of each one's last step, ``contact.row`` being its place among the k."""
+    """Short motions with contact and under the controllers, ``steps`` steps each, from q (k, nq), v (k, nv), each the state
+    after ``starts`` (k) steps of a run -> q (k, nq), v (k, nv), pose (k, bodies, 7), velocity (k, bodies, 6) at their ends.
+    With the channel ``contacts`` also the contacts of each one's last step; ``contact.row`` is its place among the k."""
     stepper = Stepper(session, from_request(operation, arrays))
     with_contacts = "contacts" in operation["channels"]
     rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
