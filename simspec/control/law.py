@@ -180,7 +180,7 @@ def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -
             f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
         )
     try:
-        from simspec.dynamics.oracle import Tree
+        from simspec.dynamics.oracle_tree import Tree
 
         return Tree(dataclasses.replace(world, bodies=bodies))
     except ModuleNotFoundError as error:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.dynamics.oracle import Tree
+from simspec.dynamics.oracle_tree import Tree
 from simspec.world.control import Controller
 from simspec.world.kinematics import initial_state, layout, trees
 from simspec.world.types import Body, World

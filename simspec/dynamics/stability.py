@@ -12,7 +12,8 @@ import dataclasses
 
 import numpy as np
 
-from simspec.dynamics.oracle import Tree, alike
+from simspec.dynamics.oracle import alike
+from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
 from simspec.world.kinematics import initial_state, layout_of, trees
 from simspec.world.types import World

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dynamics.oracle import Tree
+from simspec.dynamics.oracle_tree import Tree
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, trees
 from simspec.world.types import Body, Pose, World

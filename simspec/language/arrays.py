@@ -9,7 +9,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from simspec.language.quantities import Number, Reader, Vector, Whole
+from simspec.language.quantities import Number, Vector, Whole
+from simspec.language.reader import Reader
 from simspec.language.shapes import Length, Point, Pose, Switch
 from simspec.language.strict import ABSENT, Fault, Strict, fault, show
 

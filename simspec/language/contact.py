@@ -10,7 +10,8 @@ from pydantic import Field
 from pydantic_core import core_schema
 
 from simspec.language.document import INVALID
-from simspec.language.quantities import Flag, Name, Number, Reader, Word
+from simspec.language.quantities import Number
+from simspec.language.reader import Reader
 from simspec.language.shapes import NameOf
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, near, replace_loc, show
 from simspec.language.vocabulary import (
@@ -20,6 +21,7 @@ from simspec.language.vocabulary import (
     HARDNESS_WORDS,
     LAW_QUANTITIES,
 )
+from simspec.language.words import Flag, Name, Word
 
 MOST_MATERIALS = 300
 """The world holds every pair of materials: n (n + 1) / 2 entries."""

@@ -11,9 +11,11 @@ from pydantic import Field
 from simspec.language.document import INVALID
 from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
 from simspec.language.joints import DIMENSION, check_suits_driven
-from simspec.language.quantities import Flag, Number, Reader, Word
+from simspec.language.quantities import Number
+from simspec.language.reader import Reader
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
+from simspec.language.words import Flag, Word
 
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6

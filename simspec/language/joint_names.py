@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from simspec.language.document import INVALID
-from simspec.language.quantities import LONGEST_NAME, Reader
+from simspec.language.reader import Reader
 from simspec.language.strict import Fault, Faults, fault, replace_loc, show
+from simspec.language.words import LONGEST_NAME
 
 PATTERN = re.compile(r"[A-Za-z0-9_*-]+(?:/[A-Za-z0-9_*-]+)?")
 PATTERN_RULE = "a joint's full name (MODEL/JOINT, or JOINT of a loose body); * matches any text"

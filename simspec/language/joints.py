@@ -8,10 +8,11 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError
 
 from simspec.language.document import INVALID
-from simspec.language.quantities import ByJointType, Direction, Number, Vector, Word
+from simspec.language.quantities import ByJointType, Direction, Number, Vector
 from simspec.language.shapes import NameOf, Orientation, Pose
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS
+from simspec.language.words import Word
 
 DIMENSION: Mapping[str, Mapping[str, str]] = {
     "fixed": {},

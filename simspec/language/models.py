@@ -17,11 +17,13 @@ from simspec.language.contact import Contact
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
 from simspec.language.joints import Joint
-from simspec.language.quantities import FileName, Name, Number, Reader, Setting, Text, Vector, Word
+from simspec.language.quantities import Number, Vector
+from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, show
 from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS, TREE_JOINTS
+from simspec.language.words import FileName, Name, Setting, Text, Word
 
 VERSION = 1
 MOST_STEPS = 10**9

@@ -13,7 +13,7 @@ from simspec.language import walk
 from simspec.language.document import Document
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
-from simspec.language.quantities import Reader
+from simspec.language.reader import Reader
 from simspec.language.strict import FAULT, REPORTED, Strict, near, show
 
 MOST_LOOKED_AT = 2000

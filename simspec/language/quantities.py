@@ -1,64 +1,15 @@
-"""The types that fields have: numbers with a dimension and bounds, vectors, names, words."""
+"""The types that fields have: numbers with a dimension and bounds, and vectors (names and words: ``words.py``)."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import GetJsonSchemaHandler
-from pydantic_core import core_schema
-
-from simspec.errors import UNSEEN_CHARACTERS
 from simspec.language import units
 from simspec.language.document import INVALID
-from simspec.language.hints import hint_for_word
-from simspec.language.strict import Fault, Faults, fault, near, raised, replace_loc, show
-
-NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
-NAME_RULE = "letters, digits, _ and -, beginning with a letter or _"
-LONGEST_NAME = 200
-LONGEST_TEXT = 1000
-"""Characters of a path, a description, the name of a feature: messages and files of results quote them."""
-
-
-class Reader:
-    """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``."""
-
-    def read(self, value: Any) -> Any:
-        """The value as the world wants it. Raises Faults."""
-        raise NotImplementedError
-
-    def written(self, value: Any) -> Any:
-        """A value that was read, as a spec writes it, for the defaults in the schema and the reference."""
-        return value
-
-    def schema(self) -> dict[str, Any]:
-        """Its JSON Schema."""
-        raise NotImplementedError
-
-    def unit(self) -> str:
-        """The SI unit, for the reference; "" for none."""
-        return ""
-
-    def describe(self) -> str:
-        """The type in words, for the reference."""
-        raise NotImplementedError
-
-    def _validate(self, value: Any) -> Any:
-        if value is INVALID:
-            raise raised([Fault((), "", reported=True)], None)
-        try:
-            return self.read(value)
-        except Faults as error:
-            raise raised(error.faults, None) from None
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(self._validate)
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return self.schema()
+from simspec.language.reader import Reader
+from simspec.language.strict import Fault, Faults, fault, replace_loc, show
 
 
 @dataclass(frozen=True)
@@ -232,124 +183,6 @@ class Whole(Reader):
 
     def schema(self) -> dict[str, Any]:
         return {"type": "integer", "minimum": self.least, "maximum": self.most}
-
-
-@dataclass(frozen=True)
-class Name(Reader):
-    """A name. With ``path``, names of models and bodies in them joined by ``/``."""
-
-    path: bool = False
-
-    def read(self, value: Any) -> str:
-        if not isinstance(value, str):
-            hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
-            raise fault("expected a name", show(value), NAME_RULE, hint)
-        parts = value.split("/") if self.path else [value]
-        if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
-            return value
-        if len(value) > LONGEST_NAME:
-            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
-        raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
-
-    def describe(self) -> str:
-        return "a body's full name" if self.path else "a name"
-
-    def schema(self) -> dict[str, Any]:
-        one = NAME.pattern
-        return {"type": "string", "pattern": f"^{one}(/{one})?$" if self.path else f"^{one}$"}
-
-
-def clean_name(text: str) -> str:
-    """The nearest text that may be a name."""
-    import unicodedata
-
-    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
-    clean = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")
-    return clean if NAME.fullmatch(clean) else f"n_{clean}".rstrip("_")
-
-
-@dataclass(frozen=True)
-class Word(Reader):
-    """One of a closed list of words."""
-
-    words: tuple[str, ...]
-
-    def read(self, value: Any) -> str:
-        if isinstance(value, str) and value in self.words:
-            return value
-        hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
-        raise fault("not an allowed word", show(value), ", ".join(self.words), hint)
-
-    def describe(self) -> str:
-        return " \\| ".join(f"`{word}`" for word in self.words)
-
-    def schema(self) -> dict[str, Any]:
-        return {"enum": list(self.words)}
-
-
-@dataclass(frozen=True)
-class Flag(Reader):
-    """true or false."""
-
-    def read(self, value: Any) -> bool:
-        if type(value) is not bool:
-            raise fault("expected true or false", show(value), "true, false")
-        return value
-
-    def describe(self) -> str:
-        return "true or false"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "boolean"}
-
-
-@dataclass(frozen=True)
-class Text(Reader):
-    """Free text."""
-
-    def read(self, value: Any) -> str:
-        if not isinstance(value, str):
-            raise fault("expected a text", show(value), "a text; in quotes where it looks like a number")
-        if len(value) > LONGEST_TEXT:
-            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
-        return value
-
-    def describe(self) -> str:
-        return "a text"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "string"}
-
-
-@dataclass(frozen=True)
-class FileName(Text):
-    """The path of a file, as it is written."""
-
-    def read(self, value: Any) -> str:
-        path = super().read(value)
-        if unseen := UNSEEN_CHARACTERS.search(path):
-            raise fault("paths cannot contain such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
-        return path
-
-
-@dataclass(frozen=True)
-class Setting(Reader):
-    """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
-
-    def read(self, value: Any) -> bool | int | float | str:
-        if isinstance(value, float) and value - value != 0.0:
-            raise fault("not a finite number", show(value))
-        if not isinstance(value, (bool, int, float, str)):
-            raise fault("expected a number, a word, true or false", show(value))
-        if isinstance(value, int) and abs(value) >= 2**63:
-            raise fault("too large a number", show(value))
-        return value
-
-    def describe(self) -> str:
-        return "a number, a word, true or false"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": ["boolean", "number", "string"]}
 
 
 @dataclass(frozen=True)

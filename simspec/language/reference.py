@@ -9,7 +9,7 @@ from typing import Any
 from simspec.language import walk
 from simspec.language.expectations import KINDS, Expectation
 from simspec.language.models import File
-from simspec.language.quantities import Reader
+from simspec.language.reader import Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
 

@@ -10,10 +10,11 @@ from simspec.language import walk
 from simspec.language.contact import Contact
 from simspec.language.joints import Joint
 from simspec.language.models import File
-from simspec.language.quantities import NAME, Reader
+from simspec.language.reader import Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
 from simspec.language.vocabulary import COMBINATIONS, SCALAR_JOINTS
+from simspec.language.words import NAME
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"

@@ -8,9 +8,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, Field
 
 from simspec.language.moments import impossible, principal_moments
-from simspec.language.quantities import Flag, Name, Number, UnitQuaternion, Vector
+from simspec.language.quantities import Number, UnitQuaternion, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Strict
 from simspec.language.vocabulary import SHAPE_KINDS
+from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
 Lengths = Annotated[tuple[float, float, float], Vector(Number("length", 0, above=True))]

@@ -14,8 +14,8 @@ from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Document, read
 from simspec.language.models import File
 from simspec.language.problems import of_validation
-from simspec.language.quantities import LONGEST_TEXT
 from simspec.language.strict import show
+from simspec.language.words import LONGEST_TEXT
 
 DEEPEST_USE = 8
 """Files that use files that use files: a chain longer than this is refused."""

@@ -11,10 +11,12 @@ from pydantic import Field, create_model
 from simspec.language.document import INVALID
 from simspec.language.joint_names import JointNames
 from simspec.language.joints import DIMENSION, check_suits_driven
-from simspec.language.quantities import FileName, Flag, Name, Number, Reader, Vector, Word
+from simspec.language.quantities import Number, Vector
+from simspec.language.reader import Reader
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
 from simspec.language.vocabulary import INTERPOLATIONS
+from simspec.language.words import FileName, Flag, Name, Word
 
 MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from simspec.language.quantities import Reader
+from simspec.language.reader import Reader
 from simspec.language.strict import Strict
 
 

@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 
@@ -25,21 +24,21 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.mutating import mutations
-from simspec.dialects.kit.mutations import KINDS, STILL, Inert, Mutation, MutationTable
+from simspec.dialects.kit.mutations import STILL, Inert, Mutation, MutationTable
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
+from simspec.proof.complete_scenes import departure, observed, scenes_of
+from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.proof.selftest_worlds import SMALLER
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain
-from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 
-VERDICTS = ("caught", "refused", "inert", "missed")
 NOTHING = Inert("", "")
 BATCH = 100
 """Mutations that share a process."""
@@ -50,73 +49,6 @@ LOST = 10.0
 """Seconds of CPU after which one operation is given up: no sound world's takes 2, some changed files make an engine go round
 in circles (parents that are each other's)."""
 WORKERS = 2
-SCENE_STEPS = 600
-SCENE_EVERY = 20
-SEED = 12
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What became of one mutation: ``verdict`` is one of ``VERDICTS``, ``by`` the first level that noticed, ``why`` what it
-    said, or what the engine refused it with, or the reason that is declared for its being inert; ``row`` names the row of
-    the dialect's table that declares it."""
-
-    engine: str
-    world: str
-    file: str
-    kind: str
-    site: str
-    place: str
-    change: str
-    verdict: str
-    by: str = ""
-    why: str = ""
-    row: str = ""
-
-
-@dataclass(frozen=True)
-class CompleteTest:
-    """All verdicts; ``skipped``: worlds that an engine was not tested with, with the reason, by "engine, world"; ``versions``
-    by engine; ``seconds`` in all; ``unused``: by engine the rows of its dialect's table that declare something inert and no
-    change needed, known only when every world and every change was tried."""
-
-    verdicts: tuple[Verdict, ...]
-    skipped: Mapping[str, str] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    unused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-    def count(self, engine: str | None = None, kind: str | None = None, verdict: str | None = None) -> int:
-        """How many there are of an engine, a kind of change, a verdict (None: all)."""
-        return sum(
-            engine in (None, one.engine) and kind in (None, one.kind) and verdict in (None, one.verdict)
-            for one in self.verdicts
-        )
-
-    @property
-    def engines(self) -> tuple[str, ...]:
-        """The engines, in the order in which they were tested."""
-        return tuple(dict.fromkeys(one.engine for one in self.verdicts))
-
-    @property
-    def missed(self) -> tuple[Verdict, ...]:
-        """What went unseen."""
-        return tuple(one for one in self.verdicts if one.verdict == "missed")
-
-    @property
-    def passed(self) -> bool:
-        """Whether something was planted and nothing missed."""
-        return bool(self.verdicts) and not self.missed
-
-    def rows(self) -> list[tuple[str, str, tuple[int, ...]]]:
-        """(engine, kind, (planted, caught, refused, inert, missed)) for each that occurs, and a sum ("all") per engine."""
-        found = []
-        for engine in self.engines:
-            for kind in (*KINDS, None):
-                counts = tuple(self.count(engine, kind, verdict) for verdict in (None, *VERDICTS))
-                if counts[0]:
-                    found.append((engine, kind or "all", counts))
-        return found
 
 
 def table_of(dialect: str) -> MutationTable:
@@ -205,13 +137,13 @@ class _Bench:
         if not certificate.valid:
             _, check = certificate.failures()[0]
             raise AssertionError(f"{engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}")
-        scenes = _scenes(world, probes, find_engine(engine))
+        scenes = scenes_of(world, probes, find_engine(engine))
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
             answers = call(engine, place / engine, [*scenes, *scenes]).answers
-        still = tuple(_seen(answer) for answer in answers[: len(scenes)])
-        again = tuple(_seen(answer) for answer in answers[len(scenes) :])
-        if _departure(still, again) > STILL:
+        still = tuple(observed(answer) for answer in answers[: len(scenes)])
+        again = tuple(observed(answer) for answer in answers[len(scenes) :])
+        if departure(still, again) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
         table = table_of(compiled.dialect)
         return cls(name, find_engine(engine), world, compiled, probes, table, scenes, still)
@@ -254,7 +186,7 @@ class _Bench:
             verdict = self._refused(mutation, answers)
             if verdict is None and not isinstance(answers, EngineError):
                 row = self.table.inertness(mutation) or NOTHING
-                apart = _departure(self.still, [_seen(answer) for answer in answers])
+                apart = departure(self.still, [observed(answer) for answer in answers])
                 if apart <= row.within:
                     verdict = self._verdict(mutation, "inert", why=row.why, row=row.name)
                 else:
@@ -360,57 +292,3 @@ def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:
 def _held(answers: Sequence[Answer]) -> ReadBack:
     held: ReadBack = from_plain(ReadBack, answers[0].result)
     return held
-
-
-def _scenes(world: World, probes: Probes, engine: type[Engine]) -> tuple[Operation, ...]:
-    """Motions that show whether a change acts: left alone, pushed about, without contact, under control; and who touches."""
-    nv = layout_of(world).nv
-    generator = np.random.default_rng(SEED)
-    weight = np.abs(np.diag(probes.oracle.mass_matrix(probes.q[0]))) if nv else np.zeros(0)
-    pushed = generator.uniform(-5.0, 5.0, (2, nv)) * weight
-    timed = {"timestep": world.physics.timestep}
-    alone = {**timed, "phases": [[SCENE_STEPS, SCENE_EVERY]]}
-    shoved = {**timed, "phases": [[SCENE_STEPS // 4, SCENE_EVERY], [SCENE_STEPS // 2, SCENE_EVERY]]}
-    return (
-        Operation("drive", alone, {"effort": np.zeros((1, nv))}),
-        Operation("drive", shoved, {"effort": pushed}),
-        *(_shortened(one) for one in probes.operations(engine) if one.op in ("motion", "respond", "touching")),
-    )
-
-
-def _shortened(operation: Operation) -> Operation:
-    """A motion of at most ``SCENE_STEPS``: what acts has shown by then."""
-    steps = operation.parameters.get("steps")
-    if steps is None:
-        return operation
-    return dataclasses.replace(operation, parameters={**operation.parameters, "steps": min(steps, SCENE_STEPS)})
-
-
-def _seen(answer: Answer) -> Mapping[str, np.ndarray]:
-    """The arrays of a scene's answer, with what touches told by what it is, not by the place it has in the engine's list."""
-    if "units" not in answer.result:
-        return answer.arrays
-    names = [(unit["body"], *unit["shapes"]) for unit in answer.result["units"]]
-    order = np.argsort(np.argsort(np.array([repr(name) for name in names], dtype=object), kind="stable"), kind="stable")
-    rows = answer.arrays["units"]
-    renamed = np.column_stack([rows[:, :1], np.sort(order[rows[:, 1:]], axis=1)])
-    return {**answer.arrays, "units": renamed[np.lexsort(renamed.T[::-1])]}
-
-
-def _departure(one: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> float:
-    """How far two answers to the same scenes are apart, relative to the larger of one and the value; infinite when they
-    differ in kind or one is not finite. A quaternion and its negative are the same; ``q`` is what poses say too."""
-    if len(one) != len(other):
-        return math.inf
-    worst = 0.0
-    for a, b in zip(one, other, strict=True):
-        if a.keys() != b.keys() or any(a[name].shape != b[name].shape for name in a):
-            return math.inf
-        for name in a.keys() - {"q"}:
-            found = b[name]
-            if name == "pose" and found.size:
-                same_way = np.sign(np.sum(a[name][..., 3:] * found[..., 3:], axis=-1, keepdims=True))
-                found = np.concatenate([found[..., :3], found[..., 3:] * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1)
-            apart = float(np.max(np.abs(a[name] - found) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
-            worst = max(worst, apart) if math.isfinite(apart) else math.inf
-    return worst

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from simspec.proof.complete import CompleteTest
+    from simspec.proof.complete_verdicts import CompleteTest
 
 COLUMNS = ("planted", "caught", "refused", "inert", "missed")
 SHOWN = 40

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.arrays import Array
 from simspec.language.document import Key
-from simspec.language.joints import Joint as SpecJoint
 from simspec.language.joints import read_position, read_velocity
-from simspec.language.models import Body as SpecBody
 from simspec.language.models import Use
-from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.language.strict import near
-from simspec.language.trees import Bodies
-from simspec.language.vocabulary import SHAPE_KINDS
-from simspec.resolve.poses import direction, layout, orientation, pose
-from simspec.world import frames, mass
-from simspec.world.shapes import SHAPES
-from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
+from simspec.resolve.body_trees import Tree, resolved_trees
+from simspec.resolve.poses import layout, orientation, pose
+from simspec.world import frames
+from simspec.world.types import Body, Joint, Pose, Vector3
 
 DEFAULT_MATERIAL = "default"
 """The material of a model file that defines none, when the file is compiled alone: no friction, no restitution."""
@@ -102,137 +97,11 @@ def _only_material(source: Source) -> str | None:
     return next(iter(names)) if len(names) == 1 else None
 
 
-# --- one tree, in its own frame ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Tree:
-    """A resolved tree with short names; the root stands first. ``placement`` is the root's own pose."""
-
-    bodies: tuple[Body, ...]
-    own_names: frozenset[str]
-    placement: Pose
-    velocity: tuple[Vector3, Vector3]
-
-
-def _trees(bodies: Bodies, only: str | None) -> Iterator[_Tree]:
-    own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
-    only = next(iter(own)) if len(own) == 1 else only
-    shape_names = {shape.name for spec in bodies.typed.values() if spec is not None for shape in spec.shapes}
-    current: list[Body] = []
-    named: set[str] = set()
-    root: SpecBody | None = None
-    for name in bodies.order():
-        spec = bodies.content(name)
-        if spec.parent is None:
-            if root is not None:
-                yield _tree(current, named, root)
-            current, named, root = [], set(), spec
-        if spec.joint is not None and spec.joint.name is not None:
-            named.add(spec.joint.name)
-        named.update(shape.name for shape in spec.shapes if shape.name is not None)
-        current.append(_body(name, spec, bodies, only, shape_names))
-    if root is not None:
-        yield _tree(current, named, root)
-
-
-def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> _Tree:
-    origin = root.pose
-    if origin is None and root.joint is not None:
-        origin = root.joint.origin
-    zero = (0.0, 0.0, 0.0)
-    velocity = (zero, zero) if root.velocity is None else (root.velocity.linear, root.velocity.angular)
-    return _Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
-
-
-def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str]) -> Body:
-    shapes = tuple(
-        _shape(trees.unused(f"{name}_{index}", taken), shape, only) for index, shape in enumerate(spec.shapes)
-    )
-    joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
-    return Body(name, "", _inertial(spec, shapes), joint, shapes, spec.collision_group)
-
-
-def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
-    kind = next(kind for kind in SHAPE_KINDS if getattr(spec, kind) is not None)
-    solid = getattr(spec, kind)
-    values = solid.__dict__.values()
-    size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
-    material = spec.material or (only if spec.collision else None) or ""
-    red, green, blue, *opacity = spec.colour
-    colour = (red, green, blue, opacity[0] if opacity else 1.0)
-    return Shape(spec.name or name, kind, size, pose(spec.pose), material, spec.collision, spec.visual, colour)
-
-
-def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
-    solid = [(one, shape) for one, shape in zip(spec.shapes, shapes, strict=True) if not SHAPES[shape.kind].endless]
-    dense = [(one.density, shape) for one, shape in solid if one.density]
-    if dense:
-        return mass.combined(
-            [
-                mass.part(shape.kind, shape.size, shape.pose, density * SHAPES[shape.kind].volume(shape.size))
-                for density, shape in dense
-            ]
-        )
-    if spec.inertia is not None:
-        centre = spec.centre_of_mass or (0.0, 0.0, 0.0)
-        if spec.inertia.tensor is not None:
-            tensor = spec.inertia.tensor
-            return Inertial(spec.mass, centre, (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz))
-        return Inertial(spec.mass, centre, mass.turned(spec.inertia.principal, orientation(spec.inertia)))
-    if not spec.mass:
-        return Inertial(0.0)
-    filled = [shape for _, shape in solid if shape.collision] or [shape for _, shape in solid]
-    if not filled:
-        return Inertial(spec.mass)
-    volumes = [SHAPES[shape.kind].volume(shape.size) for shape in filled]
-    total = 0.0
-    for one in volumes:
-        total += one
-    parts = [
-        mass.part(shape.kind, shape.size, shape.pose, spec.mass * (one / total))
-        for shape, one in zip(filled, volumes, strict=True)
-    ]
-    return mass.combined(parts, spec.mass)
-
-
-def _joint(name: str, kind: str, spec: SpecBody) -> Joint:
-    given = spec.joint
-    if given is None or kind in ("free", "fixed"):
-        start = () if kind == "fixed" else (0.0,) * 7
-        speed = () if kind == "fixed" else (0.0,) * 6
-        return Joint(name, kind, spec.parent, pose(given.origin if given else None), position=start, velocity=speed)
-    limits, spring = given.limits, given.spring
-    return Joint(
-        name=name,
-        kind=kind,
-        parent=spec.parent,
-        origin=pose(given.origin),
-        axis=direction(given.axis) if given.axis is not None else (0.0, 0.0, 0.0),
-        position_limits=None if limits is None else limits.position,
-        velocity_limit=None if limits is None else limits.velocity,
-        effort_limit=None if limits is None else limits.effort,
-        damping=given.damping or 0.0,
-        dry_friction=given.dry_friction or 0.0,
-        armature=given.armature or 0.0,
-        spring_stiffness=0.0 if spring is None else spring.stiffness,
-        spring_rest=0.0 if spring is None else spring.rest or 0.0,
-        **_start(given),
-    )
-
-
-def _start(given: SpecJoint) -> dict[str, tuple[float, ...]]:
-    if given.type == "ball":
-        turn = frames.IDENTITY if given.position is None else orientation(given.position)
-        return {"position": turn, "velocity": given.velocity or (0.0, 0.0, 0.0)}
-    return {"position": (given.position or 0.0,), "velocity": (given.velocity or 0.0,)}
-
-
 # --- copies of trees -----------------------------------------------------------------------------------------------
 
 
 def _copy(
-    tree: _Tree, prefix: str, suffix: str, model: str, place: Pose, velocity: tuple[Vector3, Vector3]
+    tree: Tree, prefix: str, suffix: str, model: str, place: Pose, velocity: tuple[Vector3, Vector3]
 ) -> list[Body]:
     """The tree with full names, its root at ``place``; velocities of a free root in world axes."""
 
@@ -282,7 +151,7 @@ def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
     bodies = trees.loose(source)
     if bodies is None:
         return
-    for tree in _trees(bodies, only):
+    for tree in resolved_trees(bodies, only):
         root = tree.bodies[0].name
         array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
@@ -295,7 +164,7 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
-        tree = _positioned(next(_trees(bodies, only)), use)
+        tree = _positioned(next(resolved_trees(bodies, only)), use)
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
@@ -319,13 +188,13 @@ def _own_model(source: Source, only: str | None, found: Expansion) -> Iterator[_
     bodies = trees.model_of(source)
     if bodies is None:
         return
-    tree = next(_trees(bodies, only))
+    tree = next(resolved_trees(bodies, only))
     path = (*bodies.path, tree.bodies[0].name)
     yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
     found.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
 
 
-def _positioned(tree: _Tree, use: Use) -> _Tree:
+def _positioned(tree: Tree, use: Use) -> Tree:
     """The tree with the initial positions and velocities that its placement gives."""
     if not use.positions and not use.velocities:
         return tree

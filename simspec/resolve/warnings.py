@@ -14,7 +14,8 @@ from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
 from simspec.language.models import File
 from simspec.language.problems import in_order
-from simspec.language.quantities import Number, Reader, Vector
+from simspec.language.quantities import Number, Vector
+from simspec.language.reader import Reader
 from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
 from simspec.world.kinematics import rigid_groups

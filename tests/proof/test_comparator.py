@@ -11,7 +11,8 @@ from simspec.contact.meeting import shape_pairs
 from simspec.contact.parts import surfaces
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.proof.comparator import compare, held_apart, inventory_checks
+from simspec.proof.comparator import compare, inventory_checks
+from simspec.proof.distances import held_apart
 from simspec.world import frames
 from simspec.world.types import (
     Body,

@@ -12,7 +12,8 @@ import pytest
 from simspec.commands import self_test as command
 from simspec.dialects.kit.mutations import Inert, MutationTable
 from simspec.proof import complete
-from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
+from simspec.proof.complete import complete_self_test
+from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.proof.mutation_worlds import WORLDS
 
 SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simspec.dynamics.oracle import Tree
+from simspec.dynamics.oracle_tree import Tree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.touch.geometry import Gap, Solid, gap, wanted_depth
 from simspec.world.kinematics import layout_of, trees

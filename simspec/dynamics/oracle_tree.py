@@ -1,0 +1,212 @@
+"""The Pinocchio model of one or several trees, from which the oracle is built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.language.vocabulary import QUATERNION_JOINTS
+from simspec.world import frames
+from simspec.world.kinematics import layout_of
+from simspec.world.rotations import logarithm
+from simspec.world.types import Body, Pose, World
+
+
+def _depth_first(bodies: Sequence[Body]) -> list[Body]:
+    """``bodies`` with each one's descendants right behind it.
+
+    Pinocchio's crba takes a joint's subtree to be the columns that follow it: in another order entries of M stay zero in
+    silence (measured).
+    """
+    children: dict[str | None, list[Body]] = {}
+    for body in bodies:
+        children.setdefault(body.joint.parent, []).append(body)
+    found: list[Body] = []
+    ahead = children.get(None, [])[::-1]
+    while ahead:
+        found.append(ahead.pop())
+        ahead.extend(children.get(found[-1].name, ())[::-1])
+    return found
+
+
+class Tree:
+    """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates.
+
+    ``model`` and ``data`` are Pinocchio's (module ``pin``). ``q_index``, ``v_index``: where the world's coordinates stand among
+    Pinocchio's; ``body_joint``, ``body_placement``: the joint that each body moves with, and its frame's placement there.
+    """
+
+    def __init__(self, world: World):
+        import pinocchio
+
+        if world.constraints:
+            raise ValueError(f"the oracle has no constraints outside the tree, as {world.constraints[0].name!r} is")
+        self.pin: Any = pinocchio
+        self.world = world
+        self.layout = layout_of(world)
+        self.nq, self.nv = self.layout.nq, self.layout.nv
+        self.timestep = world.physics.timestep
+        self.model = pinocchio.Model()
+        self.model.gravity.linear = np.array(world.physics.gravity)
+        self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
+        added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
+        joints = [added[body.name] for body in world.bodies]
+        self.model.armature = np.zeros(self.model.nv)
+        self._order_coordinates(joints)
+        self.body_joint = [self._held[body.name][0] for body in world.bodies]
+        self.body_placement = [self._held[body.name][1] for body in world.bodies]
+        self.data = self.model.createData()
+        self._read_efforts()
+
+    def _placement(self, pose: Pose) -> Any:
+        return self.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
+
+    def _add(self, body: Body) -> int:
+        """Add one body; returns the index of its own joint, 0 when it has none (fixed)."""
+        pin, joint = self.pin, body.joint
+        above, placement = (0, pin.SE3.Identity()) if joint.parent is None else self._held[joint.parent]
+        placement = placement * self._placement(joint.origin)
+        centre = np.array(body.inertial.centre_of_mass)
+        if joint.kind == "fixed":
+            index, own = above, placement
+        elif joint.kind == "free":
+            composite = pin.JointModelComposite(2)
+            composite.addJoint(pin.JointModelTranslation())
+            composite.addJoint(pin.JointModelSpherical())
+            index = self.model.addJoint(0, composite, pin.SE3.Identity(), body.name)
+            own = pin.SE3(np.eye(3), -centre)
+        else:
+            axis = np.array(joint.axis)
+            kinds = {
+                "hinge": lambda: pin.JointModelRevoluteUnaligned(axis),
+                "slide": lambda: pin.JointModelPrismaticUnaligned(axis),
+                "ball": pin.JointModelSpherical,
+            }
+            index = self.model.addJoint(above, kinds[joint.kind](), placement, body.name)
+            own = pin.SE3.Identity()
+        xx, yy, zz, xy, xz, yz = body.inertial.inertia
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if index:
+            self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
+        self._held[body.name] = (index, own)
+        return 0 if joint.kind == "fixed" else index
+
+    def _order_coordinates(self, joints: list[int]) -> None:
+        """Index arrays between the world's coordinates and Pinocchio's (other order of joints, quaternions x y z w)."""
+        q_index, v_index = np.zeros(self.nq, dtype=int), np.zeros(self.nv, dtype=int)
+        for body, index, q, v in zip(
+            self.world.bodies, joints, self.layout.position, self.layout.velocity, strict=True
+        ):
+            if not index:
+                continue
+            q_start, v_start = self.model.idx_qs[index], self.model.idx_vs[index]
+            order = np.arange(q.stop - q.start)
+            if body.joint.kind in QUATERNION_JOINTS:
+                order[-4:] = np.roll(order[-4:], 1)  # w x y z is found at x y z w's positions 3 0 1 2
+            q_index[q] = q_start + order
+            v_index[v] = v_start + np.arange(v.stop - v.start)
+        self.q_index, self.v_index = q_index, v_index
+
+    def _read_efforts(self) -> None:
+        """Damping, armature and springs, by coordinate."""
+        self._damping = np.zeros(self.nv)
+        self._stiffness, self._rest = np.zeros(self.nv), np.zeros(self.nv)
+        self._sprung: list[tuple[int, int]] = []  # (q, v) of hinges and slides with a spring
+        self._sprung_balls: list[tuple[slice, slice, float]] = []
+        armature = np.zeros(self.nv)
+        for body, q, v in zip(self.world.bodies, self.layout.position, self.layout.velocity, strict=True):
+            joint = body.joint
+            self._damping[v] = joint.damping
+            armature[v] = joint.armature
+            if joint.spring_stiffness and joint.kind == "ball":
+                self._sprung_balls.append((q, v, joint.spring_stiffness))
+            elif joint.spring_stiffness:
+                self._sprung.append((q.start, v.start))
+                self._stiffness[v], self._rest[v] = joint.spring_stiffness, joint.spring_rest
+        spread = np.zeros(self.model.nv)
+        spread[self.v_index] = armature
+        self.model.armature = spread
+        self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
+        self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
+
+    def spread(self, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        ours_q, ours_v = np.zeros(self.model.nq), np.zeros(self.model.nv)
+        ours_q[self.q_index] = q
+        if v is not None:
+            ours_v[self.v_index] = v
+        return ours_q, ours_v
+
+    def body_poses(self, q: np.ndarray) -> np.ndarray:
+        """See :meth:`Oracle.body_poses`."""
+        self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
+        found = np.empty((len(self.world.bodies), 7))
+        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
+            pose = self.data.oMi[joint] * placement
+            x, y, z, w = self.pin.Quaternion(pose.rotation).coeffs()
+            row[:3], row[3:] = pose.translation, (w, x, y, z)
+        return found
+
+    def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
+        self.pin.forwardKinematics(self.model, self.data, *self.spread(q, v))
+        found = np.zeros((len(self.world.bodies), 6))
+        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
+            if joint:
+                local = placement.actInv(self.data.v[joint])
+                turn = (self.data.oMi[joint] * placement).rotation
+                row[:3], row[3:] = turn @ local.linear, turn @ local.angular
+        return found
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M (nv, nv), armature included."""
+        full = self.pin.crba(self.model, self.data, self.spread(q)[0])
+        full = np.triu(full) + np.triu(full, 1).T
+        matrix: np.ndarray = full[np.ix_(self.v_index, self.v_index)]
+        return matrix
+
+    def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
+        bias: np.ndarray = self.pin.nonLinearEffects(self.model, self.data, *self.spread(q, v))[self.v_index].copy()
+        return bias
+
+    def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
+        effort: np.ndarray = -self._damping * v
+        if len(self._hinge_v):
+            effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
+        for at_q, at_v, stiffness in self._sprung_balls:
+            effort[at_v] -= stiffness * logarithm(q[at_q])
+        return effort
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+        """Kinetic energy (armature included) and potential energy (J): gravity zero at the origin, springs at rest.
+
+        Bodies fixed to the world do not count.
+        """
+        # Pinocchio's own kinetic energy counts the armature of some kinds of joints and not of others (measured)
+        kinetic = 0.5 * float(v @ self.mass_matrix(q) @ v)
+        ours_q, _ = self.spread(q)
+        potential = self.pin.computePotentialEnergy(self.model, self.data, ours_q)
+        at_v = self._hinge_v
+        stretch = q[self._hinge_q] - self._rest[at_v]
+        potential += 0.5 * float(self._stiffness[at_v] @ (stretch * stretch))
+        for at_q, _, stiffness in self._sprung_balls:
+            turn = logarithm(q[at_q])
+            potential += 0.5 * stiffness * float(turn @ turn)
+        return float(kinetic), float(potential)
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
+        ours_q, ours_v = self.spread(q, v)
+        tau = np.zeros(self.model.nv)
+        tau[self.v_index] = effort + self.joint_effort(q, v)
+        acceleration: np.ndarray = self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
+        return acceleration
+
+    def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One step of semi-implicit Euler; returns the new (q, v)."""
+        v = v + self.timestep * self.acceleration(q, v, effort)
+        ours_q, ours_v = self.spread(q, v)
+        return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v

@@ -1,0 +1,136 @@
+"""The types that fields have: names, words of a closed list, flags, texts, solver settings."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from simspec.errors import UNSEEN_CHARACTERS
+from simspec.language.hints import hint_for_word
+from simspec.language.reader import Reader
+from simspec.language.strict import fault, near, show
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+NAME_RULE = "letters, digits, _ and -, beginning with a letter or _"
+LONGEST_NAME = 200
+LONGEST_TEXT = 1000
+"""Characters of a path, a description, the name of a feature: messages and files of results quote them."""
+
+
+@dataclass(frozen=True)
+class Name(Reader):
+    """A name. With ``path``, names of models and bodies in them joined by ``/``."""
+
+    path: bool = False
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            hint = f'put it in quotes, beginning with a letter: "n{value}"' if type(value) in (int, float) else None
+            raise fault("expected a name", show(value), NAME_RULE, hint)
+        parts = value.split("/") if self.path else [value]
+        if all(NAME.fullmatch(part) for part in parts) and len(value) <= LONGEST_NAME and len(parts) <= 2:
+            return value
+        if len(value) > LONGEST_NAME:
+            raise fault("too long a name", show(value), f"{LONGEST_NAME} characters")
+        raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
+
+    def describe(self) -> str:
+        return "a body's full name" if self.path else "a name"
+
+    def schema(self) -> dict[str, Any]:
+        one = NAME.pattern
+        return {"type": "string", "pattern": f"^{one}(/{one})?$" if self.path else f"^{one}$"}
+
+
+def clean_name(text: str) -> str:
+    """The nearest text that may be a name."""
+    import unicodedata
+
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    clean = re.sub(r"[^A-Za-z0-9_-]+", "_", plain).strip("_-")
+    return clean if NAME.fullmatch(clean) else f"n_{clean}".rstrip("_")
+
+
+@dataclass(frozen=True)
+class Word(Reader):
+    """One of a closed list of words."""
+
+    words: tuple[str, ...]
+
+    def read(self, value: Any) -> str:
+        if isinstance(value, str) and value in self.words:
+            return value
+        hint = (hint_for_word(value, self.words) or near(value, self.words)) if isinstance(value, str) else None
+        raise fault("not an allowed word", show(value), ", ".join(self.words), hint)
+
+    def describe(self) -> str:
+        return " \\| ".join(f"`{word}`" for word in self.words)
+
+    def schema(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True)
+class Flag(Reader):
+    """true or false."""
+
+    def read(self, value: Any) -> bool:
+        if type(value) is not bool:
+            raise fault("expected true or false", show(value), "true, false")
+        return value
+
+    def describe(self) -> str:
+        return "true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True)
+class Text(Reader):
+    """Free text."""
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            raise fault("expected a text", show(value), "a text; in quotes where it looks like a number")
+        if len(value) > LONGEST_TEXT:
+            raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
+        return value
+
+    def describe(self) -> str:
+        return "a text"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string"}
+
+
+@dataclass(frozen=True)
+class FileName(Text):
+    """The path of a file, as it is written."""
+
+    def read(self, value: Any) -> str:
+        path = super().read(value)
+        if unseen := UNSEEN_CHARACTERS.search(path):
+            raise fault("paths cannot contain such characters", f"U+{ord(unseen.group()):04X} in {show(value)}")
+        return path
+
+
+@dataclass(frozen=True)
+class Setting(Reader):
+    """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
+
+    def read(self, value: Any) -> bool | int | float | str:
+        if isinstance(value, float) and value - value != 0.0:
+            raise fault("not a finite number", show(value))
+        if not isinstance(value, (bool, int, float, str)):
+            raise fault("expected a number, a word, true or false", show(value))
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise fault("too large a number", show(value))
+        return value
+
+    def describe(self) -> str:
+        return "a number, a word, true or false"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": ["boolean", "number", "string"]}
