@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
+import os
 import signal
 import sys
 from pathlib import Path
@@ -27,6 +29,7 @@ from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
 from tests import worlds
 
+STUB_MODULE = "stub_engine_of_a_test"
 STUB = """
 import os, time
 import numpy as np
@@ -61,13 +64,14 @@ class Stub(Engine):
 
 @pytest.fixture
 def stub(monkeypatch, tmp_path):
-    """A stub engine, known by name, in a module that the engine's process can import."""
-    module = Path(base.__file__).parent / "stub_for_tests.py"
-    module.write_text(STUB)
-    sys.modules.pop("simspec.engines.kit.stub_for_tests", None)
-    from simspec.engines.kit import stub_for_tests
-
-    monkeypatch.setattr(process, "find_engine", lambda name: stub_for_tests.Stub)
+    """A stub engine, known by name, in a module that this process and the engine's can import."""
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / f"{STUB_MODULE}.py").write_text(STUB)
+    monkeypatch.syspath_prepend(modules)
+    monkeypatch.setenv("PYTHONPATH", str(modules), prepend=os.pathsep)
+    stub_engine = importlib.import_module(STUB_MODULE)
+    monkeypatch.setattr(process, "find_engine", lambda name: stub_engine.Stub)
 
     def folder_of(what: str) -> Path:
         folder = tmp_path / what
@@ -84,7 +88,7 @@ def stub(monkeypatch, tmp_path):
         return call("stub", folder_of(what), [*first, Operation("read_back", parameters)], deadline=deadline)
 
     yield at_work
-    module.unlink()
+    del sys.modules[STUB_MODULE]  # the next test's is in another folder
 
 
 @pytest.mark.parametrize(
