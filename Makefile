@@ -10,6 +10,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
+# Tests start some two thousand interpreters. Where this is set, each would compile all of simspec anew: a quarter of their time
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills clean
 

@@ -1,7 +1,7 @@
 """Whatever comes back from an engine's process is that engine's failure, and nobody else's.
 
 Each engine's own good answer is recorded once; impostors (a shell script in place of the interpreter) then give it back spoilt
-in one way. The other engines, whose impostors give theirs back as it was, come out whole.
+in one way. The engine that runs after it, whose impostor gives its answer back as it was, comes out whole.
 """
 
 from __future__ import annotations
@@ -258,16 +258,27 @@ BY_SCRIPT = {
 }
 
 
-def runs_beside(bad: str, engine: str, good, tmp_path, deadline: float = 30.0):
-    """The runs of all engines, of which one is spoilt."""
-    pythons = {one: answering(tmp_path / one, good[one].answer) for one in ENGINES} | {engine: bad}
+def after(engine: str) -> str:
+    """The engine beside which ``engine`` is spoilt: each is, for one."""
+    return ENGINES[(ENGINES.index(engine) + 1) % len(ENGINES)]
+
+
+def runs_beside(bad: str, engine: str, good, tmp_path, others: tuple[str, ...]):
+    """The runs of an engine that is spoilt, and of others after it that are not."""
+    pythons = {one: answering(tmp_path / one, good[one].answer) for one in others} | {engine: bad}
     artifacts = {one: good[one].artifacts for one in ENGINES}
-    return run_all(scene(), ENGINES, artifacts=artifacts, pythons=pythons, deadline=deadline)
+    return run_all(scene(), (engine, *others), artifacts=artifacts, pythons=pythons, deadline=30.0)
 
 
-def test_the_answers_are_good_when_they_are_not_spoilt(good, tmp_path):
-    found = runs_beside(answering(tmp_path / "bad", good["dart"].answer), "dart", good, tmp_path)
-    assert [run.failed for run in found.values()] == [None] * len(ENGINES)
+@pytest.mark.parametrize("kind", [None, "garbage", "NaN in a pose"])
+def test_all_engines_but_the_spoilt_one_come_out_whole(kind, good, tmp_path):
+    spoilt = tmp_path / "answer"
+    shutil.copytree(good["dart"].answer, spoilt)
+    if kind is not None:
+        BAD[kind](spoilt)
+    others = tuple(one for one in ENGINES if one != "dart")
+    runs = runs_beside(answering(tmp_path / "bad", spoilt), "dart", good, tmp_path, others)
+    assert {one for one in ENGINES if runs[one].failed is None} == {*others, *(["dart"] if kind is None else [])}
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -276,10 +287,10 @@ def test_a_bad_answer_is_that_engine_s_failure(engine, kind, good, tmp_path):
     spoilt = tmp_path / "answer"
     shutil.copytree(good[engine].answer, spoilt)
     BAD[kind](spoilt)
-    found = runs_beside(answering(tmp_path / "bad", spoilt), engine, good, tmp_path)
-    assert found[engine].failed
-    assert len(found[engine].failed) < 3000
-    assert [one for one in ENGINES if found[one].failed is None] == [one for one in ENGINES if one != engine]
+    runs = runs_beside(answering(tmp_path / "bad", spoilt), engine, good, tmp_path, (after(engine),))
+    assert runs[engine].failed
+    assert len(runs[engine].failed) < 3000
+    assert runs[after(engine)].failed is None
 
 
 @pytest.mark.parametrize("kind", BY_SCRIPT)
@@ -315,9 +326,9 @@ def test_a_process_that_misbehaves_is_that_engine_s_failure(kind, good, tmp_path
 @pytest.mark.parametrize("engine", ENGINES)
 def test_what_is_no_interpreter_is_that_engine_s_failure(engine, name, make, message, good, tmp_path):
     make(tmp_path / name)
-    found = runs_beside(str(tmp_path / name), engine, good, tmp_path)
-    assert message in found[engine].failed
-    assert sum(run.failed is None for run in found.values()) == len(ENGINES) - 1
+    runs = runs_beside(str(tmp_path / name), engine, good, tmp_path, (after(engine),))
+    assert message in runs[engine].failed
+    assert runs[after(engine)].failed is None
 
 
 def test_a_relative_interpreter_is_the_caller_s(good, tmp_path, monkeypatch):
