@@ -8,12 +8,11 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from simspec.language.document import INVALID
 from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
-from simspec.language.joints import DIMENSION, check_suits_driven
+from simspec.language.joints import DIMENSION, check_suits_driven, read_by_joint
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Strict, fault, misspelt, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
 from simspec.language.words import Flag, Word
 
@@ -70,19 +69,7 @@ class PerJoint(Reader):
             raise fault("no joint given", "{}", "a number, or {JOINT: number, ...}")
         if (many := too_many(value)) is not None:
             raise many
-        faults: list[Fault] = []
-        for name, item in value.items():
-            try:
-                read_pattern(name)
-                if item is INVALID:
-                    faults.append(Fault((name,), "", reported=True))
-                else:
-                    check_suits_driven(self.number, item)
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (str(name),)))
-        if faults:
-            raise Faults(faults)
-        return dict(value)
+        return read_by_joint(value, read_pattern, self.number)
 
     def unit(self) -> str:
         return self.unit_text

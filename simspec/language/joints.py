@@ -74,6 +74,25 @@ def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
         raise refused
 
 
+def read_by_joint(
+    value: Mapping[Any, Any], read_name: Callable[[Any], object], number: Callable[[str], Number]
+) -> dict[str, Any]:
+    """A mapping of numbers by joint, each suiting some type of driven joint; kept as written. Raises Faults, all at once."""
+    faults: list[Fault] = []
+    for name, item in value.items():
+        try:
+            read_name(name)
+            if item is INVALID:
+                faults.append(Fault((name,), "", reported=True))
+            else:
+                check_suits_driven(number, item)
+        except Faults as error:
+            faults.extend(replace_loc(error.faults, (str(name),)))
+    if faults:
+        raise Faults(faults)
+    return dict(value)
+
+
 class Limits(Strict):
     """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
-from simspec.language.document import INVALID
 from simspec.language.joint_names import JointNames
-from simspec.language.joints import DIMENSION, check_suits_driven
+from simspec.language.joints import DIMENSION, read_by_joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, show
 from simspec.language.vocabulary import INTERPOLATIONS
 from simspec.language.words import FileName, Flag, Name, Word
 
@@ -50,19 +49,7 @@ class ByJoint(Reader):
     def read(self, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
             raise fault(f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
-        faults: list[Fault] = []
-        for name, item in value.items():
-            if item is INVALID:
-                faults.append(Fault((name,), "", reported=True))
-                continue
-            try:
-                Name(path=True).read(name)
-                check_suits_driven(self.number, item)
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (str(name),)))
-        if faults:
-            raise Faults(faults)
-        return dict(value)
+        return read_by_joint(value, Name(path=True).read, self.number)
 
     def unit(self) -> str:
         return self.unit_text

@@ -13,8 +13,7 @@ from simspec.dialects.mujoco.choices import (
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.filter import Kind
-from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, inertial_of, joint_attributes, place_of, size_of
-from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, joint_attributes, size_of
 from simspec.formats.mjcf.tree import Attributes, Value
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Shape, World
@@ -22,18 +21,9 @@ from simspec.world.types import Body, Joint, Shape, World
 
 def lower_body(body: Body, depth: int, masks: Mapping[Kind, Attributes], restless: bool) -> tree.Body:
     """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
-    joint = body.joint
-    place = place_of(joint)
-    return tree.Body(
-        file_name(body.name),
-        place.position,
-        place.quaternion,
-        depth,
-        inertial_of(body),
-        () if joint.kind == "fixed" else (_joint(joint),),
-        tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes),
-        (("sleep", "never"),) if restless else (),
-    )
+    geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
+    joint = None if body.joint.kind == "fixed" else _joint(body.joint)
+    return body_of(body, depth, joint, geoms, (("sleep", "never"),) if restless else ())
 
 
 def _joint(joint: Joint) -> tree.Joint:

@@ -10,6 +10,7 @@ from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.choices import MATERIAL_CLASS, VISUAL_CLASS
 from simspec.dialects.mujoco.names import COULOMB
 from simspec.errors import Problem, UnsupportedError
+from simspec.formats.mjcf.from_world import dimensions
 from simspec.formats.mjcf.tree import Attributes, Default, Value
 from simspec.formats.mjcf.tree import Pair as ExplicitPair
 from simspec.world.kinematics import rigid_groups
@@ -134,15 +135,6 @@ def friction_hardness(world: World, target: Target) -> float:
 
 
 # --- numbers of shapes and of pairs -------------------------------------------------------------------------------
-
-
-def dimensions(held: Surface) -> int:
-    """``condim``: the directions in which a contact has friction."""
-    if held.rolling_friction:
-        return 6
-    if held.torsional_friction:
-        return 4
-    return 3 if held.friction else 1
 
 
 def pair_defaults(world: World, target: Target) -> Attributes:

@@ -31,6 +31,19 @@ def numbers(values: Any) -> str:
     return " ".join([number(value) for value in values])
 
 
+def finite_numbers(text: str, count: int | None = None) -> tuple[float, ...]:
+    """The numbers in ``text``, by white space. Raises ValueError where they are none, not finite, or not ``count``."""
+    try:
+        values = tuple(map(float, text.split()))
+    except ValueError:
+        raise ValueError(f"is {text[:60]!r}, should be numbers") from None
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"is {text[:60]!r}, should be finite numbers")
+    if count is not None and len(values) != count:
+        raise ValueError(f"has {len(values)} numbers, should have {count}")
+    return values
+
+
 _NUMBER_LIST = re.compile(r'\[[^\[\]{}"]*\]')
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from simspec.formats.kit.text import finite_numbers
 from simspec.formats.kit.xml_elements import Element
 
 
@@ -62,14 +62,9 @@ class Item:
         """The numbers of an attribute. Raises ValueError where they are none, not finite, or not ``count``."""
         text = self.text(name)
         try:
-            values = tuple(map(float, text.split()))
-        except ValueError:
-            raise self.refused(f"{name} is {text[:60]!r}, should be numbers") from None
-        if not all(map(math.isfinite, values)):
-            raise self.refused(f"{name} is {text[:60]!r}, should be finite")
-        if count is not None and len(values) != count:
-            raise self.refused(f"{name} has {len(values)} numbers, should have {count}")
-        return values
+            return finite_numbers(text, count)
+        except ValueError as error:
+            raise self.refused(f"{name} {error}") from None
 
     def number(self, name: str) -> float:
         """The one number of an attribute."""

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from simspec.formats.kit.passes import principal_axes
+from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Inertial, Key, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import Body, Joint, Pose, Shape, World
+from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
 GROUPS: Final[Mapping[tuple[bool, bool], int]] = {
@@ -68,6 +70,32 @@ def size_of(shape: Shape) -> tuple[float, ...]:
     if shape.kind == "plane":
         return PLANE_SIZE
     return tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
+
+
+def body_of(
+    body: Body, depth: int, joint: tree.Joint | None, geoms: tuple[tree.Geom, ...], more: tree.Attributes = ()
+) -> tree.Body:
+    """A body in its parent, with its inertia; ``joint`` None: welded to it."""
+    place = place_of(body.joint)
+    return tree.Body(
+        file_name(body.name),
+        place.position,
+        place.quaternion,
+        depth,
+        inertial_of(body),
+        () if joint is None else (joint,),
+        geoms,
+        more,
+    )
+
+
+def dimensions(law: PairContact | Surface) -> int:
+    """``condim``: the directions in which a contact has friction."""
+    if law.rolling_friction:
+        return 6
+    if law.torsional_friction:
+        return 4
+    return 3 if law.friction else 1
 
 
 def joint_attributes(joint: Joint) -> list[tuple[str, Value]]:

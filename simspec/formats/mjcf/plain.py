@@ -19,11 +19,11 @@ from simspec.formats.mjcf.from_world import (
     CONES,
     GROUPS,
     SIZES,
+    body_of,
     depth_first,
-    inertial_of,
+    dimensions,
     joint_attributes,
     keyframe,
-    place_of,
     size_of,
 )
 from simspec.formats.mjcf.names import file_name
@@ -177,15 +177,6 @@ def _friction(law: PairContact) -> tuple[float, float, float]:
     return (law.friction, law.torsional_friction, law.rolling_friction)
 
 
-def _dimensions(law: PairContact) -> int:
-    """``condim``: the directions in which a contact has friction."""
-    if law.rolling_friction:
-        return 6
-    if law.torsional_friction:
-        return 4
-    return 3 if law.friction else 1
-
-
 def _reference(law: PairContact) -> tuple[float, float]:
     """``solref``."""
     hardness = law.hardness
@@ -200,7 +191,7 @@ def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
     return (
         larger == _friction(law)
         and _reference(first) == _reference(second) == _reference(law)
-        and max(_dimensions(first), _dimensions(second)) == _dimensions(law)
+        and max(dimensions(first), dimensions(second)) == dimensions(law)
     )
 
 
@@ -219,7 +210,7 @@ def _classes(world: World) -> Iterator[Default]:
     for material in world.contact.materials:
         law = own[material.name]
         reference = _reference(law)
-        attributes: Attributes = (("condim", _dimensions(law)), ("friction", _friction(law)))
+        attributes: Attributes = (("condim", dimensions(law)), ("friction", _friction(law)))
         if reference != NATIVE_REFERENCE:
             attributes = (*attributes, ("solref", reference))
         yield Default(MATERIAL + material.name, (("geom", attributes),))
@@ -230,7 +221,7 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
         law = laws[pair]
         sliding, torsional, rolling = _friction(law)
         attributes: Attributes = (
-            ("condim", _dimensions(law)),
+            ("condim", dimensions(law)),
             ("friction", (sliding, sliding, torsional, rolling, rolling)),
             ("solref", _reference(law)),
         )
@@ -242,16 +233,8 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
 
 
 def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes]) -> tree.Body:
-    place = place_of(body.joint)
-    return tree.Body(
-        file_name(body.name),
-        place.position,
-        place.quaternion,
-        depth,
-        inertial_of(body),
-        () if body.joint.kind == "fixed" else (_joint(body.joint),),
-        tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes),
-    )
+    geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
+    return body_of(body, depth, None if body.joint.kind == "fixed" else _joint(body.joint), geoms)
 
 
 def _joint(joint: Joint) -> tree.Joint:

@@ -6,11 +6,11 @@ stands in the file; :func:`strangers` finds all that is not of the language as i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.formats.kit.text import finite_numbers
 from simspec.formats.kit.xml_elements import Element
 from simspec.world.types import Inertial, Pose, Vector3
 
@@ -110,16 +110,10 @@ class Item:
         item = self.find(tag)
         if item is None:
             return None
-        text = item.element.text
         try:
-            values = tuple(map(float, text.split()))
-        except ValueError:
-            raise item.refused(f"is {text[:60]!r}, should be numbers") from None
-        if not all(map(math.isfinite, values)):
-            raise item.refused(f"is {text[:60]!r}, should be finite numbers")
-        if count is not None and len(values) != count:
-            raise item.refused(f"has {len(values)} numbers, should have {count}")
-        return values
+            return finite_numbers(item.element.text, count)
+        except ValueError as error:
+            raise item.refused(str(error)) from None
 
     def number(self, tag: str) -> float | None:
         """The one number of an element in it; None without one."""
