@@ -169,7 +169,7 @@ def engines_at_work(words: list[str] | None, pythons: Mapping[str, str], demand:
         names = engine_names(words)
         if demand:
             demand_installed(names, pythons)
-        return selection.named(names)
+        return selection.named(names, pythons)
     found = selection.available(pythons)
     if not found.engines:
         raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])

@@ -16,6 +16,7 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.target import Target
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, engine_version
+from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
@@ -61,13 +62,15 @@ def compile_world(
     targets: Iterable[str],
     locate: Callable[[str], Location | None] = _nowhere,
     plans: Mapping[str, ContactPlan] | None = None,
+    pythons: Mapping[str, str] | None = None,
 ) -> dict[str, Compiled]:
     """Compile ``world`` for each target, in order; the result is keyed by engine.
 
     A target is an engine's name or label. ``locate`` gives the place in the spec of a dotted path, for errors. ``plans``
     gives, by engine, numbers of materials to use instead of those that
-    the world asks for: contact probes have the numbers of the scenario that they stand for.
-    Raises UnsupportedError with every problem of every target together.
+    the world asks for: contact probes have the numbers of the scenario that they stand for. ``pythons``: interpreters by
+    target, whose versions of the engines count for support (see :func:`version_at_work`).
+    Raises UnsupportedError with every problem of every target together, EngineError when an interpreter gives no version.
     """
     compiled: dict[str, Compiled] = {}
     problems: list[Problem] = [*check_options(world, locate), *check_control(world, locate)]
@@ -77,7 +80,7 @@ def compile_world(
     decisions: dict[str, tuple[Decision, ...]] = {}
     for name in names:
         try:
-            decisions[name] = _negotiate(world, name, locate, (plans or {}).get(name))
+            decisions[name] = _negotiate(world, name, locate, (plans or {}).get(name), pythons)
         except UnsupportedError as error:
             problems.extend(_located(error, locate))
     for name in names:
@@ -105,10 +108,14 @@ def _located(error: UnsupportedError, locate: Callable[[str], Location | None]) 
 
 
 def _negotiate(
-    world: World, label: str, locate: Callable[[str], Location | None], plan: ContactPlan | None
+    world: World,
+    label: str,
+    locate: Callable[[str], Location | None],
+    plan: ContactPlan | None,
+    pythons: Mapping[str, str] | None,
 ) -> tuple[Decision, ...]:
     engine = find_engine(label)
-    decisions = needed_decisions(world, label, locate, plan)
+    decisions = needed_decisions(world, label, locate, plan, pythons)
     if plan is None and engine.LAYERS:
         _refuse_unreachable(world, engine)
     return tuple(decisions)
@@ -125,28 +132,43 @@ def needed_decisions(
     label: str,
     locate: Callable[[str], Location | None] = _nowhere,
     plan: ContactPlan | None = None,
+    pythons: Mapping[str, str] | None = None,
 ) -> list[Decision]:
-    """How each feature that ``world`` needs is realised in the engine of a ``label``, at the version that the label names, or
-    else the installed one; nothing is emitted. Raises UnsupportedError."""
+    """How each feature that ``world`` needs is realised in the engine of a ``label``, at the version that is at work; nothing
+    is emitted. Raises UnsupportedError, and EngineError as :func:`version_at_work`."""
     engine = find_engine(label)
-    version = engine_version(label) or engine.version()
+    version = version_at_work(label, pythons)
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
+
+
+def version_at_work(label: str, pythons: Mapping[str, str] | None = None) -> str | None:
+    """The release of an engine that bounds of support are held against: that of the interpreter that ``pythons`` has for the
+    label, else the one that the label names, else the installed one; None: not known.
+
+    An interpreter is asked only where some declaration has bounds. Raises EngineError where it gives no version.
+    """
+    engine = find_engine(label)
+    python = (pythons or {}).get(label)
+    declared = (*engine.SUPPORT.values(), *dialects()[engine.DIALECT].SUPPORT.values())
+    if python is not None and any(support.since or support.until for support in declared):
+        return version_in(python, label)
+    return engine_version(label) or engine.version()
 
 
 OPTION_OF: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "outside"}
 """Where a feature is named that an engine has approximately, or not of its own."""
 
 
-def missing_options(world: World, engine: str) -> dict[str, dict[str, str]]:
+def missing_options(world: World, engine: str, pythons: Mapping[str, str] | None = None) -> dict[str, dict[str, str]]:
     """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
     with its short reason. Raises UnsupportedError for what it does not support at all."""
     known, options = find_engine(engine), world.options(engine)
     every = tuple(feature.value for feature in Feature)
     allowed = dataclasses.replace(options, accept=every, outside=every)
     needed: dict[str, dict[str, str]] = {}
-    for decision in needed_decisions(_with_options(world, allowed), engine):
+    for decision in needed_decisions(_with_options(world, allowed), engine, pythons=pythons):
         key, name = OPTION_OF.get(decision.level), decision.feature.value
         if key is None or name in getattr(options, key):
             continue
@@ -158,7 +180,7 @@ def missing_options(world: World, engine: str) -> dict[str, dict[str, str]]:
         )
         try:
             tried = _with_options(world, without)
-            needed_decisions(tried, engine)
+            needed_decisions(tried, engine, pythons=pythons)
             dialects()[known.DIALECT].emit(tried, target_of(tried, known))  # which may refuse by itself
         except UnsupportedError:
             needed.setdefault(key, {})[name] = decision.short

@@ -44,7 +44,7 @@ def build(world: World, selection: Selection, locate: Callable[[str], Location |
     UnsupportedError with every problem."""
     compiled = selection.compiled
     if compiled is None:
-        compiled = compile_world(world, selection.engines, locate)
+        compiled = compile_world(world, selection.engines, locate, pythons=selection.pythons)
     return Built(world, compiled, output_files(world, compiled))
 
 

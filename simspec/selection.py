@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, check_control, check_options, compile_world
 from simspec.engines.kit.installing import left_out
@@ -45,6 +45,8 @@ class Selection:
     named: bool
     not_taken: Mapping[str, NotTaken]
     compiled: Mapping[str, Compiled] | None = None
+    pythons: Mapping[str, str] = field(default_factory=dict)
+    """Interpreters by label, of engines that have one of their own."""
 
     def lines(self) -> list[str]:
         """Every engine that is not taken, with the reason and the place in the spec."""
@@ -63,34 +65,37 @@ class Selection:
             return self
         if general := [*check_options(world, locate), *check_control(world, locate)]:
             raise UnsupportedError(general)
-        compiled, left = supporting(world, self.engines, locate)
+        compiled, left = supporting(world, self.engines, locate, self.pythons)
         not_taken = {**self.not_taken, **left}
         if len(compiled) < least:
             raise UnsupportedError(_too_few(list(compiled), least, not_taken))
-        return Selection(tuple(compiled), False, not_taken, compiled)
+        return Selection(tuple(compiled), False, not_taken, compiled, self.pythons)
 
 
 def supporting(
-    world: World, names: Iterable[str], locate: Callable[[str], Location | None]
+    world: World,
+    names: Iterable[str],
+    locate: Callable[[str], Location | None],
+    pythons: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Compiled], dict[str, NotTaken]]:
     """What ``world`` is compiled to for the engines that support it, and the others with the reason."""
     compiled: dict[str, Compiled] = {}
     left: dict[str, NotTaken] = {}
     for name in names:
         try:
-            compiled |= compile_world(world, [name], locate)
+            compiled |= compile_world(world, [name], locate, pythons=pythons)
         except UnsupportedError as error:
-            left[name] = dataclasses.replace(refusal(error.problems), acceptable=_acceptable(world, name))
+            left[name] = dataclasses.replace(refusal(error.problems), acceptable=_acceptable(world, name, pythons))
     return compiled, left
 
 
-def _acceptable(world: World, name: str) -> bool:
+def _acceptable(world: World, name: str, pythons: Mapping[str, str] | None) -> bool:
     """Whether an engine supports ``world`` where everything is accepted that can be."""
     words = tuple(feature.value for feature in Feature)
     options = dataclasses.replace(world.options(name), accept=words, outside=words)
     others = tuple(one for one in world.engines if one.engine != options.engine)
     try:
-        compile_world(dataclasses.replace(world, engines=(*others, options)), [name])
+        compile_world(dataclasses.replace(world, engines=(*others, options)), [name], pythons=pythons)
     except UnsupportedError:
         return False
     return True
@@ -126,7 +131,7 @@ def available(pythons: Mapping[str, str]) -> Selection:
             not_taken[name] = NotTaken(f"{impossible[name]}; --python {name}=PATH runs it in another Python")
         else:
             not_taken[name] = NotTaken(f"not installed: pip install 'simspec[{engine.EXTRA}]'")
-    return Selection(tuple(taken), False, not_taken)
+    return Selection(tuple(taken), False, not_taken, pythons=pythons)
 
 
 def known() -> Selection:
@@ -134,6 +139,6 @@ def known() -> Selection:
     return Selection(tuple(engines()), False, {})
 
 
-def named(labels: Iterable[str]) -> Selection:
-    """The engines that the user named."""
-    return Selection(tuple(labels), True, {})
+def named(labels: Iterable[str], pythons: Mapping[str, str] | None = None) -> Selection:
+    """The engines that the user named, with interpreters of their own by label."""
+    return Selection(tuple(labels), True, {}, pythons=pythons or {})

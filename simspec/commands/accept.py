@@ -40,7 +40,7 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     not_taken: dict[str, NotTaken] = {}
     for name in selection.engines:
         try:
-            wanted[name] = missing_options(world, name)
+            wanted[name] = missing_options(world, name, selection.pythons)
         except UnsupportedError as error:
             located = [dataclasses.replace(problem, location=spec.locate(problem.path)) for problem in error.problems]
             not_taken[name] = refusal(located)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from simspec.artifacts import Artifacts
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
-from simspec.compiler import Compiled, compile_world, output_files
+from simspec.compiler import Compiled, compile_world, output_files, version_at_work
 from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.registry import find_engine
@@ -79,11 +79,16 @@ class Arrivals:
 
 
 def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The engines that are not installed here, or not in that version, each with the way to have it."""
+    """The engines that are not installed here, or not in that version, each with the way to have it; and those whose own
+    interpreter is asked for its version and gives none."""
     reasons = {}
     for name in engines:
         engine = find_engine(name)
         if name in (pythons or {}):
+            try:
+                version_at_work(name, pythons)
+            except EngineError as error:
+                reasons[name] = str(error).removeprefix(f"{name}: ")
             continue
         here = engine.version()
         if here is None:
@@ -136,7 +141,7 @@ def study(
         root = place / "compiled"
         if compiled is None:
             progress("compiling")
-            compiled = compile_world(world, there, locate)
+            compiled = compile_world(world, there, locate, pythons=pythons)
         else:
             compiled = {name: compiled[name] for name in there}
         files = output_files(world, compiled)

@@ -130,7 +130,8 @@ def verify(
     """
     say = progress or (lambda text: None)
     levels = set(levels)
-    compiled = compile_world(world, engines, locate) if compiled is None else compiled
+    if compiled is None:
+        compiled = compile_world(world, engines, locate, pythons=pythons)
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         folders = dict(artifacts or {})

@@ -32,15 +32,18 @@ from simspec.world.types import Record, World
 
 
 @contextlib.contextmanager
-def compiled_folder(case: Case, artifacts: Path | None = None) -> Iterator[Path]:
+def compiled_folder(case: Case, artifacts: Path | None = None, python: str | None = None) -> Iterator[Path]:
     """The folder of a case's artifacts: the one given (checked to be of its world), or a temporary one.
+
+    ``python``: the interpreter that has the engine, whose version counts for support.
 
     Raises UnsupportedError when the world cannot be compiled for the engine, SpecError when ``artifacts`` are not of it.
     """
     if artifacts is None:
         with scratch_folder(engine_name(case.engine)) as place:
             folder = place / "compiled"
-            compile_world(case.resolved, [case.engine])[case.engine].artifacts.write(folder)
+            pythons = {} if python is None else {case.engine: python}
+            compile_world(case.resolved, [case.engine], pythons=pythons)[case.engine].artifacts.write(folder)
             yield folder
         return
     try:
@@ -217,7 +220,7 @@ def run_case(
 ) -> Run:
     """Run a case in a process of its own; arguments and errors as of :func:`run`."""
     with (
-        compiled_folder(case, artifacts) as folder,
+        compiled_folder(case, artifacts, python) as folder,
         start_case(case, folder, python=python, deadline=deadline, source=source) as pending,
     ):
         return pending.wait(progress)

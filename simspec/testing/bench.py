@@ -55,7 +55,9 @@ class Bench:
         """The features of ``world`` that the engine declares not to support, each as the problem that a user is told."""
         every = tuple(feature.value for feature in Feature)
         try:
-            needed_decisions(with_options(world, self.kind.NAME, accept=every, outside=every), self.engine)
+            needed_decisions(
+                with_options(world, self.kind.NAME, accept=every, outside=every), self.engine, pythons=self.pythons
+            )
         except UnsupportedError as error:
             return error.problems
         return ()
@@ -78,9 +80,14 @@ class Bench:
             return None
         raise AssertionError(f"{self.engine} declares {declared[0].message!r}, and compiles the world")
 
+    @property
+    def pythons(self) -> dict[str, str]:
+        """Its interpreter, where it is not this one, by the engine's label."""
+        return {} if self.python is None else {self.engine: self.python}
+
     def compiled(self, world: World) -> Compiled:
         """The files of ``world``."""
-        return compile_world(world, [self.engine])[self.engine]
+        return compile_world(world, [self.engine], pythons=self.pythons)[self.engine]
 
     def artifacts(self, world: World) -> Path:
         """A new folder with the files of ``world``."""
@@ -105,8 +112,7 @@ class Bench:
 
     def proof(self, world: World, *levels: str) -> EngineProof:
         """What is proven of ``world`` in the engine, of these levels (none: all)."""
-        pythons = {} if self.python is None else {self.engine: self.python}
-        return verify(world, [self.engine], pythons=pythons, levels=levels or LEVELS).engines[self.engine]
+        return verify(world, [self.engine], pythons=self.pythons, levels=levels or LEVELS).engines[self.engine]
 
 
 def run_operation(world: World, steps: int, every: int | None = None, *channels: str) -> Operation:

@@ -6,7 +6,9 @@ is installed here; ``NAME@3.8`` is version 3.8 of it, wherever that is.
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 from dataclasses import dataclass
 
 from simspec.errors import EngineError, Problem, SpecError
@@ -41,6 +43,11 @@ def parse(word: str) -> EngineId:
             [Problem(f"{word!r} contains no engine name", allowed="NAME, NAME@VERSION, NAME@VERSION=/path/to/python")]
         )
     return EngineId(name, version, python if equals else None)
+
+
+def program_of(python: str) -> str:
+    """What starts the interpreter ``python`` from any folder: a name alone is sought on the path, as a shell does."""
+    return os.path.abspath(python) if os.sep in python else shutil.which(python) or python
 
 
 def engine_name(label: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import selectors
@@ -14,10 +15,10 @@ from dataclasses import dataclass
 from typing import IO
 
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name, other_version
+from simspec.engines.kit.identity import engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out
 from simspec.engines.kit.registry import engines, find_engine, format_of
-from simspec.errors import clipped, visible
+from simspec.errors import EngineError, clipped, visible
 
 PATIENCE = 30.0
 """s that all interpreters together may take to give their versions: a cold disk needs a few."""
@@ -88,6 +89,18 @@ def _instance(label: str, python: str | None, asked: _Asked | None, ends: float)
     return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem)
 
 
+@functools.cache
+def version_in(python: str, label: str) -> str:
+    """The version of an engine in the interpreter ``python``, which is asked once in the life of this process. Raises
+    EngineError where it gives none, or another than the label names."""
+    ends = time.monotonic() + PATIENCE
+    with _asked(python, find_engine(label)) as asked:
+        instance = _instance(label, python, asked, ends)
+    if instance.version is None or instance.problem is not None:
+        raise EngineError(label, instance.problem or "gave no version")
+    return instance.version
+
+
 def _how_to_install(engine: type[Engine]) -> str:
     return left_out().get(engine.NAME) or f"not installed: pip install 'simspec[{engine.EXTRA}]'"
 
@@ -101,7 +114,7 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
-            [python, "-c", _ASK, engine.DISTRIBUTION],
+            [program_of(python), "-c", _ASK, engine.DISTRIBUTION],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

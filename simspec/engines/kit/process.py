@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
-from simspec.engines.kit.identity import demand_version
+from simspec.engines.kit.identity import demand_version, program_of
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.errors import EngineError, clipped, visible
@@ -169,9 +168,15 @@ class Running:
         self._ends = self._started + deadline
         self._deadline = deadline
         environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
-        # a name alone is sought on the path, as a shell does; the process itself starts in its own folder
-        program = os.path.abspath(python) if os.sep in python else shutil.which(python) or python
-        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ())]
+        # the process itself starts in its own folder
+        words = [
+            program_of(python),
+            keeper.__file__,
+            str(folder),
+            str(deadline + GRACE),
+            str(RECORDED_BYTES),
+            *(command or ()),
+        ]
         try:
             self._process = subprocess.Popen(
                 words,

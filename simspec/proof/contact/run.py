@@ -19,6 +19,7 @@ import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.contact.meeting import meeting_laws
+from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
@@ -155,14 +156,14 @@ def measure(
     use_cache = use_cache and python is None  # the version in another interpreter is known only afterwards
     whole = held(world, engine, folder, read)
     jobs = [
-        _job(engine, whole, law, probe, use_cache)
+        _job(engine, whole, law, probe, use_cache, python)
         for law in laws(world)
         for probe in PROBES.values()
         if probe.applies(law)
     ]
     sizes = None if Capability.PAIR_DETECTION in engine.LACKS else size.size_trial(world)
     if sizes is not None:
-        jobs.append(_size_job(engine, whole, sizes, use_cache))
+        jobs.append(_size_job(engine, whole, sizes, use_cache, python))
     with ExitStack() as stack:
         operations: list[Operation] = []
         place = stack.enter_context(scratch_folder("contact"))
@@ -180,7 +181,7 @@ def measure(
         yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache)
 
 
-def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool) -> _Job:
+def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
     one = of_pair(whole, law.pair.first, law.pair.second)
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
@@ -189,7 +190,7 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
         parts = split(trial, engine.PROBED_TOGETHER)
         worlds.append(tuple(_world(one, law, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
-            compiled.append(compile_world(world, [engine.NAME], plans={engine.NAME: one.plan})[engine.NAME])
+            compiled.append(_compiled(engine, world, one.plan, python))
             operations.append(_drive(world, part))
     name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
@@ -204,16 +205,22 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
     )
 
 
-def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cache: bool) -> _Job:
+def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cache: bool, python: str | None) -> _Job:
     contact = dataclasses.replace(
         sizes.world.contact, friction_cone=whole.contact.friction_cone, pairs=whole.contact.pairs
     )
     world = dataclasses.replace(sizes.world, contact=contact, engines=(whole.options,))
-    compiled = compile_world(world, [engine.NAME], plans={engine.NAME: whole.plan})[engine.NAME]
+    compiled = _compiled(engine, world, whole.plan, python)
     operation = Operation("touching", {}, {"q": sizes.q, "v": np.zeros((1, layout_of(world).nv))}, world)
     name = _key(engine, [compiled], [operation], None, size.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
     return _Job(name, None, None, (compiled,), (operation,), sizes=sizes, known=None if known is None else tuple(known))
+
+
+def _compiled(engine: type[Engine], world: World, plan: ContactPlan, python: str | None) -> Compiled:
+    name = engine.NAME
+    pythons = {} if python is None else {name: python}
+    return compile_world(world, [name], plans={name: plan}, pythons=pythons)[name]
 
 
 def _key(
