@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from simspec.engines.drake.coordinates import Coordinates
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
-from simspec.world.rotations import logarithm
+from simspec.world.rotations import logarithm, unit
 
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""
@@ -48,11 +49,12 @@ class Simulation:
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
-        self._given: np.ndarray | None = None
         self._push(np.zeros(self.coordinates.nv))
+        self._pushed = False
         self._index()
         self.shape_of = {one.id: one.shape for one in self.built.geometries}
-        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        self._contacts = self.plant.get_contact_results_output_port() if self.built.geometries else None
+        self._results: Any = None
         q: list[float] = []
         v: list[float] = []
         for body in bodies:
@@ -83,6 +85,7 @@ class Simulation:
                 self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
             if isinstance(joint, AxisJoint):
                 self.rest[at] = joint.spring_rest
+        self._own = self.coordinates.straight(self.damping, self.stiffness, self.rest)
         self._losing = bool(self.damping.any() or self.stiffness.any())
 
     # --- state ------------------------------------------------------------------------------------------------
@@ -94,12 +97,10 @@ class Simulation:
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v)."""
-        self._put(self.coordinates.drake_state(np.asarray(q, dtype=float), np.asarray(v, dtype=float)))
-        self._before = None
-
-    def _put(self, x: np.ndarray) -> None:
+        x = self.coordinates.drake_state(np.asarray(q, dtype=float), np.asarray(v, dtype=float))
         self.context.SetDiscreteState(x)
         self.coordinates.write_turns(self.context)
+        self._results = None
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """(q, v)."""
@@ -127,45 +128,59 @@ class Simulation:
 
     def _push(self, effort: np.ndarray) -> None:
         """Apply an effort, in Drake's coordinates."""
-        if self._given is None or (effort != self._given).any():
-            self._port.FixValue(self.context, effort)
-            self._given = effort
+        self._port.FixValue(self.context, effort)
 
-    def _stretch(self, q: np.ndarray) -> np.ndarray:
-        """q − rest of all coordinates of v: of a ball log R."""
-        found = np.zeros(self.coordinates.nv)
-        found[self.coordinates.v] = q[self.coordinates.q]
-        if len(self.coordinates.ball):
-            found[self.coordinates.ball_v] = logarithm(q[self.coordinates.ball_q])
-        return found - self.rest
+    def _stretch(self, x: np.ndarray) -> np.ndarray:
+        """q − rest of hinges, slides and balls (of these log R), in Drake's coordinates of v; zero of free bodies."""
+        coordinates = self.coordinates
+        stretch = np.zeros(coordinates.nv)
+        stretch[coordinates.drake_v] = x[coordinates.drake_q]
+        if len(coordinates.ball):
+            stretch[coordinates.ball_drake_v] = logarithm(unit(coordinates.turns))
+        stretch -= self._own[2]
+        return stretch
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
-        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
-        coordinates, context, plant = self.coordinates, self.context, self.plant
-        given = np.zeros(coordinates.nv) if effort is None else np.asarray(effort, dtype=float)
-        turning = bool(len(coordinates.ball))
-        x = self.x
-        for _ in range(count):
-            total = given
-            if self._losing:
-                q, v = coordinates.state(x)
-                total = given - self.damping * v - self.stiffness * self._stretch(q)
-            self._push(coordinates.effort(x, total))
-            self._before = x, coordinates.turns
-            try:
-                after = np.array(plant.EvalUniquePeriodicDiscreteUpdate(context).get_vector(0).value())
-            except RuntimeError as error:
-                raise EngineError(NAME, f"a step failed: {error}") from error
-            coordinates.turn(x, after, self.timestep)
-            context.SetDiscreteState(after)
-            if turning:
-                coordinates.write_turns(context)
-            x = after
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints.
+
+        The loop is as short as the world allows: what is the same in each step is done before it.
+        """
+        coordinates, context = self.coordinates, self.context
+        evaluate, set_state = self.plant.EvalUniquePeriodicDiscreteUpdate, context.SetDiscreteState
+        moves = bool(len(coordinates.free) or len(coordinates.ball))
+        # A free body's moment is in its own axes, which turn with it
+        varies = self._losing or (effort is not None and bool(effort[coordinates.free_v[:, 3:]].any()))
+        x = self.x if moves or varies or effort is not None else np.empty(0)
+        if not varies and (effort is not None or self._pushed):
+            self._push(np.zeros(coordinates.nv) if effort is None else coordinates.effort(x, effort))
+        self._pushed = varies or effort is not None
+        try:
+            for left in range(count - 1, -1, -1):
+                if varies:
+                    self._push(self._effort_at(x, effort))
+                after = evaluate(context).get_vector(0).value()
+                if not left and self._contacts is not None:
+                    # A copy, since Drake writes over its own. Evaluated at a later state, the step would be solved again
+                    self._results = copy.copy(self._contacts.Eval(context))
+                if moves or varies:
+                    x = after = coordinates.turned(x, after, self.timestep)
+                set_state(after)
+                if len(coordinates.ball):
+                    coordinates.write_turns(context)
+        except RuntimeError as error:
+            raise EngineError(NAME, f"a step failed: {error}") from error
+
+    def _effort_at(self, x: np.ndarray, effort: np.ndarray | None) -> np.ndarray:
+        """An effort with the damping and springs of the joints at a state, in Drake's coordinates."""
+        coordinates = self.coordinates
+        total: np.ndarray = np.zeros(coordinates.nv) if effort is None else coordinates.effort(x, effort)
+        damping, stiffness, _ = self._own
+        total -= damping * x[coordinates.positions :] + stiffness * self._stretch(x)
+        return total
 
     def energy(self) -> tuple[float, float]:
         """Kinetic and potential energy (J), springs included."""
-        q, _ = self.get_state()
-        springs = 0.5 * float(np.sum(self.stiffness * self._stretch(q) ** 2))
+        springs = 0.5 * float(np.sum(self._own[1] * self._stretch(self.x) ** 2))
         return (
             float(self.plant.CalcKineticEnergy(self.context)),
             float(self.plant.CalcPotentialEnergy(self.context)) + springs,
@@ -215,17 +230,10 @@ class Simulation:
 
     def last_contacts(self) -> list[Any]:
         """The points of contact that the last step used, with their forces."""
-        if self._before is None:
+        results = self._results
+        if results is None:
             return []
-        now, turns = self.x, self.coordinates.turns
-        before, self.coordinates.turns = self._before
-        try:
-            self._put(before)
-            results = self.plant.get_contact_results_output_port().Eval(self.context)
-            return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
-        finally:
-            self.coordinates.turns = turns
-            self._put(now)
+        return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
 
     def query(self) -> Any:
         """Drake's answers on geometry at the present state."""
