@@ -153,9 +153,10 @@ class SweptResult(Stored):
 
 
 class SweptAsked(Stored):
-    """What a run in a store was first asked for with: the cell's key, and what its world has beside what is run."""
+    """What a run in a store was first asked for with: the cell (its key, what it changes), and what its
+    world has beside what is run."""
 
-    cell: str | None
+    cell: dict[str, Any] | None
     name: str
     world_sha256: str
     expectations: list[dict[str, Any]]

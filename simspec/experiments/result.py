@@ -21,8 +21,8 @@ CIRCUMSTANCES = ("started", "seconds", "warnings", "python_version", "platform",
 """Parts of a run's provenance that are not the same when it is repeated (warnings: an engine's own output)."""
 ASKED = ("spec", "world_sha256", "artifacts_sha256")
 """Parts that are of the sweep that asked first: another one may ask for the same run."""
-LEFT_OUT = ("case", "engine", "perturb", "seed")
-"""Parts that are stored elsewhere (``engine``), or that the key of the case stands for."""
+LEFT_OUT = ("schema", "case", "engine")
+"""Parts that are stored elsewhere: the key of the case is the run's name."""
 LAST_OUTPUT = "; its last output:"
 """From here on, the error of an engine's process quotes the engine's own output."""
 
@@ -57,10 +57,12 @@ def whole_world(shared: World, asked: Mapping[str, Any]) -> World:
     return world
 
 
-def result_of(run: Run, key: str, cell: str | None = None, more: Mapping[str, Any] | None = None) -> TaskResult:
-    """What is stored of ``run`` under ``key``; ``cell``: the key of the cell that asked for it; ``more``: further
-    circumstances."""
-    told = dict(run.provenance)
+def result_of(
+    run: Run, key: str, *, repeat: int = 0, cell: Mapping[str, Any] | None = None, more: Mapping[str, Any] | None = None
+) -> TaskResult:
+    """What is stored of ``run`` under ``key``, the repetition ``repeat`` of its case; ``cell``: who asked for it (its key, and
+    what it changes in the spec); ``more``: further circumstances."""
+    told = {**run.provenance, "repeat": repeat}
     circumstances = {name: told.pop(name) for name in CIRCUMSTANCES if name in told} | dict(more or {})
     asked = {name: told.pop(name) for name in ASKED if name in told}
     for name in LEFT_OUT:
@@ -80,7 +82,7 @@ def result_of(run: Run, key: str, cell: str | None = None, more: Mapping[str, An
             "summary": {name: _number(value) for name, value in summary(run).items()},
         },
         {
-            "cell": cell,
+            "cell": dict(cell) if cell is not None else None,
             "name": world.name,
             "world_sha256": asked.get("world_sha256", sha256(world)),
             "expectations": to_plain(world.expectations),

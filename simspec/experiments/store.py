@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import hashlib
 import json
 import os
 import platform
@@ -113,12 +114,8 @@ class Store:
     def publish(self, result: TaskResult, world: World) -> bool:
         """Store a run, and its world before it; False where it is there already. Raises OSError, which names the store, where
         the disk is full: nothing of the run is there then."""
-        shared = shared_world(world)
-        if result.result["world"] != sha256(shared):
+        if result.result["world"] != self.put_world(world):
             raise ValueError("the result is of another world")
-        name = f"{WORLDS}/{result.result['world']}.json.gz"
-        if not self._collection.has(name):
-            self._collection.place_file(name, gzip.compress(canonical_json(shared).encode(), mtime=0))
         return self._collection.place(place_of(result.key), lambda fresh: _write(result, fresh))
 
     def facts(self, key: str) -> SweptRun:
@@ -161,16 +158,22 @@ class Store:
 
     def fingerprint(self, key: str) -> str:
         """What changes when a file of a run is touched: names, sizes and times of its files. Cheap: nothing is read."""
-        with (
-            contextlib.suppress(FileNotFoundError, NotADirectoryError),
-            os.scandir(self.path / place_of(key)) as entries,
-        ):
-            found = []
-            for entry in entries:
-                status = entry.stat(follow_symlinks=False)
-                found.append(f"{entry.name} {status.st_mode} {status.st_size} {status.st_mtime_ns}")
-            return sha256(sorted(found))
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.path / place_of(key)) as found:
+            lines = sorted(f"{entry.name} {_stamp(entry.stat(follow_symlinks=False))}" for entry in found)
+            return hashlib.sha256("\n".join(lines).encode()).hexdigest()
         return ""
+
+    def world_stamp(self, key: str) -> str:
+        """The same for a world; empty where it is missing."""
+        try:
+            return _stamp(os.lstat(self.path / WORLDS / f"{key}.json.gz"))
+        except (FileNotFoundError, NotADirectoryError):
+            return ""
+
+    def size(self, key: str) -> int:
+        """Bytes of a run's files."""
+        with os.scandir(self.path / place_of(key)) as entries:
+            return sum(entry.stat(follow_symlinks=False).st_size for entry in entries)
 
     def set_aside(self, key: str) -> Path:
         """Move a run below ``damaged/``; its new path."""
@@ -228,6 +231,15 @@ class Store:
             raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its name")])
         return world
 
+    def put_world(self, world: World) -> str:
+        """Store what the runs of ``world`` share (:func:`shared_world`), once; its hash."""
+        shared = shared_world(world)
+        key = sha256(shared)
+        name = f"{WORLDS}/{key}.json.gz"
+        if not self._collection.has(name):
+            self._collection.place_file(name, gzip.compress(canonical_json(shared).encode(), mtime=0))
+        return key
+
     def set_world_aside(self, key: str) -> Path:
         """Move a damaged world below ``damaged/``; its new path."""
         return self._collection.set_aside(f"{WORLDS}/{key}.json.gz")
@@ -274,6 +286,10 @@ def _write(result: TaskResult, fresh: Path) -> None:
     }
     facts["sha256"] = sha256(facts)
     put(fresh / RUN_FILE, json.dumps(facts, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _stamp(status: os.stat_result) -> str:
+    return f"{status.st_mode} {status.st_size} {status.st_mtime_ns} {status.st_ino}"
 
 
 def _names(folder: Path) -> list[str]:

@@ -152,8 +152,8 @@ def _unreadable(path: Path, error: BaseException) -> SpecError:
 def load_tables(
     folder: Path, world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    """The arrays of a run of ``world`` from its tables in ``folder``; ``joints``: those with controllers. Raises SpecError where
-    a table is not the one of its hash, or tables contradict each other."""
+    """The arrays of a run of ``world`` from its tables in ``folder``; ``joints``: those with controllers. Raises SpecError
+    where a table is not the one of its hash, or tables contradict each other."""
     if not stored:
         return {}
     try:
