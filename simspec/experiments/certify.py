@@ -1,8 +1,8 @@
 """The proofs of a sweep: each model that an engine is given is verified once, and the certificate is kept in the store.
 
-A model is what the proof looks at: the world without its name, its expectations, its duration and what is recorded; the engine's
-own options; the compiled files, but for the hash of the world in them; and all versions. Worlds that differ in nothing else share
-a certificate. Initial states that are moved a little are not part of a world.
+A model is what the proof looks at: the world without its name, its expectations, its duration and what is recorded; the
+engine's own options; the compiled files, but for the hash of the world in them; and all versions. Worlds that differ in
+nothing else share a certificate. Initial states that are moved a little are not part of a world.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import Physics, Record, World
 
 if TYPE_CHECKING:
-    from simspec.proof.probes import Check  # noqa: F401
+    from simspec.proof.certificate import Certificate
     from simspec.proof.verify import Probes
 
 KEY_SCHEMA = 1
@@ -47,8 +47,8 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
 
 
 class Certifier:
-    """Verifies models that have no certificate in ``store`` yet. ``verdicts``: by the model's key, why it is not proven; None where
-    it is."""
+    """Verifies models that have no certificate in ``store`` yet. ``verdicts``: by the model's key, why it is not proven;
+    None where it is."""
 
     def __init__(
         self, store: Store, pythons: Mapping[str, str], deadline: float, say: Callable[[str], None], verify: bool = True
@@ -82,7 +82,7 @@ class Certifier:
         except SpecError as error:
             self.notes.append(f"{error.problems[0].message}; it is made anew")
             return False
-        self.verdicts[key] = _verdict(certificate.failures())
+        self.verdicts[key] = _verdict(certificate)
         return True
 
     def _make(self, key: str, world: World, prepared: Prepared) -> None:
@@ -103,13 +103,17 @@ class Certifier:
             probes=self._probes[1],
         )
         self._store.put_certificate(key, certificate.to_json())
-        self.verdicts[key] = _verdict(certificate.failures())
+        self.verdicts[key] = _verdict(certificate)
         self.made += 1
 
 
-def _verdict(failures: list[tuple[str, Check]]) -> str | None:
-    if not failures:
+def _verdict(certificate: Certificate) -> str | None:
+    """Why a certificate is not valid; None where it is."""
+    if certificate.valid:
         return None
+    failures = certificate.failures()
+    if not failures:
+        return "nothing was compared"
     name, check = failures[0]
     more = f"; and {len(failures) - 1} more failed checks" if len(failures) > 1 else ""
     return f"{name}: {check.level} {check.name}{more}"

@@ -110,7 +110,7 @@ def expectations_hash(plain: Any) -> str:
 
 @dataclass
 class Index:
-    """The rows of a store's runs by key, and the case of each cell by the cell's key.
+    """The rows of a store's runs by key, the case of each cell by the cell's key, and the certificate of its model.
 
     ``notes``: what there is to say of what was found; ``lost_worlds``: worlds that are missing or were damaged, whose runs are
     otherwise whole.
@@ -118,6 +118,7 @@ class Index:
 
     rows: dict[str, Row] = field(default_factory=dict)
     cells: dict[str, str] = field(default_factory=dict)
+    certificates: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     lost_worlds: set[str] = field(default_factory=set)
     changed: bool = False
@@ -135,6 +136,12 @@ class Index:
             self.cells[cell] = key
             self.changed = True
 
+    def certify(self, cell: str, certificate: str) -> None:
+        """Know which certificate a cell's model has."""
+        if self.certificates.get(cell) != certificate:
+            self.certificates[cell] = certificate
+            self.changed = True
+
     def done(self, cell: str) -> Row | None:
         """The run that a cell asks for, where it is known to be there."""
         return self.rows.get(self.cells.get(cell, ""))
@@ -147,7 +154,9 @@ class Index:
         columns = {name: [getattr(row, name) for row in rows] for name in TYPES}
         _save(store, INDEX_FILE, columns, _schema())
         cells = sorted(self.cells.items())
-        _save(store, CELLS_FILE, {"cell": [one for one, _ in cells], "key": [key for _, key in cells]}, _cell_schema())
+        columns = {"cell": [one for one, _ in cells], "key": [key for _, key in cells]}
+        columns["certificate"] = [self.certificates.get(one, "") for one, _ in cells]
+        _save(store, CELLS_FILE, columns, _cell_schema())
         self.changed = False
 
 
@@ -181,6 +190,8 @@ def refresh(store: Store, repair: bool, tell: Callable[[str, float | None], None
     for pair in _read(store, CELLS_FILE, _cell_schema(), index, repair):
         if pair["key"] in index.rows:
             index.cells[pair["cell"]] = pair["key"]
+            if pair["certificate"]:
+                index.certificates[pair["cell"]] = pair["certificate"]
     for row_now in index.rows.values():
         if row_now.cell:
             index.cells.setdefault(row_now.cell, row_now.key)
@@ -240,7 +251,7 @@ def _schema() -> pa.Schema:
 def _cell_schema() -> pa.Schema:
     import pyarrow as pa
 
-    return pa.schema([("cell", pa.string()), ("key", pa.string())])
+    return pa.schema([(name, pa.string()) for name in ("cell", "key", "certificate")])
 
 
 def _save(store: Store, name: str, columns: Mapping[str, list[Any]], schema: pa.Schema) -> None:

@@ -179,6 +179,10 @@ class Store:
         """Move a run below ``damaged/``; its new path."""
         return self._collection.set_aside(place_of(key))
 
+    def drop(self, key: str) -> None:
+        """Remove a run, which is done again."""
+        self._collection.drop(place_of(key))
+
     def load(self, key: str) -> Run:
         """The run of a key, every array bit for bit. Raises SpecError, which names the file, where something is damaged."""
         facts = self.facts(key)

@@ -1,5 +1,5 @@
-"""What the tasks of a sweep need: worlds, and compiled files, made once for each world and engine, and let go when no task needs
-them any more."""
+"""What the tasks of a sweep need: worlds, and compiled files, made once for each world and engine, and let go when no task
+needs them any more."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from simspec.world.canonical import sha256
 from simspec.world.types import World
 
 MOST_KEPT = 16
-"""Compiled worlds that are kept while no task needs them: engines, repetitions and perturbations of one world follow each other."""
+"""Compiled worlds that are kept while no task needs them: engines, repetitions and perturbations of one world follow each
+other."""
 
 
 @dataclass

@@ -147,6 +147,12 @@ class Collection:
         sync_folder((self.path / name).parent)
         return place
 
+    def drop(self, name: str) -> None:
+        """Remove a folder: at once from its place, then what is in it."""
+        with self._fresh() as fresh:
+            os.rename(self.path / name, fresh)
+            sync_folder((self.path / name).parent)
+
     def _place(self, name: str, build: Callable[[Path], None], make: Callable[[Path], None] | None) -> bool:
         check_names([name], self.told)
         if self.has(name):

@@ -53,8 +53,8 @@ Publish = Callable[[Task, TaskResult], None]
 
 
 class Executor(Protocol):
-    """Does tasks. Errors of an engine are results (``Run.failed``); an error of this machine (a full disk) ends the block, and is
-    no result of anything."""
+    """Does tasks. Errors of an engine are results (``Run.failed``); an error of this machine (a full disk) ends the block,
+    and is no result of anything."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
         """Do all tasks; they are made while others are at work, so no more are asked for than are needed soon."""

@@ -25,8 +25,8 @@ class _EndingError(Exception):
 
 
 class LocalExecutor:
-    """``jobs`` runs at a time, each by a thread that waits for an engine's process; ``do_run``: how, by default in a process of its
-    own (``pythons``: interpreters by label)."""
+    """``jobs`` runs at a time, each by a thread that waits for an engine's process; ``do_run``: how, by default in a process
+    of its own (``pythons``: interpreters by label)."""
 
     def __init__(
         self, supplies: Supplies, jobs: int, pythons: Mapping[str, str] | None = None, do_run: DoRun | None = None
