@@ -153,7 +153,6 @@ class Store:
                 raise SpecError([Problem(f"{path} is missing")]) from None
             if not same:
                 raise SpecError([Problem(f"{path}: was edited or is damaged: its hash is not that of {RUN_FILE}")])
-        self.world(facts.result.world)
         return facts
 
     def fingerprint(self, key: str) -> str:
