@@ -47,7 +47,7 @@ def test_rows_are_projected_as_each_of_them_is(cone):
     vectors[::7, 1] = 0.0
     for size in (0.0, 0.005, 0.5):
         expected = [project(row, size, cone) for row in vectors]
-        np.testing.assert_allclose(project_rows(vectors, size, cone), expected, rtol=1e-14, atol=1e-17)
+        np.testing.assert_allclose(project_rows(vectors, size, cone), expected, rtol=0.0, atol=1e-15)
 
 
 def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
