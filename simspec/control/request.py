@@ -24,21 +24,21 @@ def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not world.controllers:
         return {}, {}
     bare = dataclasses.replace(world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None)
-    targets = reference(world)
+    found = reference(world)
     arrays = {}
-    for name, part in (("position", targets.position), ("effort", targets.effort)):
+    for name, part in (("position", found.position), ("effort", found.effort)):
         for field in dataclasses.fields(Piecewise):
             arrays[f"{PREFIX}{name}.{field.name}"] = getattr(part, field.name)
-    return {"control": {"world": to_plain(bare), "joints": list(targets.joints)}}, arrays
+    return {"control": {"world": to_plain(bare), "joints": list(found.joints)}}, arrays
 
 
 def from_request(parameters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Control | None:
     """The control that a request asks for; None when it asks for none. Raises ControlError."""
-    content = parameters.get("control")
-    if content is None:
+    given = parameters.get("control")
+    if given is None:
         return None
     parts = [
         Piecewise(*(arrays[f"{PREFIX}{name}.{field.name}"] for field in dataclasses.fields(Piecewise)))
         for name in ("position", "effort")
     ]
-    return Control(from_plain(World, content["world"]), Reference(tuple(content["joints"]), *parts))
+    return Control(from_plain(World, given["world"]), Reference(tuple(given["joints"]), *parts))

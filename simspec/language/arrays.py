@@ -45,8 +45,8 @@ class Spacing(Reader):
     def read(self, value: Any) -> tuple[float, ...]:
         if isinstance(value, (list, tuple)):
             return Vector(Number("length")).read(value)
-        distance = Number("length").read(value)
-        return (distance, distance, distance)
+        one = Number("length").read(value)
+        return (one, one, one)
 
     def unit(self) -> str:
         return "m"

@@ -132,10 +132,10 @@ class Names(Reader):
         return f"a list of {count}" + ("bodies' full names" if self.path else "names")
 
     def schema(self) -> dict[str, Any]:
-        schema: dict[str, Any] = {"type": "array", "items": Name(self.path).schema()}
+        found: dict[str, Any] = {"type": "array", "items": Name(self.path).schema()}
         if self.count is not None:
-            schema |= {"minItems": self.count, "maxItems": self.count}
-        return schema
+            found |= {"minItems": self.count, "maxItems": self.count}
+        return found
 
 
 @dataclass(frozen=True)

@@ -72,12 +72,12 @@ class Number(Reader):
         return units.article(self.dimension) + (f" {bounds}" if bounds else "")
 
     def schema(self) -> dict[str, Any]:
-        schema: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        found: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
         if self.least is not None:
-            schema["exclusiveMinimum" if self.above else "minimum"] = self.least
+            found["exclusiveMinimum" if self.above else "minimum"] = self.least
         if self.most is not None:
-            schema["maximum"] = self.most
-        return schema
+            found["maximum"] = self.most
+        return found
 
 
 @dataclass(frozen=True)

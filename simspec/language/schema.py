@@ -35,10 +35,10 @@ def schema_text() -> str:
 def is_schema(content: bytes) -> bool:
     """Whether a file is a schema of this language, of whatever version: by its title, as JSON."""
     try:
-        schema = json.loads(content)
+        found = json.loads(content)
     except (ValueError, RecursionError):
         return False
-    return isinstance(schema, dict) and schema.get("title") == TITLE and schema.get("$schema") == DIALECT
+    return isinstance(found, dict) and found.get("title") == TITLE and found.get("$schema") == DIALECT
 
 
 def _model(model: type[Strict]) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
     if model is Contact:
         one_word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
         properties["combine"].update(one_word)
-    schema: dict[str, Any] = {
+    found: dict[str, Any] = {
         "description": " ".join((inspect.getdoc(model) or "").split()),
         "type": "object",
         "additionalProperties": False,
@@ -61,10 +61,10 @@ def _model(model: type[Strict]) -> dict[str, Any]:
     }
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     if required:
-        schema["required"] = required
+        found["required"] = required
     if rules := _rules(model):
-        schema["allOf"] = rules
-    return schema
+        found["allOf"] = rules
+    return found
 
 
 def _kind(kind: Any) -> dict[str, Any]:

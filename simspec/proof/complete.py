@@ -152,22 +152,22 @@ class _Bench:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
         with side_by_side(WORKERS) as pool:
             # batches are made as they are asked for: all texts at once would be large
-            batches = list(pool.map(self._batch, _batches(planted)))
-        return [verdict for some in batches for verdict in some]
+            found = list(pool.map(self._batch, _batches(planted)))
+        return [verdict for some in found for verdict in some]
 
     def _batch(self, batch: Sequence[Mutation]) -> list[Verdict]:
-        verdicts: dict[str, Verdict] = {}
+        found: dict[str, Verdict] = {}
         left = list(batch)
         acting: dict[str, str] = {}
         stages = (self._held, partial(self._unmoved, acting=acting), self._probed, partial(self._whole, acting=acting))
         for stage in stages:
             for mutation, verdict in stage(left):
                 if verdict is not None:
-                    verdicts[mutation.name] = verdict
-            left = [mutation for mutation in left if mutation.name not in verdicts]
+                    found[mutation.name] = verdict
+            left = [mutation for mutation in left if mutation.name not in found]
             if not left:
                 break
-        return [verdicts[mutation.name] for mutation in batch]
+        return [found[mutation.name] for mutation in batch]
 
     # --- stages ---------------------------------------------------------------------------------------------------
 
@@ -262,10 +262,7 @@ class _Bench:
                 folder = place / str(index)
                 write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
                 more = {"artifacts": str(folder), "attempt": True, "cpu_seconds": LOST}
-                asked += [
-                    dataclasses.replace(operation, parameters={**operation.parameters, **more})
-                    for operation in operations
-                ]
+                asked += [dataclasses.replace(one, parameters={**one.parameters, **more}) for one in operations]
             count = len(operations)
             try:
                 deadline = DEADLINE + EACH * len(batch)
@@ -293,5 +290,5 @@ def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:
 
 
 def _held(answers: Sequence[Answer]) -> ReadBack:
-    read_back: ReadBack = from_plain(ReadBack, answers[0].result)
-    return read_back
+    held: ReadBack = from_plain(ReadBack, answers[0].result)
+    return held

@@ -1,4 +1,4 @@
-"""The mutation table of this dialect, for the complete self-test: words, whole numbers, additions, inert changes."""
+"""What may be changed in this dialect's files, for the complete self-test: words, whole numbers, additions, what is inert."""
 
 from __future__ import annotations
 

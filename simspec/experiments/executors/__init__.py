@@ -1,1 +1,0 @@
-"""Who does the runs of a sweep: ``contract.py`` is what every executor is, ``local.py`` this machine."""
