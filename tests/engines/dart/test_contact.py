@@ -165,18 +165,6 @@ def test_friction_has_the_asked_cone(cone, solver, degrees, factor, load_dart):
     assert np.abs(v).max() < 1e-5
 
 
-def test_a_state_set_again_gives_the_same_bits(load_dart):
-    engine = load_dart(worlds.spheres(27))
-    q, v = engine.get_state()
-    engine.step(700)
-    assert len(engine.contacts()["distance"]) > 5
-    first = engine.get_state()
-    engine.set_state(q, v)
-    engine.step(700)
-    for one, again in zip(first, engine.get_state(), strict=True):
-        np.testing.assert_array_equal(one, again)
-
-
 def test_a_circumscribed_pyramid_loads(load_dart):
     engine = load_dart(with_cone("pyramid-circumscribed"))
     assert engine.read_back().friction_cone == "pyramid-circumscribed"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import random
 
 import numpy as np
 import pytest
@@ -21,6 +20,8 @@ from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Inertial, Joint, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.dart.saying import WORLDS, failures, small_turns
+from tests.engines import simulated
+from tests.engines.simulated import SimulatedEngineTests, assert_same_dynamics, random_state, slider
 
 pytestmark = pytest.mark.skipif(Dart.version() is None, reason="dartpy is not installed")
 
@@ -33,45 +34,17 @@ MOTION = 1e-11
 STEPS = 2000
 
 
-def random_tree(seed):
-    generator = random.Random(seed)
-    kinds = [("fixed", "free", "ball", "hinge")[seed % 4]]
-    kinds += [generator.choice(("hinge", "slide", "ball", "fixed")) for _ in range(6)]
-    return worlds.world(worlds.tree(kinds, seed, [-1] + [generator.randrange(i) for i in range(1, 7)]))
-
-
 MOVING = {
-    "every-joint": worlds.every_joint,
-    "damped": lambda: worlds.every_joint(damping=0.2),
-    "damped-springs": worlds.damped_springs,
-    "free-springs": lambda: worlds.world(worlds.tree(["free", "hinge", "ball"], 3, damping=0.1, spring_stiffness=2.0)),
+    **simulated.MOVING,
     "armature": lambda: worlds.world(worlds.tree(["fixed", "hinge", "slide"], 13, armature=0.1)),
     "free-armature-spring": lambda: worlds.world(
         worlds.tree(["free", "hinge", "slide", "ball"], 9, damping=0.2, armature=0.3, spring_stiffness=3.0)
-    ),
-    "three-trees": lambda: worlds.world(
-        worlds.tree(["free", "hinge", "slide"], 5, prefix="a")
-        + worlds.tree(["fixed", "hinge", "ball"], 6, prefix="b")
-        + worlds.tree(["ball", "hinge"], 7, prefix="c")
     ),
     "interleaved": WORLDS["interleaved"],
     "small-turns": small_turns,
     # a spring must pull the shorter way round, also where DART holds the rotation the longer way
     "small-turn-spring": lambda: small_turns(damping=0.1, spring_stiffness=5.0),
-    **{f"random-{seed}": lambda seed=seed: random_tree(seed) for seed in range(20, 24)},
 }
-
-
-def random_state(world, generator):
-    q, _ = initial_state(world)
-    places = layout_of(world)
-    for body, place in zip(world.bodies, places.position, strict=True):
-        if body.joint.kind in ("hinge", "slide"):
-            q[place] = generator.uniform(-1.0, 1.0)
-        elif body.joint.kind in ("ball", "free"):
-            turn = generator.normal(size=4)
-            q[place.stop - 4 : place.stop] = turn / np.linalg.norm(turn) * np.sign(turn[0])
-    return q, generator.normal(size=places.nv)
 
 
 def assert_same_poses(found, wanted, tolerance):
@@ -203,12 +176,7 @@ def test_mass_matrix_and_bias_force(name, load_dart):
     engine, oracle, generator = load_dart(world), Oracle(world), np.random.default_rng(2)
     for _ in range(2):
         q, v = random_state(world, generator)
-        engine.set_state(q, v)
-        for found, wanted in (
-            (engine.mass_matrix(), oracle.mass_matrix(q)),
-            (engine.bias_force(), oracle.bias_force(q, v)),
-        ):
-            np.testing.assert_allclose(found, wanted, rtol=0, atol=DYNAMICS * np.abs(wanted).max())
+        assert_same_dynamics(engine, oracle, q, v, DYNAMICS)
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.05])
@@ -269,12 +237,6 @@ def test_switching_contact_off_switches_exact_rotation_on(load_dart):
     assert_same_poses(engine.body_states()[0], oracle.body_poses(states[-1]), MOTION)
 
 
-def slider(**more):
-    joint = Joint("j", "slide", None, axis=(1.0, 0.0, 0.0), **{"position": (0.0,), "velocity": (1.0,), **more})
-    body = Body("a", "a", Inertial(2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0)), joint)
-    return worlds.world((body,), physics=Physics((0.0, 0.0, 0.0), 0.001, 1000))
-
-
 def test_dry_friction_stops_and_holds(load_dart):
     engine = load_dart(slider(dry_friction=4.0))
     engine.step(100)
@@ -315,24 +277,6 @@ def test_nothing_falls_asleep(load_dart):
     engine = load_dart(slider(velocity=(1e-4,)))
     engine.step(5000)
     assert engine.get_state()[0][0] == pytest.approx(5e-4, rel=1e-12)
-
-
-def test_an_effort_is_held_over_all_steps_and_then_gone(load_dart):
-    engine = load_dart(slider(velocity=(0.0,)))
-    engine.step(50, np.array([3.0]))
-    assert engine.get_state()[1][0] == pytest.approx(0.05 * 3.0 / 2.0, rel=1e-12)
-    engine.step(50)
-    assert engine.get_state()[1][0] == pytest.approx(0.05 * 3.0 / 2.0, rel=1e-12)
-
-
-def test_several_simulations_live_side_by_side(load_dart):
-    first, second = load_dart(slider()), load_dart(slider(velocity=(5.0,)))
-    second.step(10)
-    assert first.get_state()[0][0] == 0.0
-    first.close()
-    assert second.get_state()[0][0] == pytest.approx(0.05)
-    with pytest.raises(RuntimeError):
-        first.get_state()
 
 
 def test_loading_again_reads_the_changed_file(load_dart, tmp_path):
@@ -386,14 +330,6 @@ def test_a_missing_or_wrong_file_is_an_engine_error(load_dart):
         )
 
 
-def test_an_empty_world_runs(load_dart):
-    engine = load_dart(worlds.world(()))
-    engine.step(3, np.zeros(0))
-    assert engine.read_back().bodies == ()
-    assert engine.mass_matrix().shape == (0, 0)
-    assert engine.body_states()[0].shape == (0, 7)
-
-
 def armature_problem(world):
     world = worlds.with_options(world, "dart", outside=("joint.armature",))
     try:
@@ -419,16 +355,7 @@ def test_loading_says_nothing_on_the_output(load_dart, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_offsets_are_those_of_the_centre_of_mass(load_dart):
-    """A free body turning about its centre of mass: the origin of its frame circles at lever × rate."""
-    body = Body(
-        "a",
-        "a",
-        Inertial(1.0, (0.5, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)),
-        Joint("j", "free", position=(0.0,) * 3 + (1.0,) + (0.0,) * 3, velocity=(0.0, -1.0, 0.0, 0.0, 0.0, 2.0)),
-    )
-    engine = load_dart(worlds.world((body,), physics=Physics((0.0, 0.0, 0.0), 0.001, 1000)))
-    engine.step(1000)
-    pose, velocity = (rows[0] for rows in engine.body_states())
-    np.testing.assert_allclose(pose[:3], [0.5 - 0.5 * math.cos(2.0), -0.5 * math.sin(2.0), 0.0], atol=1e-12)
-    np.testing.assert_allclose(velocity[:3], [math.sin(2.0), -math.cos(2.0), 0.0], atol=1e-12)
+class TestSimulated(SimulatedEngineTests):
+    @pytest.fixture
+    def load(self, load_dart):
+        return load_dart

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import random
 
 import numpy as np
 import pytest
@@ -22,7 +21,9 @@ from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.pybullet.saying import WORLDS, assert_same_bodies, emit
+from tests.engines import simulated
 from tests.engines.crowds import BOX, crowd_and_contacts
+from tests.engines.simulated import SimulatedEngineTests, assert_same_dynamics, random_state, slider
 
 pytestmark = pytest.mark.skipif(PyBullet.version() is None, reason="pybullet is not installed")
 
@@ -51,41 +52,13 @@ def free_of_limits(world):
     )
 
 
-def random_tree(seed):
-    generator = random.Random(seed)
-    kinds = [("fixed", "free", "ball", "hinge")[seed % 4]]
-    kinds += [generator.choice(("hinge", "slide", "ball", "fixed")) for _ in range(6)]
-    return worlds.world(worlds.tree(kinds, seed, [-1] + [generator.randrange(i) for i in range(1, 7)]))
-
-
 MOVING = {
-    "every-joint": worlds.every_joint,
-    "damped": lambda: worlds.every_joint(damping=0.2),
-    "damped-springs": worlds.damped_springs,
-    "free-springs": lambda: worlds.world(worlds.tree(["free", "hinge", "ball"], 3, damping=0.1, spring_stiffness=2.0)),
+    **simulated.MOVING,
     "armature": lambda: free_of_limits(worlds.limits_and_armature(armature=0.1)),
     "damped-armature-spring": lambda: worlds.world(
         worlds.tree(["hinge", "slide", "hinge"], 9, damping=0.2, armature=0.3, spring_stiffness=3.0)
     ),
-    "three-trees": lambda: worlds.world(
-        worlds.tree(["free", "hinge", "slide"], 5, prefix="a")
-        + worlds.tree(["fixed", "hinge", "ball"], 6, prefix="b")
-        + worlds.tree(["ball", "hinge"], 7, prefix="c")
-    ),
-    **{f"random-{seed}": lambda seed=seed: random_tree(seed) for seed in range(20, 24)},
 }
-
-
-def random_state(world, generator):
-    q, _ = initial_state(world)
-    places = layout_of(world)
-    for body, place in zip(world.bodies, places.position, strict=True):
-        if body.joint.kind in ("hinge", "slide"):
-            q[place] = generator.uniform(-1.0, 1.0)
-        elif body.joint.kind in ("ball", "free"):
-            turn = generator.normal(size=4)
-            q[place.stop - 4 : place.stop] = turn / np.linalg.norm(turn) * np.sign(turn[0])
-    return q, generator.normal(size=places.nv)
 
 
 def assert_same_poses(found, wanted, tolerance):
@@ -182,12 +155,7 @@ def test_mass_matrix_and_bias_force(name, load):
     engine, oracle, generator = load(world), Oracle(world), np.random.default_rng(2)
     for _ in range(2):
         q, v = random_state(world, generator)
-        engine.set_state(q, v)
-        for found, wanted in (
-            (engine.mass_matrix(), oracle.mass_matrix(q)),
-            (engine.bias_force(), oracle.bias_force(q, v)),
-        ):
-            np.testing.assert_allclose(found, wanted, rtol=0, atol=DYNAMICS * np.abs(wanted).max())
+        assert_same_dynamics(engine, oracle, q, v, DYNAMICS)
         again_q, again_v = engine.get_state()
         np.testing.assert_allclose(again_q, q, rtol=0, atol=STATE, err_msg="a probe must not move the simulation")
         np.testing.assert_allclose(again_v, v, rtol=0, atol=STATE)
@@ -205,12 +173,6 @@ def test_contact_free_motion(name, pushed, load):
     engine.step(STEPS, effort)
     states, _ = oracle.motion(q, v, effort, STEPS, STEPS)
     assert_same_poses(engine.body_states()[0], oracle.body_poses(states[-1]), MOTION)
-
-
-def slider(**more):
-    joint = Joint("j", "slide", None, axis=(1.0, 0.0, 0.0), **{"position": (0.0,), "velocity": (1.0,), **more})
-    body = Body("a", "a", Inertial(2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0)), joint)
-    return worlds.world((body,), physics=Physics((0.0, 0.0, 0.0), 0.001, 1000))
 
 
 def test_dry_friction_stops_and_holds(load):
@@ -395,38 +357,6 @@ def test_friction_has_the_asked_cone(cone, degrees, factor, load):
     assert np.abs(v[:2]).max() < 1e-15, "no creep"
 
 
-def test_a_state_set_again_gives_the_same_bits(load):
-    engine = load(worlds.spheres(27))
-    q, v = engine.get_state()
-    engine.step(700)
-    assert len(engine.contacts()["distance"]) > 5
-    first = engine.get_state()
-    engine.set_state(q, v)
-    engine.step(700)
-    again = engine.get_state()
-    np.testing.assert_array_equal(first[0], again[0])
-    np.testing.assert_array_equal(first[1], again[1])
-
-
-def test_an_effort_is_held_over_all_steps_and_then_gone(load):
-    engine = load(slider(velocity=(0.0,)))
-    engine.step(50, np.array([3.0]))
-    assert engine.get_state()[1][0] == pytest.approx(0.05 * 3.0 / 2.0, rel=1e-12)
-    engine.step(50)
-    assert engine.get_state()[1][0] == pytest.approx(0.05 * 3.0 / 2.0, rel=1e-12)
-
-
-def test_several_simulations_live_side_by_side(load):
-    first, second = load(slider()), load(slider(velocity=(5.0,)))
-    second.step(10)
-    assert first.get_state()[0][0] == 0.0
-    first.mass_matrix()
-    first.close()
-    assert second.get_state()[0][0] == pytest.approx(0.05)
-    with pytest.raises(RuntimeError):
-        first.get_state()
-
-
 def test_loading_again_reads_the_changed_file(load, tmp_path):
     """PyBullet caches files by path, as long as a physics client lives."""
     engine = load(slider())
@@ -461,14 +391,6 @@ def test_a_missing_or_wrong_file_is_an_engine_error(load):
         )
 
 
-def test_an_empty_world_runs(load):
-    engine = load(worlds.world(()))
-    engine.step(3, np.zeros(0))
-    assert engine.read_back().bodies == ()
-    assert engine.mass_matrix().shape == (0, 0)
-    assert engine.body_states()[0].shape == (0, 7)
-
-
 def armature_problem(world):
     world = worlds.with_options(world, "pybullet", outside=("joint.armature",), accept=("joint.limits.position",))
     try:
@@ -494,16 +416,5 @@ def test_import_noise_stays_out_of_the_output(load, capfd):
     assert capfd.readouterr().out == ""
 
 
-def test_offsets_are_those_of_the_centre_of_mass(load):
-    """A free body turning about its centre of mass: the origin of its frame circles at lever × rate."""
-    body = Body(
-        "a",
-        "a",
-        Inertial(1.0, (0.5, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)),
-        Joint("j", "free", position=(0.0,) * 3 + (1.0,) + (0.0,) * 3, velocity=(0.0, -1.0, 0.0, 0.0, 0.0, 2.0)),
-    )
-    engine = load(worlds.world((body,), physics=Physics((0.0, 0.0, 0.0), 0.001, 1000)))
-    engine.step(1000)
-    pose, velocity = (rows[0] for rows in engine.body_states())
-    np.testing.assert_allclose(pose[:3], [0.5 - 0.5 * math.cos(2.0), -0.5 * math.sin(2.0), 0.0], atol=1e-12)
-    np.testing.assert_allclose(velocity[:3], [math.sin(2.0), -math.cos(2.0), 0.0], atol=1e-12)
+class TestSimulated(SimulatedEngineTests):
+    """With the fixture ``load`` of this module."""
