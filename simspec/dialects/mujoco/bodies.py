@@ -13,7 +13,7 @@ from simspec.dialects.mujoco.choices import (
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.filter import Kind
-from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, joint_attributes, size_of
+from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, geom_of, joint_attributes
 from simspec.formats.mjcf.tree import Attributes, Value
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Shape, World
@@ -43,15 +43,8 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
         more.append(("group", group))
     if shape.colour != DEFAULT_COLOUR:
         more.append(("rgba", shape.colour))
-    return tree.Geom(
-        shape.name,
-        shape.kind,
-        size_of(shape),
-        shape.pose.position,
-        shape.pose.quaternion,
-        MATERIAL_CLASS + shape.material if shape.collision else VISUAL_CLASS,
-        tuple(more),
-    )
+    class_name = MATERIAL_CLASS + shape.material if shape.collision else VISUAL_CLASS
+    return geom_of(shape, class_name, tuple(more))
 
 
 def actuators(world: World) -> Iterator[tree.Actuator]:

@@ -89,6 +89,13 @@ def body_of(
     )
 
 
+def geom_of(shape: Shape, class_name: str, more: tree.Attributes) -> tree.Geom:
+    """A shape of the class ``class_name``, with further attributes."""
+    return tree.Geom(
+        shape.name, shape.kind, size_of(shape), shape.pose.position, shape.pose.quaternion, class_name, more
+    )
+
+
 def dimensions(law: PairContact | Surface) -> int:
     """``condim``: the directions in which a contact has friction."""
     if law.rolling_friction:

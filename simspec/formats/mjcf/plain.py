@@ -22,9 +22,9 @@ from simspec.formats.mjcf.from_world import (
     body_of,
     depth_first,
     dimensions,
+    geom_of,
     joint_attributes,
     keyframe,
-    size_of,
 )
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
@@ -247,15 +247,8 @@ def _joint(joint: Joint) -> tree.Joint:
 def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
     group = GROUPS[shape.collision, shape.visual]
     shown: Attributes = (("group", group),) if group else ()
-    return tree.Geom(
-        shape.name,
-        shape.kind,
-        size_of(shape),
-        shape.pose.position,
-        shape.pose.quaternion,
-        MATERIAL + shape.material if shape.collision else VISUAL,
-        (*(mask if shape.collision else ()), *shown, ("rgba", shape.colour)),
-    )
+    class_name = MATERIAL + shape.material if shape.collision else VISUAL
+    return geom_of(shape, class_name, (*(mask if shape.collision else ()), *shown, ("rgba", shape.colour)))
 
 
 def _actuators(world: World) -> Iterator[tree.Actuator]:
