@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from simspec.language.hint_words import ENTRIES, Hint
+from simspec.language.hint import Hint
+from simspec.language.hint_words import ENTRIES
 
 
 def _plain(word: str) -> str:

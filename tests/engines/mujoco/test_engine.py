@@ -13,7 +13,8 @@ import pytest
 from simspec.compiler import write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.mujoco.dialect import MujocoDialect
-from simspec.engines.mujoco.engine import NO_EXPLICIT_PAIRS, MuJoCo
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.mjcf.format import MODEL
 from simspec.proof.comparator import compare

@@ -1,0 +1,284 @@
+"""A loaded MuJoCo model: state, dynamics, contacts.
+
+Only stepping touches the simulation's own data; every question (poses, mass matrix, contacts at a state) is answered from
+a second ``mjData`` of the same model, so that asking cannot change the motion by a single bit. Facts marked *measured*
+were obtained with MuJoCo 4.0.0 and hold in 3.3.7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.control.native import Servos
+from simspec.dialects.kit.sidecar import SidecarBody
+from simspec.dialects.mujoco.choices import FLAGS
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
+from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.mujoco.actuation import Drive, JointArrays
+from simspec.engines.mujoco.coulomb import Coulomb
+from simspec.engines.mujoco.readback import JOINT_KINDS, read_back
+from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
+from simspec.formats.mjcf.names import file_name
+from simspec.world.rotations import cross
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
+
+NO_EXPLICIT_PAIRS = (
+    "more shapes may touch with friction than explicit_pairs_limit allows to list: a body that slides is lifted (at μ = 0.5 by "
+    "8 mm at 1 m/s, measured)"
+)
+
+
+class MujocoSimulation(Engine, abstract=True):
+    """The methods of the engine; its declarations are in ``engine.py``."""
+
+    def __init__(self) -> None:
+        self._log: list[str] = []
+        self._mujoco: Any = None
+        self._coulomb: Coulomb | None = None
+        self._pushed = False
+
+    # --- life -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def prepare(cls) -> None:
+        _import()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self.close()
+        try:
+            self._sidecar = MujocoSidecar.of(sidecar)
+        except ValueError as error:
+            raise EngineError(self.NAME, str(error)) from error
+        self._mujoco = mujoco = _import()
+        mujoco.set_mju_user_warning(self._log.append)
+        try:
+            self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
+        except (ValueError, mujoco.FatalError) as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+        self._check_flags()
+        self._disabled_by_file = int(self.model.opt.disableflags)
+        # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        self.data = mujoco.MjData(self.model)
+        self._probe = mujoco.MjData(self.model)
+        coulomb = self._sidecar.settings["friction"] == COULOMB
+        self._coulomb = Coulomb(mujoco, self.model, self.data) if coulomb else None
+        self._index(self._sidecar.bodies)
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
+        if key < 0:
+            raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
+        mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+
+    def _check_flags(self) -> None:
+        """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
+        bits = self._mujoco.mjtEnableBit.__members__
+        asked = {f"mjENBL_{name.upper()}" for name, on in FLAGS if on} | {"mjENBL_MULTICCD"}
+        if self._sidecar.settings.get("sleeping", False):  # not there when off
+            asked.add("mjENBL_SLEEP")
+        on = [name for name, bit in bits.items() if self.model.opt.enableflags & int(bit) and name not in asked]
+        if on:
+            raise EngineError(self.NAME, f"{MODEL} switches on what simspec does not use: {', '.join(on)}")
+
+    def _index(self, entries: tuple[SidecarBody, ...]) -> None:
+        mujoco, model = self._mujoco, self.model
+        bodies: list[int] = []
+        positions: list[int] = []
+        velocities: list[int] = []
+        for entry in entries:
+            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry.name))
+            if body < 0:
+                raise EngineError(self.NAME, f"{MODEL} has no body {entry.name!r}")
+            bodies.append(body)
+            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+                kind = JOINT_KINDS[int(model.jnt_type[joint])]
+                start, first = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+                positions.extend(range(start, start + POSITION_SIZE[kind]))
+                velocities.extend(range(first, first + VELOCITY_SIZE[kind]))
+        if model.nbody != len(bodies) + 1 or len(positions) != model.nq:
+            raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(bodies)}")
+        self._bodies = np.array(bodies, dtype=np.intp)
+        self._q = np.array(positions, dtype=np.intp)
+        self._v = np.array(velocities, dtype=np.intp)
+        self._world_index = np.full(model.nbody, -1, dtype=np.int64)
+        self._world_index[self._bodies] = np.arange(len(bodies))
+        self._offsets = np.array([entry.frame_offset for entry in entries]).reshape(-1, 3)
+
+    def read_back(self) -> ReadBack:
+        return read_back(self._mujoco, self.model, self._sidecar, self._disabled_by_file)
+
+    def log(self) -> list[str]:
+        found = list(self._log)
+        if self._mujoco is not None and not self._sidecar.explicit_pairs:
+            found.append(NO_EXPLICIT_PAIRS)
+        if self._coulomb is not None:
+            found += self._coulomb.log()
+        if self._mujoco is not None:
+            kinds = self._mujoco.mjtWarning.__members__
+            for name, kind in kinds.items():
+                if name.startswith("mjWARN_") and self.data.warning[int(kind)].number:
+                    found.append(f"{name.removeprefix('mjWARN_').lower()}: {self.data.warning[int(kind)].number} times")
+        return found
+
+    def close(self) -> None:
+        if self._mujoco is not None:
+            self._mujoco.set_mju_user_warning(None)
+            self._mujoco = self._coulomb = None
+            for name in ("data", "_probe", "model"):  # of which a refused file leaves some unmade
+                self.__dict__.pop(name, None)
+        self._log.clear()
+
+    # --- state ----------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[self._q] = q
+        self.data.qvel[self._v] = v
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.data.qpos[self._q], self.data.qvel[self._v]
+
+    def _at_state(self) -> Any:
+        """The probe's data with kinematics at the present state."""
+        mujoco, probe = self._mujoco, self._probe
+        probe.qpos[:] = self.data.qpos
+        probe.qvel[:] = self.data.qvel
+        mujoco.mj_kinematics(self.model, probe)
+        mujoco.mj_comPos(self.model, probe)
+        return probe
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        probe, bodies = self._at_state(), self._bodies
+        self._mujoco.mj_comVel(self.model, probe)
+        poses = np.concatenate([probe.xpos[bodies], probe.xquat[bodies]], axis=1)
+        angular, central = probe.cvel[bodies, :3], probe.cvel[bodies, 3:]
+        # cvel is the velocity of the point of the body at its tree's centre of mass
+        lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
+        velocities = np.concatenate([central + cross(angular, lever), angular], axis=1)
+        return restore_velocities(poses, velocities, self._offsets)
+
+    # --- dynamics -------------------------------------------------------------------------------------------------
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        mujoco, model = self._mujoco, self.model
+        probe = self._at_state()
+        _composite_inertia(mujoco, model, probe)
+        if hasattr(probe, "qM"):  # before MuJoCo 4
+            full = np.zeros((model.nv, model.nv))
+            mujoco.mj_fullM(model, full, probe.qM)
+            return [full[np.ix_(self._v[block], self._v[block])] for block in blocks]
+        return [self._block(probe.M, self._v[block]) for block in blocks]
+
+    def _block(self, values: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+        """The part of M for some degrees of freedom. MuJoCo 4 keeps M's lower half by rows, and only what can be non-zero."""
+        model = self.model
+        found = np.zeros((len(dofs), len(dofs)))
+        place = {int(dof): index for index, dof in enumerate(dofs)}
+        for dof, row in place.items():
+            start = int(model.M_rowadr[dof])
+            entries = slice(start, start + int(model.M_rownnz[dof]))
+            for other, value in zip(model.M_colind[entries].tolist(), values[entries].tolist(), strict=True):
+                if other in place:
+                    found[row, place[other]] = found[place[other], row] = value
+        return found
+
+    def bias_force(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_comVel(self.model, probe)
+        bias = np.zeros(self.model.nv)
+        self._mujoco.mj_rne(self.model, probe, 0, bias)
+        return bias[self._v]
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if effort is not None:
+            self.data.qfrc_applied[self._v] = effort
+            self._pushed = True
+        elif self._pushed:
+            self.data.qfrc_applied[:] = 0.0
+            self._pushed = False
+        if self._coulomb is not None:
+            self._coulomb.advance(count)
+        else:
+            self._mujoco.mj_step(self.model, self.data, nstep=count)
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        self._pushed = True  # what is given there must not be left behind for steps without effort
+        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._coulomb, self._q[q], self._v[v])
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        self.model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        return Drive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
+
+    def energy(self) -> tuple[float, float]:
+        mujoco, probe = self._mujoco, self._at_state()
+        _composite_inertia(mujoco, self.model, probe)
+        mujoco.mj_comVel(self.model, probe)
+        mujoco.mj_energyPos(self.model, probe)
+        mujoco.mj_energyVel(self.model, probe)
+        return float(probe.energy[1]), float(probe.energy[0])
+
+    # --- contact --------------------------------------------------------------------------------------------------
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        data = self.data
+        if data.ncon == 0:
+            return empty_contacts()
+        held = data.contact
+        return {
+            "body": self._world_index[self.model.geom_bodyid[held.geom]],
+            "position": held.pos.copy(),
+            "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
+            "distance": held.dist.copy(),
+            "normal_force": self._normal_forces(held.efc_address, held.dim),
+        }
+
+    def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:
+        """As ``mj_contactForce``: the first row of an elliptic contact, the sum over a pyramid's edges."""
+        force = np.append(self.data.efc_force, 0.0)
+        first = np.where(address >= 0, address, len(force) - 1)
+        if self.model.opt.cone == self._mujoco.mjtCone.mjCONE_ELLIPTIC:
+            return force[first]
+        rows = np.where(dim > 1, 2 * (dim - 1), 1)
+        return np.array([force[start : start + count].sum() for start, count in zip(first, rows, strict=True)])
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        mujoco, model = self._mujoco, self.model
+        return [
+            CollisionUnit(
+                int(self._world_index[model.geom_bodyid[geom]]),
+                (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "",),
+            )
+            for geom in range(model.ngeom)
+        ]
+
+    def detect_units(self) -> np.ndarray:
+        probe = self._at_state()
+        self._mujoco.mj_collision(self.model, probe)
+        return sorted_pairs(probe.contact.geom[probe.contact.dist <= 0.0])
+
+    def disable_contact(self) -> None:
+        self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self.model.dof_frictionloss[self._v[v]] = 0.0
+
+
+def _import() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise EngineError("mujoco", f"not installed: pip install 'simspec[mujoco]' ({error})") from error
+    return mujoco
+
+
+def _composite_inertia(mujoco: Any, model: Any, data: Any) -> None:
+    """The mass matrix, armature included; ``mj_makeM`` where it exists."""
+    getattr(mujoco, "mj_makeM", mujoco.mj_crb)(model, data)
