@@ -241,11 +241,9 @@ class Control:
         self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0}
 
     def advance(self, joints: Joints, first: int, count: int, servos: Servos | None = None) -> None:
-        """Do steps ``first`` … ``first + count − 1`` of the run; with ``native`` joints, ``servos`` are told where to go."""
+        """Do steps ``first`` … ``first + count − 1`` of the run; with ``native`` joints, ``servos`` get their targets."""
         if (self.native is None) != (servos is None):
-            raise ControlError(
-                "an engine's own controllers are told where to go where the world has such, and nowhere else"
-            )
+            raise ControlError("servos must be given exactly where joints have the engine's own controllers")
         for start in range(first, first + count, CHUNK):
             self._chunk(joints, start, min(CHUNK, first + count - start), servos)
 

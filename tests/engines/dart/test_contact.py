@@ -184,7 +184,7 @@ def test_no_approximate_solver_steps_in(load_dart):
     assert not solver.isSplitImpulseEnabled()
 
 
-def test_shapes_for_the_eye_are_read_back_and_not_carried_along(load_dart):
+def test_visual_only_shapes_are_read_back_and_not_simulated(load_dart):
     """They change no bit of a motion, and cost time in every step."""
     plain = scene(("box", (0.2, 0.2, 0.2)), (0.0, 0.0, 0.15), (0.3, 0.0, 0.0), friction=0.5)
     ground, body = plain.bodies

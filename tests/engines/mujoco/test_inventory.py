@@ -93,7 +93,7 @@ def with_many_groups():
     return dataclasses.replace(world, bodies=bodies, contact=contact)
 
 
-def with_a_shape_for_the_eye():
+def with_a_visual_only_shape():
     world = model("mujoco")
     seen = Shape("cube_eye", "sphere", (0.2,), collision=False)
     bodies = tuple(
@@ -127,7 +127,7 @@ KINDS = {
     "sleeping": lambda: with_settings(sleeping=True, sleep_tolerance=1e-4),
     "no explicit pairs": lambda: with_settings(explicit_pairs_limit=0),
     "many groups": with_many_groups,
-    "a visual-only shape": with_a_shape_for_the_eye,
+    "a visual-only shape": with_a_visual_only_shape,
 }
 
 
