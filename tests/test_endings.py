@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import random
@@ -39,15 +40,31 @@ def place(tmp_path):
     return tmp_path
 
 
-def begin(place: Path, *words: str, **environment: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "simspec", *words],
-        cwd=place,
-        env={**os.environ, "TMPDIR": str(place / "tmp"), "XDG_CACHE_HOME": str(place / "cache"), **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+@pytest.fixture
+def begin(place):
+    """A function that starts a command. Whatever becomes of the test, nothing that it started is at work after it."""
+    drivers: list[subprocess.Popen] = []
+
+    def begin(*words: str) -> subprocess.Popen:
+        drivers.append(
+            subprocess.Popen(
+                [sys.executable, "-m", "simspec", *words],
+                cwd=place,
+                env={**os.environ, "TMPDIR": str(place / "tmp"), "XDG_CACHE_HOME": str(place / "cache")},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return drivers[-1]
+
+    yield begin
+    for driver in drivers:
+        driver.kill()  # of no effect on one that has ended
+        driver.communicate()
+    for process_id in marked(place):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process_id, signal.SIGKILL)
 
 
 def marked(place: Path) -> list[int]:
@@ -65,7 +82,7 @@ def marked(place: Path) -> list[int]:
     return found
 
 
-def until(condition, seconds: float = 20.0) -> bool:
+def until(condition, seconds: float = 60.0) -> bool:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():
@@ -79,50 +96,50 @@ def left(place: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("name", SIGNALS)
-def test_a_signal_at_work_leaves_no_process_and_no_folder(place, name):
+def test_a_signal_at_work_leaves_no_process_and_no_folder(begin, place, name):
     """When the engine is at work: the keeper, the worker and the driver are three processes."""
-    driver = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
+    driver = begin("run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats")
     assert until(lambda: len(marked(place)) == 3)
     driver.send_signal(getattr(signal, name))
-    _, error = driver.communicate(timeout=30)
+    _, error = driver.communicate(timeout=60)
     assert driver.returncode == SIGNALS[name]
     assert "Traceback" not in error
     assert until(lambda: not marked(place))
     if name != "SIGKILL":
         assert error == f"simspec: ended by {name}\n"
         assert left(place) == []
-    ended = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
-    assert ended.wait(30) == 3
+    ended = begin("run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
+    assert ended.wait(60) == 3
     ended.communicate()
     assert left(place) == []
 
 
 @pytest.mark.parametrize("command", ["compile", "verify", "run"])
-def test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove(place, command):
+def test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove(begin, place, command):
     generator = random.Random(command)
     words = [command, "long.yaml"] + (["--engine", "mujoco", "--no-verify"] if command == "run" else [])
     for name in ("SIGKILL", "SIGTERM", "SIGINT"):
-        driver = begin(place, *words)
+        driver = begin(*words)
         time.sleep(generator.uniform(0.05, 1.5))
         driver.send_signal(getattr(signal, name))
-        _, error = driver.communicate(timeout=30)
+        _, error = driver.communicate(timeout=60)
         assert "Traceback" not in error
         assert driver.returncode in (SIGNALS[name], 0)
         assert until(lambda: not marked(place))
-    done = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
+    done = begin("run", "long.yaml", "--engine", "mujoco", "--no-verify", "--no-repeats", "--deadline", "0.1")
     done.communicate(timeout=60)
     assert left(place) == []
 
 
-def test_a_stopped_driver_s_engine_keeps_its_own_deadline(place):
-    driver = begin(place, "run", "long.yaml", "--engine", "mujoco", "--no-verify", "--deadline", "1")
+def test_a_stopped_driver_s_engine_keeps_its_own_deadline(begin, place):
+    driver = begin("run", "long.yaml", "--engine", "mujoco", "--no-verify", "--deadline", "1")
     assert until(lambda: len(marked(place)) == 3)
     driver.send_signal(signal.SIGSTOP)
     try:
         assert until(lambda: len(marked(place)) == 1)
     finally:
         driver.send_signal(signal.SIGCONT)
-    driver.communicate(timeout=30)
+    driver.communicate(timeout=60)
     assert driver.returncode == 3
 
 
