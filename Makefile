@@ -7,13 +7,14 @@
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make kills    compile, verify and run, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
+# make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
 # Tests start some two thousand interpreters. Where this is set, each would compile all of simspec anew: a quarter of their time
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills clean
+.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills page-bundle clean
 
 setup: .venv/ready
 
@@ -51,7 +52,7 @@ QUICK := tests/language tests/world tests/control tests/comparison tests/report 
 quick: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow" $(QUICK)
+	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow and not browser" $(QUICK)
 
 # what is committed under generated/, docs/ and schema/, made anew
 generated: setup
@@ -91,6 +92,10 @@ selftest: setup
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup
 	$(BIN)/python tools/kills.py
+
+# page/bundle is committed: only who changes page/src needs this; tests hold it against its sources
+page-bundle:
+	cd page && npm ci --no-audit --no-fund && npm run check && npm run build
 
 clean:
 	rm -rf .venv runs

@@ -26,6 +26,10 @@ from simspec.commands.guard import command
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK
 
+PageFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default FOLDER/report.html).")
+]
+
 app = typer.Typer(
     name="simspec",
     add_completion=False,
@@ -317,6 +321,9 @@ def run_command(
     strict: Strict = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
+    report: Annotated[
+        bool, typer.Option("--report", help="Also write report.html: one page with tables, plots and playback.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Compile, verify, run in several engines, and compare.
@@ -347,8 +354,51 @@ def run_command(
         strict=strict,
         python=python,
         deadline=deadline,
+        page=report,
         as_json=as_json,
     )
+
+
+@app.command("report")
+@command
+def report_command(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Folders of studies (runs/NAME), or of runs (runs/NAME/ENGINE)."),
+    ],
+    out: PageFile = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write a report as one HTML page: verdict, certificate, tables, plots and playback. It loads nothing from elsewhere.
+
+    Without -o it is FOLDER/report.html.
+
+    \b
+    simspec report runs/arm
+    simspec report runs/arm runs/spheres-216 -o both.html
+    """
+    from simspec.commands.report import report
+
+    return report(folders, out, as_json)
+
+
+@app.command("view")
+@command
+def view_command(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a study (runs/NAME), or of a run.")],
+    out: PageFile = None,
+    as_json: AsJson = False,
+) -> int:
+    """Open the report of a study or a run in the browser; it is written first if it is not current.
+
+    Without a display, it is only written.
+
+    \b
+    simspec view runs/arm
+    """
+    from simspec.commands.view import view
+
+    return view(folder, out, as_json)
 
 
 @app.command("diff")

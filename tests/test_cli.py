@@ -19,7 +19,7 @@ from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 
 PACKAGE = Path(cli.__file__).resolve().parent
-COMMANDS = ("new", "check", "fmt", "schema", "compile", "verify", "run", "diff", "engines", "accept")
+COMMANDS = ("new", "check", "fmt", "schema", "compile", "verify", "run", "report", "view", "diff", "engines", "accept")
 FALL = """\
 simspec: 1
 name: fall

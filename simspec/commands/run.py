@@ -9,13 +9,14 @@ from typing import Any
 
 from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of
 from simspec.commands.diff import diff_code
+from simspec.commands.report import write_page
 from simspec.commands.study_folder import Results
 from simspec.comparison.study import study
 from simspec.errors import EXIT_OK, Location, Problem, SpecError
 from simspec.report.final import ends
 from simspec.report.plain import study_data, text
 from simspec.report.progress import progress
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 from simspec.report.session import show_run
 from simspec.report.terminal import show_not_taken
 from simspec.resources import find_spec
@@ -39,6 +40,7 @@ def run(
     strict: bool,
     python: list[str] | None,
     deadline: float,
+    page: bool,
     as_json: bool,
 ) -> int:
     """Study ``spec`` in all engines, in those named by ``engine`` or in the project's, and write ``out``/NAME."""
@@ -64,6 +66,7 @@ def run(
         pythons=pythons,
         deadline=deadline,
         source=source_of(spec, sets),
+        page=page,
         as_json=as_json,
         warnings=warned,
         show=loaded.data.record.show,
@@ -85,13 +88,14 @@ def run_world(
     pythons: Mapping[str, str],
     deadline: float,
     source: Mapping[str, Any],
+    page: bool = False,
     as_json: bool,
     warnings: Sequence[Problem] = (),
     show: Sequence[str] = (),
 ) -> int:
     """Study ``world``, of the file ``spec``, in the engines of ``selection``, write ``folder``, and print.
 
-    Where no engine is named, those that support the world are compared: at least two.
+    Where no engine is named, those that support the world are compared: at least two. ``page``: also write report.html.
     """
     selection = selection.for_world(world, locate, least=2)
     engines = list(selection.engines)
@@ -118,16 +122,20 @@ def run_world(
             progress=tell,
         )
         tell("writing")
-        results.finish(result)
+        results.finish(result, keep_page=page)
+        path = write_page([folder], None) if page else None
     code = result.exit_code
     if code == EXIT_OK and fail_on_diff:
         code = diff_code(result.diffs)
     if as_json:
         more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        more["page"] = path
         more["not_run"] = selection.not_taken
         more["ends"] = {name: ends(run, show) for name, run in result.runs.items()}
         sys.stdout.write(text({**study_data(result), **more}))
         return code
     show_not_taken(selection, console())
     show_run(result, folder, results.notes, show, fail_on_diff)
+    if path is not None:
+        say(f"report: {path}")
     return code

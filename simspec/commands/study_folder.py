@@ -20,7 +20,7 @@ from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.marker import COMPILED, RUN, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import change_file, open_folder, remove_file
-from simspec.report.plain import REPORT_SCHEMA, study_data, text
+from simspec.report.plain import PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.runner.run import Run
 from simspec.runner.store import stored_runs
 from simspec.stored import Report, read_as
@@ -30,7 +30,6 @@ from simspec.world.types import World
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
 
-REPORT_FILE = "report.json"
 COMPILED_FOLDER = "compiled"
 
 
@@ -82,8 +81,9 @@ class Results(Arrivals):
     def floor(self, floor: Floor) -> None:
         save_floor(floor, self._folder / floor.engine)
 
-    def finish(self, study: Study) -> None:
-        """Write the report, and look at what else there is in the folder."""
+    def finish(self, study: Study, *, keep_page: bool = False) -> None:
+        """Write the report, and look at what else there is in the folder. ``keep_page``: the page is written anew
+        next."""
         open_folder(self._folder, STUDY)
         if study.certificate is None:
             self._drop_certificate()
@@ -101,6 +101,10 @@ class Results(Arrivals):
                 )
                 self.notes.append(f"{self._folder / name} {why}: it is kept and not compared")
         data = {**study_data(study), "world_sha256": self._hash, "other_runs": others}
+        if not keep_page and remove_file(self._folder, STUDY, PAGE_FILE):
+            self.notes.append(
+                f"{self._folder / PAGE_FILE} was of earlier runs and was removed: simspec report writes it anew"
+            )
         change_file(self._folder, STUDY, REPORT_FILE, lambda before: text(self._joined(data, before)))
 
     def _drop_certificate(self) -> None:

@@ -20,6 +20,10 @@ from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
 REPORT_SCHEMA = 1
+REPORT_FILE = "report.json"
+"""Where a study's folder has it."""
+PAGE_FILE = "report.html"
+"""Where the folder of a study, or of a run, has its page."""
 
 
 def plain(value: Any) -> Any:

@@ -1,0 +1,158 @@
+"""What the playback of a page draws: shapes, motions, contact forces, and the targets of driven joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.errors import visible
+from simspec.report.page.frames import Frames, Rows, turns_unseen
+from simspec.report.page.ghost import driven_bodies, target_poses
+from simspec.report.page.packing import Numbers, Packed, coded, turns
+from simspec.runner.run import Run
+from simspec.world.types import World
+
+MOST_FORCES = 9_000
+"""Contact forces of a run that are shown: about 0.1 MB packed. Where there are more, every second frame has them, or third …"""
+LEAST_TURN = 1e-4
+"""Change of a quaternion's parts below which a body is drawn as not turning."""
+DIGITS = 7
+"""Of lengths in the page's own text: more than a screen shows."""
+
+
+def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) -> dict[str, Any]:
+    """A scene as ``page/src/data.ts`` declares it, without its plots. ``runs``: those of ``frames``."""
+    poses = [np.asarray(run.arrays["pose"][frames.rows[:shown]]) for run, shown in zip(runs, frames.shown, strict=True)]
+    moving, turning = _movers(world, poses, frames)
+    ghost = _ghost(world, runs, frames, packed)
+    return {
+        "name": visible(world.name),
+        "times": packed.floats(frames.time),
+        "frames": len(frames.rows),
+        "bodies": [visible(body.name) for body in world.bodies],
+        "shapes": _shapes(world),
+        "low": frames.low.tolist(),
+        "high": frames.high.tolist(),
+        "rest": np.round(_rest(poses), DIGITS).tolist(),
+        "moving": moving.tolist(),
+        "turning": turning.tolist(),
+        "runs": [
+            {
+                "engine": visible(run.engine),
+                "label": visible(run.label),
+                "colour": index,
+                "frames": len(own),
+                "motion": _motion(own, moving, turning, frames, packed),
+                "forces": _forces(run, frames, len(own), packed),
+            }
+            for index, (run, own) in enumerate(zip(runs, poses, strict=True))
+        ],
+        "ghost": ghost,
+        "view": {"centre": np.round(frames.centre, DIGITS).tolist(), "radius": round(frames.radius, DIGITS)},
+    }
+
+
+def _shapes(world: World) -> list[dict[str, Any]]:
+    """The visual shapes, and planes; of a body without any, those that collide."""
+    shown = []
+    for index, body in enumerate(world.bodies):
+        visual = [shape for shape in body.shapes if shape.visual or shape.kind == "plane"]
+        for shape in visual or body.shapes:
+            shown.append(
+                {
+                    "body": index,
+                    "kind": shape.kind,
+                    "size": [round(length, DIGITS) for length in shape.size],
+                    "position": [round(length, DIGITS) for length in shape.pose.position],
+                    "quaternion": [round(part, DIGITS) for part in shape.pose.quaternion],
+                    "colour": [round(part, 3) for part in shape.colour],
+                }
+            )
+    return shown
+
+
+def _movers(world: World, poses: Sequence[Numbers], frames: Frames) -> tuple[Rows, Rows]:
+    """The bodies that are seen to move, and those of them that are seen to turn, in any of the runs."""
+    changed = np.zeros(len(world.bodies), dtype=bool)
+    turned = np.zeros(len(world.bodies), dtype=bool)
+    for own in poses:
+        changed |= np.ptp(own[..., :3], axis=0).max(axis=-1) > 0.5 * frames.step
+        turned |= np.ptp(own[..., 3:], axis=0).max(axis=-1) > LEAST_TURN
+    apart = np.ptp(np.stack([own[0] for own in poses]), axis=0).max(axis=-1) > 0.5 * frames.step
+    unseen = np.array([turns_unseen(world, body) for body in range(len(world.bodies))], dtype=bool)
+    moving = changed | turned | apart
+    return np.flatnonzero(moving), np.flatnonzero(moving & ~unseen)
+
+
+def _rest(poses: Sequence[Numbers]) -> Numbers:
+    """The first poses (bodies, 7), for what does not move; 0 where even they are not finite."""
+    result: Numbers = np.nan_to_num(poses[0][0], posinf=0.0, neginf=0.0)
+    return result
+
+
+def _motion(poses: Numbers, moving: Rows, turning: Rows, frames: Frames, packed: Packed) -> dict[str, Any] | None:
+    """The motions of some bodies; None where not even the first pose is finite."""
+    if not np.isfinite(poses).all():
+        return None
+    places = coded(poses[:, moving, :3], frames.low, frames.high)
+    return {
+        "position": packed.series(_by_series(places)),
+        "turn": packed.series(_by_series(turns(poses[:, turning, 3:]))) if len(turning) else None,
+    }
+
+
+def _by_series(codes: np.ndarray) -> np.ndarray:
+    """Codes (frames, bodies, parts) as (bodies × parts, frames)."""
+    return np.ascontiguousarray(codes.transpose(1, 2, 0)).reshape(-1, len(codes))
+
+
+def _forces(run: Run, frames: Frames, shown: int, packed: Packed) -> dict[str, Any] | None:
+    """The contact forces of every few frames, a bar for each; None where none were recorded, or there were none."""
+    arrays = run.arrays
+    if "contact.row" not in arrays:
+        return None
+    row = arrays["contact.row"]
+    first = np.searchsorted(row, frames.rows[:shown], side="left")
+    counts = np.searchsorted(row, frames.rows[:shown], side="right") - first
+    every = 1
+    while counts[::every].sum() > MOST_FORCES and every < shown:
+        every += 1
+    places = [np.arange(first[k], first[k] + counts[k]) for k in range(0, shown, every)]
+    chosen = np.concatenate(places) if places else np.zeros(0, np.int64)
+    frame = np.repeat(np.arange(0, shown, every), counts[::every])
+    force = np.asarray(arrays["contact.normal_force"][chosen])
+    position, normal = np.asarray(arrays["contact.position"][chosen]), np.asarray(arrays["contact.normal"][chosen])
+    kept = (force > 0.0) & np.isfinite(force) & np.isfinite(position).all(axis=1) & np.isfinite(normal).all(axis=1)
+    if not kept.any():
+        return None
+    force, position, normal, frame = force[kept], position[kept], normal[kept], frame[kept]
+    largest = float(force.max())
+    return {
+        "frame": packed.codes(frame.astype(np.int16)),
+        "position": packed.codes(np.ascontiguousarray(coded(position, frames.low, frames.high).T)),
+        "normal": packed.add(
+            np.ascontiguousarray(np.round(127.0 * np.clip(normal, -1, 1)).astype(np.int8).T).tobytes()
+        ),
+        "force": packed.add(np.round(255.0 * np.sqrt(force / largest)).astype(np.uint8).tobytes()),
+        "count": len(force),
+        "every": every,
+        "largest": largest,
+    }
+
+
+def _ghost(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) -> dict[str, Any] | None:
+    """The poses that driven joints are asked for, from the run that has the most; None where none is driven."""
+    run, shown = max(zip(runs, frames.shown, strict=True), key=lambda pair: pair[1])
+    if "control.target" not in run.arrays:
+        return None
+    bodies = driven_bodies(world, run)
+    poses = target_poses(world, run, frames.rows[:shown], bodies)
+    every = np.array(bodies)
+    if not np.isfinite(poses).all():
+        return None
+    return {
+        "bodies": bodies,
+        "motion": _motion(poses[:, every], np.arange(len(bodies)), np.arange(len(bodies)), frames, packed),
+    }

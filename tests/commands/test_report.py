@@ -1,0 +1,203 @@
+"""``simspec report``, ``simspec view`` and ``simspec run --report``: what is written where, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import stat
+
+import pytest
+
+from simspec import cli
+from simspec.commands import run as run_command
+from simspec.commands.view import no_display
+from simspec.errors import EXIT_OK, EXIT_WRONG
+from simspec.outputs.marker import read_marker
+from simspec.report.page.document import is_page
+from simspec.report.plain import PAGE_FILE
+from simspec.selection import named
+from tests.report.page import samples
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    return samples.stored(samples.a_study(), tmp_path_factory.mktemp("kept") / "sample")
+
+
+@pytest.fixture
+def folder(kept, tmp_path):
+    return shutil.copytree(kept, tmp_path / "sample")
+
+
+def call(*words: object) -> int:
+    return cli.main([str(word) for word in words])
+
+
+@pytest.mark.parametrize("below", [".", "first"], ids=["study", "run"])
+def test_the_page_is_in_the_folder_and_known_as_simspecs(folder, capsys, below):
+    place = folder / below
+    assert call("report", place) == EXIT_OK
+    assert is_page((place / PAGE_FILE).read_bytes())
+    assert PAGE_FILE in read_marker(place).files
+    assert capsys.readouterr().out == f"written: {place / PAGE_FILE}\n"
+
+
+def test_several_studies_in_one_page(folder, tmp_path, capsys):
+    other = samples.stored(samples.a_study(samples.a_world(title="other")), tmp_path / "other")
+    assert call("report", folder, other) == EXIT_WRONG
+    assert "use -o FILE" in capsys.readouterr().err
+    assert call("report", folder, other, "-o", tmp_path / "both.html", "--json") == EXIT_OK
+    said = json.loads(capsys.readouterr().out)
+    text = (tmp_path / "both.html").read_text(encoding="utf-8")
+    assert said["bytes"] == len(text.encode())
+    assert "<h2>sample</h2>" in text
+    assert "<h2>other</h2>" in text
+
+
+def test_a_page_replaces_a_page_and_nothing_else(folder, tmp_path, capsys):
+    target = tmp_path / "page.html"
+    assert call("report", folder, "-o", target) == EXIT_OK
+    assert call("report", folder / "first", "-o", target) == EXIT_OK
+    target.write_text("<!doctype html><p>mine</p>")
+    assert call("report", folder, "-o", target) == EXIT_WRONG
+    assert target.read_text() == "<!doctype html><p>mine</p>"
+    (folder / PAGE_FILE).write_text("mine")
+    assert call("report", folder) == EXIT_WRONG
+    assert (folder / PAGE_FILE).read_text() == "mine"
+
+
+DAMAGE = {
+    "a table cut short": ("second/bodies.parquet", lambda content: content[: len(content) // 2], "bodies.parquet"),
+    "a table of other bits": ("second/states.parquet", lambda content: content[:-1] + b"x", "states.parquet"),
+    "provenance that is no JSON": ("second/provenance.json", lambda content: content[1:], "provenance.json"),
+    "an edited provenance": (
+        "second/provenance.json",
+        lambda content: content.replace(b'"engine_version": "1.0"', b'"engine_version": "2.0"'),
+        "provenance.json",
+    ),
+    "another world": ("second/world.json", lambda content: content.replace(b"mover", b"mowed"), "world.json"),
+    "a floor of other bits": ("first/floor.parquet", lambda content: content[:100], "floor.parquet"),
+    "an edited certificate": (
+        "certificate.json",
+        lambda content: content.replace(b"1e-16", b"2e-16"),
+        "certificate.json",
+    ),
+    "a report that is none": ("report.json", lambda content: b"[]", "report.json"),
+    "a report with no tolerance": (
+        "report.json",
+        lambda content: content.replace(b'"tolerance": 0.001', b'"tolerance": "much"'),
+        "report.json",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGE)
+def test_damage_is_named_and_nothing_is_written(folder, capsys, kind):
+    name, change, said = DAMAGE[kind]
+    content = (folder / name).read_bytes()
+    assert change(content) != content
+    (folder / name).write_bytes(change(content))
+    assert call("report", folder) == EXIT_WRONG
+    assert said in capsys.readouterr().err
+    assert not (folder / PAGE_FILE).exists()
+
+
+def test_what_is_no_study_is_refused(tmp_path, capsys):
+    for place, said in ((tmp_path / "nowhere", "no such folder"), (tmp_path, "neither a saved run nor a study")):
+        assert call("report", place) == EXIT_WRONG
+        assert said in capsys.readouterr().err
+
+
+def test_runs_of_another_world_are_left_out_and_named(folder, capsys):
+    samples.a_run(samples.a_world(title="earlier"), "fourth", 0.0).save(folder / "fourth")
+    assert call("report", folder) == EXIT_OK
+    text = (folder / PAGE_FILE).read_text(encoding="utf-8")
+    assert "fourth is of another world" in text
+    assert text.count("<th") == (text.replace("fourth", "")).count("<th")
+
+
+def test_a_study_that_was_ended_before_its_report(folder, capsys):
+    (folder / "report.json").unlink()
+    assert call("report", folder) == EXIT_OK
+    samples.a_run(samples.a_world(title="earlier"), "fourth", 0.0).save(folder / "fourth")
+    assert call("report", folder) == EXIT_WRONG
+    assert "runs of 2 worlds" in capsys.readouterr().err
+
+
+def test_view_opens_the_page_in_the_users_browser(folder, tmp_path, monkeypatch, capsys):
+    browser, opened = tmp_path / "browser", tmp_path / "opened"
+    browser.write_text(f'#!/bin/sh\nprintf %s "$1" > {opened}\n')
+    browser.chmod(browser.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
+    assert call("view", folder) == EXIT_OK
+    assert opened.read_text() == (folder / PAGE_FILE).absolute().as_uri()
+    assert capsys.readouterr().out == f"{folder / PAGE_FILE}: opened\n"
+    before = (folder / PAGE_FILE).stat().st_ino
+    assert call("view", folder) == EXIT_OK
+    assert (folder / PAGE_FILE).stat().st_ino == before  # it was current
+
+
+def test_view_without_a_display_says_so_and_writes(folder, monkeypatch, capsys):
+    for name in ("BROWSER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert call("view", folder) == EXIT_OK
+    assert capsys.readouterr().out == f"written: {folder / PAGE_FILE} (not opened: there is no display)\n"
+    assert is_page((folder / PAGE_FILE).read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "shown"),
+    [
+        ({}, "linux", False),
+        ({"DISPLAY": ""}, "linux", False),
+        ({"DISPLAY": ":0"}, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({"BROWSER": "w3m"}, "linux", True),
+        ({}, "darwin", True),
+        ({}, "win32", True),
+    ],
+)
+def test_where_windows_can_be_shown(environment, platform, shown):
+    assert (no_display(environment, platform) is None) is shown
+
+
+def test_run_report_writes_the_page_and_a_later_run_without_it_removes_it(tmp_path, monkeypatch, capsys):
+    made = samples.a_study()
+
+    def study(world, engines, *, arrivals, **_):
+        arrivals.certificate(made.certificate)
+        for one in made.runs.values():
+            arrivals.run(one)
+        for floor in made.floors.values():
+            arrivals.floor(floor)
+        return made
+
+    monkeypatch.setattr(run_command, "study", study)
+    folder = tmp_path / "sample"
+
+    def run(page: bool) -> None:
+        run_command.run_world(
+            made.world,
+            named(list(made.runs)),
+            folder,
+            locate=lambda path: None,
+            prove=True,
+            repeats=True,
+            keep_going=False,
+            tolerance=1e-3,
+            fail_on_diff=False,
+            pythons={},
+            deadline=1.0,
+            source={},
+            page=page,
+            as_json=False,
+        )
+
+    for _ in range(2):
+        run(page=True)
+        assert f"report: {folder / PAGE_FILE}" in capsys.readouterr().out
+        assert is_page((folder / PAGE_FILE).read_bytes())
+    run(page=False)
+    assert "was of earlier runs and was removed" in " ".join(capsys.readouterr().out.split())
+    assert not (folder / PAGE_FILE).exists()

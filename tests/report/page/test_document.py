@@ -1,0 +1,176 @@
+"""The page as text: one file that loads nothing, says the same for the same runs, and in which names are text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from simspec.errors import SpecError, visible
+from simspec.report.page.document import MOST_STUDIES, page
+from simspec.report.stored_study import load_study
+from tests.report.page import samples
+
+
+class Outline(HTMLParser):
+    """The elements of a page with their attributes, and their text."""
+
+    def __init__(self, text: str):
+        super().__init__(convert_charrefs=True)
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self._open = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        self._open = tag
+
+    def handle_data(self, data):
+        self.texts.append((self._open, data))
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory):
+    return page([load_study(samples.stored(samples.a_study(), tmp_path_factory.mktemp("study") / "sample"))])
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    study = samples.a_study(samples.a_world(samples.HOSTILE_BODIES, samples.HOSTILE[5]))
+    return page([load_study(samples.stored(study, tmp_path_factory.mktemp("study") / "hostile"))])
+
+
+def test_the_policy_allows_the_pages_own_program_and_style_alone(usual):
+    outline = Outline(usual)
+    (policy,) = [one["content"] for one in outline.of("meta") if one.get("http-equiv") == "Content-Security-Policy"]
+    rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    assert rules["default-src"] == "'none'"
+    assert set(rules) == {"default-src", "script-src", "style-src", "base-uri", "form-action"}
+    for element, rule in (("script", "script-src"), ("style", "style-src")):
+        inside = re.findall(rf"<{element}>(.*?)</{element}>", usual, re.DOTALL)
+        assert len(inside) == 1
+        digest = base64.b64encode(hashlib.sha256(inside[0].encode()).digest()).decode()
+        assert rules[rule] == f"'sha256-{digest}'"
+
+
+def test_it_names_nothing_to_load(usual):
+    outline = Outline(usual)
+    assert {tag for tag, _ in outline.elements} <= {
+        *(
+            "html",
+            "head",
+            "meta",
+            "title",
+            "style",
+            "body",
+            "header",
+            "main",
+            "section",
+            "footer",
+            "noscript",
+            "script",
+        ),
+        *("h1", "h2", "h3", "p", "ul", "li", "span", "div", "details", "summary", "pre"),
+        *("table", "caption", "thead", "tbody", "tr", "th", "td"),
+    }
+    assert not any({"src", "href", "style", "action", "data"} & set(attributes) for _, attributes in outline.elements)
+    assert not any(name.startswith("on") for _, attributes in outline.elements for name in attributes)
+
+
+def test_the_same_runs_give_the_same_page(tmp_path):
+    folder = samples.stored(samples.a_study(), tmp_path / "sample")
+    assert page([load_study(folder)]) == page([load_study(folder)])
+
+
+def test_verdict_tables_and_certificate_are_there_without_a_program(usual):
+    outline = Outline(usual)
+    captions = [text.strip() for tag, text in outline.texts if tag == "caption" and text.strip()]
+    for title in ("Results", "Expectations", "Repeatability", "Differences between engines", "Final state", "Model"):
+        assert any(caption.startswith(title) for caption in captions), title
+    order = [usual.index(part) for part in ('class="verdict"', 'class="stage"', "<caption>Results", "<caption>Model")]
+    assert order == sorted(order)
+
+
+def test_licences_of_the_libraries_are_in_the_page(usual):
+    texts = [text for tag, text in Outline(usual).texts if tag == "pre"]
+    assert sum("Permission is hereby granted, free of charge" in text for text in texts) == 2
+
+
+@pytest.mark.parametrize("name", samples.HOSTILE_BODIES[1:])
+def test_markup_in_names_is_text(usual, hostile, name):
+    found, plain = Outline(hostile), Outline(usual)
+    tags = [tag for tag, _ in found.elements]
+    assert sorted(tags) == sorted(tag for tag, _ in plain.elements)
+    assert not any(attribute.startswith("on") for _, attributes in found.elements for attribute in attributes)
+    assert any(visible(name) in text for tag, text in found.texts if tag == "td")
+
+
+def test_no_name_ends_the_data(hostile):
+    for part in ("scenes", "packed"):
+        (data,) = re.findall(rf'<script type="application/json" id="{part}">(.*?)</script>', hostile, re.DOTALL)
+        assert not set("<>&\u2028\u2029") & set(data)
+        loaded = json.loads(data)
+        assert loaded
+    scenes = json.loads(re.findall(r'id="scenes">(.*?)</script>', hostile, re.DOTALL)[0])["scenes"]
+    assert scenes[0]["bodies"] == list(map(visible, samples.HOSTILE_BODIES))
+    assert scenes[0]["name"] == visible(samples.HOSTILE[5])
+
+
+def scene(text: str) -> dict:
+    return json.loads(re.findall(r'id="scenes">(.*?)</script>', text, re.DOTALL)[0])["scenes"][0]
+
+
+def test_what_moves_and_what_does_not(usual):
+    found = scene(usual)
+    assert (found["bodies"], found["moving"], found["turning"]) == (["floor", "resting", "mover", "arm"], [2, 3], [3])
+    assert [shape["kind"] for shape in found["shapes"]] == ["plane", "box", "sphere", "capsule"]
+    assert found["ghost"]["bodies"] == [3]
+    assert [one["forces"]["count"] for one in found["runs"]] == [7, 7, 7]
+    titles = [plot["title"] for plot in found["plots"]]
+    assert len(titles) == 5
+    assert titles[0] == "Largest difference of any body's position"
+    assert [line["kind"] for line in found["plots"][0]["lines"]] == ["band", "line", "line", "line", "limit"]
+
+
+def test_a_run_that_stopped_being_finite_is_shown_until_then(tmp_path):
+    study = samples.a_study(engines=("first", "second"))
+    study.runs["second"].arrays["pose"][12:, 2, 0] = np.nan
+    folder = samples.stored(study, tmp_path / "sample")
+    text = page([load_study(folder)])
+    assert [one["frames"] for one in scene(text)["runs"]] == [21, 12]
+    assert "second stays where its records end, at 1.1 s." in text
+    assert "NaN" not in json.dumps(scene(text))
+
+
+def test_a_body_that_is_thrown_away_does_not_blur_the_others(tmp_path):
+    study = samples.a_study(engines=("first", "second"))
+    study.runs["second"].arrays["pose"][15:, 2, 0] = 1e9
+    text = page([load_study(samples.stored(study, tmp_path / "sample"))])
+    found = scene(text)
+    assert (
+        max(high - low for low, high in zip(found["low"], found["high"], strict=True)) / 65534
+        < 0.003 * found["view"]["radius"]
+    )
+    assert "Bodies that leave the scene are drawn at its edge." in text
+
+
+def test_a_single_run_has_a_page(tmp_path):
+    folder = samples.stored(samples.a_study(), tmp_path / "sample")
+    text = page([load_study(folder / "first")])
+    assert "The model was not checked" in text
+    assert len(scene(text)["runs"]) == 1
+
+
+def test_too_many_studies_are_refused(tmp_path):
+    study = load_study(samples.stored(samples.a_study(engines=("first",)), tmp_path / "sample"))
+    with pytest.raises(SpecError, match="1 to 6 studies"):
+        page([study] * (MOST_STUDIES + 1))
