@@ -116,6 +116,56 @@ class Provenance(BaseModel):
         return {key: value for key, value in kept.items() if key not in ("failed", "tables", "sha256")}
 
 
+class StoreFacts(Stored):
+    """``store.json`` of a store of sweeps; ``made_by``: the version of simspec that made it."""
+
+    simspec_store: int
+    made_by: str
+
+
+class SweptRun(Stored):
+    """``run.json`` of a run in a store of sweeps.
+
+    ``result``: what the same case gives again to the bit, its tables by name; ``asked``: by whom the case was asked for first,
+    and what no run depends on; ``circumstances``: when, how long, on what. ``result_sha256`` and ``sha256``: hashes of
+    ``result``, and of all but itself.
+    """
+
+    schema_: int = Field(alias="schema")
+    key: str
+    result: SweptResult
+    asked: SweptAsked
+    circumstances: dict[str, Any]
+    result_sha256: str
+    sha256: str
+
+
+class SweptResult(Stored):
+    """The part of a run in a store that is the same in every repetition; ``world``: the hash of the world without its name,
+    its expectations and its options of engines; ``summary``: quantities at the end, those that are not finite as words."""
+
+    world: str
+    engine: str = Field(min_length=1, max_length=100)
+    failed: str | None
+    provenance: dict[str, Any]
+    summary: dict[str, float | str]
+    tables: dict[str, StoredTable]
+
+
+class SweptAsked(Stored):
+    """What a run in a store was first asked for with: the cell (its key, what it changes), and what its
+    world has beside what is run."""
+
+    cell: dict[str, Any] | None
+    name: str
+    world_sha256: str
+    expectations: list[dict[str, Any]]
+    outcomes: list[dict[str, Any]]
+    engines: list[dict[str, Any]]
+    spec: dict[str, Any]
+    artifacts_sha256: str | None
+
+
 class FloorFacts(Stored):
     """What the table of an engine's own noise says of itself; ``run``: the hash of its run's provenance."""
 

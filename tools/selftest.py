@@ -62,7 +62,7 @@ def page_table(results: dict[str, Any]) -> str:
         "",
         "Measured " + ", ".join(f"{one['date']} ({name}, {one['minutes']} min)" for name, one in results.items()) + ".",
     ]
-    lines += ["", "Declared inert, and seen to be by motion:", "", "| engine | why | changes |", "|---|---|---:|"]
+    lines += ["", "Declared inert, and confirmed by motion:", "", "| engine | reason | changes |", "|---|---|---:|"]
     for engine, one in results.items():
         lines += [f"| {engine} | {row['reason']} | {row['count']} |" for row in one["inert"]]
     return "\n".join([*lines, ""])

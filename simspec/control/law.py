@@ -66,7 +66,9 @@ class _Rows:
 def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
     """The laws of ``joints``, as acceleration or effort = (A − stiffness q − damping v) / divisor, A from the reference."""
     count, dt = len(joints), world.physics.timestep
-    law = {name: (one, index) for one in world.controllers for index, name in enumerate(one.joints)}
+    law = {
+        name: (controller, index) for controller in world.controllers for index, name in enumerate(controller.joints)
+    }
     place = {name: index for index, name in enumerate(reference.joints) if name in law}
     columns = np.array([place.get(name, -1) for name in joints], dtype=int)
     implicit, torque, gravity = (np.zeros(count, dtype=bool) for _ in range(3))
@@ -75,19 +77,19 @@ def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
     for row, name in enumerate(joints):
         if name not in law:
             continue
-        one, index = law[name]
-        implicit[row] = one.discretisation == "implicit"
-        gravity[row] = one.gravity_compensation
-        torque[row] = one.law == "computed-torque"
+        controller, index = law[name]
+        implicit[row] = controller.discretisation == "implicit"
+        gravity[row] = controller.gravity_compensation
+        torque[row] = controller.law == "computed-torque"
         if torque[row]:
-            omega = one.natural_frequency
-            stiffness[row], damping[row] = omega**2, 2.0 * one.damping_ratio * omega
+            omega = controller.natural_frequency
+            stiffness[row], damping[row] = omega**2, 2.0 * controller.damping_ratio * omega
             if implicit[row]:
                 divisor[row] = 1.0 + damping[row] * dt + stiffness[row] * dt**2
         else:
-            stiffness[row], damping[row] = one.kp[index], one.kd[index]
-        if one.effort_limits[index] is not None:
-            limit[row] = one.effort_limits[index]
+            stiffness[row], damping[row] = controller.kp[index], controller.kd[index]
+        if controller.effort_limits[index] is not None:
+            limit[row] = controller.effort_limits[index]
     return _Rows(columns, columns >= 0, implicit, torque, gravity, stiffness, damping, divisor, limit)
 
 
@@ -95,13 +97,13 @@ class _Group:
     """The driven joints of one tree; with dynamics, all its joints, in Pinocchio's order."""
 
     def __init__(self, world: World, bodies: tuple[Body, ...], reference: Reference):
-        driven = {name for one in world.controllers for name in one.joints}
+        driven = {name for controller in world.controllers for name in controller.joints}
         movers = [body for body in bodies if body.joint.kind != "fixed"]
         self._timestep = world.physics.timestep
         self._tree: Any = None
-        asked = [one for one in world.controllers if needs_dynamics(one)]
+        asked = [controller for controller in world.controllers if needs_dynamics(controller)]
         names = {body.joint.name for body in bodies}
-        if any(names & set(one.joints) for one in asked):
+        if any(names & set(controller.joints) for controller in asked):
             self._tree = tree = _dynamics(world, bodies, asked)
             movers = [movers[index] for index in np.argsort(tree.v_index)]
         else:
@@ -148,17 +150,17 @@ class _Group:
         if self._only_torque:
             torque: np.ndarray = pin.rnea(model, data, q, v, wanted) + self._feed[k]
             return torque
-        found = self._effort
-        found[:] = 0.0
+        effort = self._effort
+        effort[:] = 0.0
         if rows.torque.any():
             asked = np.where(rows.torque, wanted, 0.0)
-            found[rows.torque] = (pin.rnea(model, data, q, v, asked) + self._feed[k])[rows.torque]
-        found[self._pd] = wanted[self._pd]
+            effort[rows.torque] = (pin.rnea(model, data, q, v, asked) + self._feed[k])[rows.torque]
+        effort[self._pd] = wanted[self._pd]
         if rows.gravity.any():
-            found[rows.gravity] += pin.computeGeneralizedGravity(model, data, q)[rows.gravity]
+            effort[rows.gravity] += pin.computeGeneralizedGravity(model, data, q)[rows.gravity]
         if self._solved.any():
-            found[self._solved] -= (self._ahead * self._acceleration(q, v, found))[self._solved]
-        return found
+            effort[self._solved] -= (self._ahead * self._acceleration(q, v, effort))[self._solved]
+        return effort
 
     def _acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """a of (M + ahead) a = effort + the joints' own efforts − h, joints without implicit law included."""
@@ -174,7 +176,7 @@ class _Group:
 def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -> Any:
     odd = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
     if odd:
-        names = ", ".join(sorted({one.name for one in asked}))
+        names = ", ".join(sorted({controller.name for controller in asked}))
         raise ControlError(
             f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {odd[0].name!r} has a "
             f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
@@ -200,14 +202,14 @@ class Control:
     """
 
     def __init__(self, world: World, reference: Reference):
-        lawful = tuple(one for one in world.controllers if one.law != "native")
-        given = {name for one in lawful for name in one.joints}
+        lawful = tuple(controller for controller in world.controllers if controller.law != "native")
+        lawful_joints = {name for controller in lawful for name in controller.joints}
         self.native = Native(world, reference) if natives(world) else None
         world = dataclasses.replace(world, controllers=lawful)
         self._groups = [
             _Group(world, bodies, reference)
             for bodies in trees(world).values()
-            if any(body.joint.name in given for body in bodies)
+            if any(body.joint.name in lawful_joints for body in bodies)
         ]
         where = layout_of(world)
         index = {body.name: number for number, body in enumerate(world.bodies)}
@@ -265,7 +267,7 @@ class Control:
         if self.native is not None:
             positions, velocities, targets[:, self.native_places] = self.native.prepare(first, count)
         aim = None if servos is None else servos.aim
-        seen, given = np.empty_like(targets), np.empty_like(targets)
+        seen, efforts = np.empty_like(targets), np.empty_like(targets)
         read, give, step, limit = joints.read, joints.give, joints.step, self._limit
         lowest = -limit
         pairs = list(zip(self._groups, self._slices, strict=True))
@@ -284,7 +286,7 @@ class Control:
                     wanted[part] = group.effort(k, q[part], v[part])
             if aim is not None:
                 aim(positions[k], velocities[k])
-            given[k] = wanted
+            efforts[k] = wanted
             give(maximum(minimum(wanted, limit), lowest))
             cpu_start = cpu_clock()
             start = clock()
@@ -294,9 +296,9 @@ class Control:
         seen[count - 1] = joints.read()[0]
         away = np.where(self.driven, np.abs(targets - seen), 0.0)
         self.error = np.maximum(self.error, away.max(axis=0))
-        self.clipped += (np.abs(given) > limit).sum(axis=0)
+        self.clipped += (np.abs(efforts) > limit).sum(axis=0)
         self.target = targets[-1]
-        self.applied = np.clip(given[-1], lowest, limit)
+        self.applied = np.clip(efforts[-1], lowest, limit)
         self.applied[self.native_places] = np.nan
         self.seconds["step"] += stepped
         self.seconds["cpu"] += cpu

@@ -21,7 +21,7 @@ class Servos(Protocol):
 
 def natives(world: World) -> tuple[Controller, ...]:
     """The controllers that are the engine's own."""
-    return tuple(one for one in world.controllers if one.law == "native")
+    return tuple(controller for controller in world.controllers if controller.law == "native")
 
 
 def fed_forward(world: World) -> Iterator[tuple[str, str]]:
@@ -37,23 +37,25 @@ def fed_forward(world: World) -> Iterator[tuple[str, str]]:
         for name, column in zip(trajectory.joints, zip(*trajectory.efforts, strict=True), strict=True)
         if any(column)
     }
-    for one in natives(world):
-        for name in one.joints:
+    for controller in natives(world):
+        for name in controller.joints:
             if name in fed:
-                yield one.name, name
+                yield controller.name, name
 
 
 class Native:
     """The natively driven joints of a world: ``joints`` in the order of the world's bodies, with their gains."""
 
     def __init__(self, world: World, reference: Reference):
-        rows = {name: (one, index) for one in natives(world) for index, name in enumerate(one.joints)}
+        rows = {
+            name: (controller, index) for controller in natives(world) for index, name in enumerate(controller.joints)
+        }
         self.bodies = [body.name for body in world.bodies if body.joint.name in rows]
         self.joints = [body.joint.name for body in world.bodies if body.joint.name in rows]
-        given = [rows[name] for name in self.joints]
-        self.stiffness = np.array([one.kp[index] for one, index in given], dtype=float)
-        self.damping = np.array([one.kd[index] for one, index in given], dtype=float)
-        limits = [one.effort_limits[index] for one, index in given]
+        own_rows = [rows[name] for name in self.joints]
+        self.stiffness = np.array([controller.kp[index] for controller, index in own_rows], dtype=float)
+        self.damping = np.array([controller.kd[index] for controller, index in own_rows], dtype=float)
+        limits = [controller.effort_limits[index] for controller, index in own_rows]
         self.limit = np.array([np.inf if limit is None else limit for limit in limits], dtype=float)
         self._columns = np.array([reference.joints.index(name) for name in self.joints], dtype=int)
         self._position = reference.position

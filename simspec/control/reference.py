@@ -29,15 +29,15 @@ class Piecewise:
         inside = np.clip(times, first, last) - self.breaks[piece]
         ended, waiting = times >= last, times < first
         still = (ended | waiting)[:, None]
-        power, found = self.coefficients, []
+        power, values = self.coefficients, []
         for order in range(derivatives + 1):
             value = np.zeros((len(times), power.shape[2]))
             for row in power:
                 value = value * inside[:, None] + row[piece]
-            found.append(np.where(still, 0.0, value) if order else np.where(ended[:, None], self.final, value))
+            values.append(np.where(still, 0.0, value) if order else np.where(ended[:, None], self.final, value))
             degree = len(power) - 1
             power = power[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else np.zeros_like(power)
-        return found
+        return values
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,14 @@ def _smooth(trajectory: Trajectory, times: np.ndarray, values: np.ndarray) -> np
         result = CubicSpline(times, values, bc_type="clamped").c
         return result
     if trajectory.velocities:
-        given = [values, np.array(trajectory.velocities)]
+        derivatives = [values, np.array(trajectory.velocities)]
         if quintic:
-            given.append(np.array(trajectory.accelerations))
+            derivatives.append(np.array(trajectory.accelerations))
     else:
         rest = [(order, np.zeros(values.shape[1])) for order in (1, 2)]
         spline = make_interp_spline(times, values, k=5, bc_type=(rest, rest))
-        given = [values, spline(times, 1), spline(times, 2)]  # six numbers, of which each piece follows
-    result = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack(given, axis=1))).c
+        derivatives = [values, spline(times, 1), spline(times, 2)]  # six numbers, of which each piece follows
+    result = PPoly.from_bernstein_basis(BPoly.from_derivatives(times, np.stack(derivatives, axis=1))).c
     return result
 
 

@@ -24,21 +24,21 @@ def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if not world.controllers:
         return {}, {}
     bare = dataclasses.replace(world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None)
-    found = reference(world)
+    targets = reference(world)
     arrays = {}
-    for name, part in (("position", found.position), ("effort", found.effort)):
+    for name, part in (("position", targets.position), ("effort", targets.effort)):
         for field in dataclasses.fields(Piecewise):
             arrays[f"{PREFIX}{name}.{field.name}"] = getattr(part, field.name)
-    return {"control": {"world": to_plain(bare), "joints": list(found.joints)}}, arrays
+    return {"control": {"world": to_plain(bare), "joints": list(targets.joints)}}, arrays
 
 
 def from_request(parameters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Control | None:
     """The control that a request asks for; None when it asks for none. Raises ControlError."""
-    given = parameters.get("control")
-    if given is None:
+    content = parameters.get("control")
+    if content is None:
         return None
     parts = [
         Piecewise(*(arrays[f"{PREFIX}{name}.{field.name}"] for field in dataclasses.fields(Piecewise)))
         for name in ("position", "effort")
     ]
-    return Control(from_plain(World, given["world"]), Reference(tuple(given["joints"]), *parts))
+    return Control(from_plain(World, content["world"]), Reference(tuple(content["joints"]), *parts))

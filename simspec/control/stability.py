@@ -45,23 +45,23 @@ class Instability:
 def unstable(world: World) -> list[Instability]:
     """The explicit controllers that are unstable at the world's timestep. Those of one tree are looked at together, and blamed
     together when each alone is stable; implicit ones, which only take energy out, are left out."""
-    found, timestep = [], world.physics.timestep
+    instabilities, timestep = [], world.physics.timestep
     for bodies in trees(world).values():
         names = {body.joint.name for body in bodies}
         own = [
-            one
-            for one in world.controllers
-            if names & set(one.joints) and one.law != "native" and one.discretisation == "explicit"
+            controller
+            for controller in world.controllers
+            if names & set(controller.joints) and controller.law != "native" and controller.discretisation == "explicit"
         ]
         postures = _postures(world, bodies) if own else []
         if not own or _worst(_systems(world, bodies, own, postures), timestep) <= 1.0 + SLACK:
             continue
-        alone = {one.name: _systems(world, bodies, [one], postures) for one in own}
+        alone = {controller.name: _systems(world, bodies, [controller], postures) for controller in own}
         blamed = {name: systems for name, systems in alone.items() if _worst(systems, timestep) > 1.0 + SLACK}
-        together = {", ".join(one.name for one in own): _systems(world, bodies, own, postures)}
+        together = {", ".join(controller.name for controller in own): _systems(world, bodies, own, postures)}
         for name, systems in (blamed or together).items():
-            found.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep)))
-    return found
+            instabilities.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep)))
+    return instabilities
 
 
 System = tuple[np.ndarray, np.ndarray]
@@ -72,9 +72,9 @@ def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
     """Positions (nq of the tree,): the initial ones, and with the trajectory's."""
     local = layout(bodies)
     start, _ = initial_state(dataclasses.replace(world, bodies=tuple(bodies)))
-    trajectory, found = world.trajectory, [start]
+    trajectory, postures = world.trajectory, [start]
     if trajectory is None:
-        return found
+        return postures
     place = {body.joint.name: part.start for body, part in zip(bodies, local.position, strict=True)}
     columns = [(index, place[name]) for index, name in enumerate(trajectory.joints) if name in place]
     count = len(trajectory.times)
@@ -82,8 +82,8 @@ def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
         posture = start.copy()
         for index, at in columns:
             posture[at] = trajectory.positions[row][index]
-        found.append(posture)
-    return found
+        postures.append(posture)
+    return postures
 
 
 def _systems(
@@ -95,24 +95,26 @@ def _systems(
     for body, part in zip(bodies, tree.layout.velocity, strict=True):
         damping[part] = body.joint.damping
         stiffness[part] = body.joint.spring_stiffness
-    found = []
+    systems = []
     for posture in postures:
         mass = tree.mass_matrix(posture)
         total_k, total_d = np.diag(stiffness), np.diag(damping)
-        for one in controllers:
-            for index, name in enumerate(one.joints):
+        for controller in controllers:
+            for index, name in enumerate(controller.joints):
                 if name not in where:
                     continue
                 at = where[name]
-                if one.law == "computed-torque":
-                    driven = np.array([where[other] for other in one.joints if other in where])
-                    total_k[at, driven] += one.natural_frequency**2 * mass[at, driven]
-                    total_d[at, driven] += 2.0 * one.damping_ratio * one.natural_frequency * mass[at, driven]
+                if controller.law == "computed-torque":
+                    driven = np.array([where[other] for other in controller.joints if other in where])
+                    total_k[at, driven] += controller.natural_frequency**2 * mass[at, driven]
+                    total_d[at, driven] += (
+                        2.0 * controller.damping_ratio * controller.natural_frequency * mass[at, driven]
+                    )
                 else:
-                    total_k[at, at] += one.kp[index]
-                    total_d[at, at] += one.kd[index]
-        found.append((np.linalg.solve(mass, total_k), np.linalg.solve(mass, total_d)))
-    return found
+                    total_k[at, at] += controller.kp[index]
+                    total_d[at, at] += controller.kd[index]
+        systems.append((np.linalg.solve(mass, total_k), np.linalg.solve(mass, total_d)))
+    return systems
 
 
 def _growth(system: System, timestep: float) -> float:

@@ -28,11 +28,11 @@ while setting a model up grows faster than the square (216 free bodies, 2,000 st
 6.2 s at 300)."""
 
 
-def _grouped(found: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
+def _grouped(in_order: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
     """Trees joined to groups of up to ``MODEL_SIZE`` coordinates; a larger tree stands alone."""
     groups: list[tuple[Body, ...]] = []
     room = 0
-    for bodies in found:
+    for bodies in in_order:
         size = sum(VELOCITY_SIZE[body.joint.kind] for body in bodies)
         if not groups or size > room:
             groups.append(bodies)
@@ -83,26 +83,26 @@ class Oracle:
     @property
     def leaves_out(self) -> list[str]:
         """What this world has and the oracle's motion has not, by name."""
-        found = []
+        names = []
         if any(body.joint.dry_friction for body in self.world.bodies):
-            found.append("joint.dry_friction")
+            names.append("joint.dry_friction")
         if any(body.joint.position_limits for body in self.world.bodies):
-            found.append("joint.limits.position")
-        return found
+            names.append("joint.limits.position")
+        return names
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """Poses (bodies, 7) x y z w x y z of the world's body frames."""
-        found = np.empty((len(self.world.bodies), 7))
+        poses = np.empty((len(self.world.bodies), 7))
         for tree, rows, at_q, _ in self._parts:
-            found[rows] = tree.body_poses(q[at_q])
-        return found
+            poses[rows] = tree.body_poses(q[at_q])
+        return poses
 
     def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
-        found = np.empty((len(self.world.bodies), 6))
+        velocities = np.empty((len(self.world.bodies), 6))
         for tree, rows, at_q, at_v in self._parts:
-            found[rows] = tree.body_velocities(q[at_q], v[at_v])
-        return found
+            velocities[rows] = tree.body_velocities(q[at_q], v[at_v])
+        return velocities
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M (nv, nv), armature included. For worlds of many bodies see :meth:`mass_blocks`."""
@@ -115,13 +115,13 @@ class Oracle:
     def blocks(self) -> list[np.ndarray]:
         """The places in v of each tree that has coordinates: M is zero between trees."""
         rows = {body.name: row for row, body in enumerate(self.world.bodies)}
-        found = []
+        all_places = []
         for bodies in trees(self.world).values():
             parts = [np.r_[self.layout.velocity[rows[body.name]]] for body in bodies]
             places = np.concatenate(parts).astype(int)
             if len(places):
-                found.append(places)
-        return found
+                all_places.append(places)
+        return all_places
 
     def mass_blocks(self, q: np.ndarray) -> list[np.ndarray]:
         """M of each tree in ``blocks``, armature included."""
@@ -136,24 +136,24 @@ class Oracle:
 
     def mobility(self, q: np.ndarray) -> np.ndarray:
         """The diagonal of M⁻¹ (nv,): the acceleration that a unit effort on one coordinate alone gives it."""
-        found = np.zeros(self.nv)
+        diagonal = np.zeros(self.nv)
         for block, mass in zip(self.blocks, self.mass_blocks(q), strict=True):
-            found[block] = np.diag(np.linalg.inv(mass))
-        return found
+            diagonal[block] = np.diag(np.linalg.inv(mass))
+        return diagonal
 
     def effort_for(self, q: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """M(q) v̇ (nv,)."""
-        found = np.zeros(self.nv)
+        effort = np.zeros(self.nv)
         for block, mass in zip(self.blocks, self.mass_blocks(q), strict=True):
-            found[block] = mass @ acceleration[block]
-        return found
+            effort[block] = mass @ acceleration[block]
+        return effort
 
     def _by_tree(self, method: str, q: np.ndarray, v: np.ndarray, *more: np.ndarray) -> np.ndarray:
-        found = np.zeros(self.nv)
+        values = np.zeros(self.nv)
         for tree, _, at_q, at_v in self._parts:
             if len(at_v):
-                found[at_v] = getattr(tree, method)(q[at_q], v[at_v], *(value[at_v] for value in more))
-        return found
+                values[at_v] = getattr(tree, method)(q[at_q], v[at_v], *(value[at_v] for value in more))
+        return values
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
@@ -185,14 +185,14 @@ class Oracle:
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
         ``every``-th and the last."""
-        found = list(self.motion_by_blocks(q, v, effort, steps, every))
-        return np.concatenate([states for states, _ in found]), np.concatenate([speeds for _, speeds in found])
+        parts = list(self.motion_by_blocks(q, v, effort, steps, every))
+        return np.concatenate([states for states, _ in parts]), np.concatenate([speeds for _, speeds in parts])
 
     def motion_by_blocks(
         self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same, one block of rows after the other."""
-        held = np.zeros(self.nv) if effort is None else np.asarray(effort)
+        constant = np.zeros(self.nv) if effort is None else np.asarray(effort)
         q, v = np.array(q, dtype=float), np.array(v, dtype=float)
         yield q[None].copy(), v[None].copy()
         for part in blocks(1 + -(-steps // every), q.nbytes + v.nbytes, first=1):
@@ -205,7 +205,7 @@ class Oracle:
                 tree.timestep = self.timestep
                 part_q, part_v = q[at_q], v[at_v]
                 for done in range(begin + 1, end + 1):
-                    part_q, part_v = tree.step(part_q, part_v, held[at_v])
+                    part_q, part_v = tree.step(part_q, part_v, constant[at_v])
                     if done % every == 0 or done == steps:
                         row = -(-done // every) - part.start
                         all_q[row, at_q], all_v[row, at_v] = part_q, part_v

@@ -23,12 +23,12 @@ def _depth_first(bodies: Sequence[Body]) -> list[Body]:
     children: dict[str | None, list[Body]] = {}
     for body in bodies:
         children.setdefault(body.joint.parent, []).append(body)
-    found: list[Body] = []
+    ordered: list[Body] = []
     ahead = children.get(None, [])[::-1]
     while ahead:
-        found.append(ahead.pop())
-        ahead.extend(children.get(found[-1].name, ())[::-1])
-    return found
+        ordered.append(ahead.pop())
+        ahead.extend(children.get(ordered[-1].name, ())[::-1])
+    return ordered
 
 
 class Tree:
@@ -141,23 +141,23 @@ class Tree:
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.body_poses`."""
         self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
-        found = np.empty((len(self.world.bodies), 7))
-        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
+        poses = np.empty((len(self.world.bodies), 7))
+        for row, joint, placement in zip(poses, self.body_joint, self.body_placement, strict=True):
             pose = self.data.oMi[joint] * placement
             x, y, z, w = self.pin.Quaternion(pose.rotation).coeffs()
             row[:3], row[3:] = pose.translation, (w, x, y, z)
-        return found
+        return poses
 
     def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
         self.pin.forwardKinematics(self.model, self.data, *self.spread(q, v))
-        found = np.zeros((len(self.world.bodies), 6))
-        for row, joint, placement in zip(found, self.body_joint, self.body_placement, strict=True):
+        velocities = np.zeros((len(self.world.bodies), 6))
+        for row, joint, placement in zip(velocities, self.body_joint, self.body_placement, strict=True):
             if joint:
                 local = placement.actInv(self.data.v[joint])
                 turn = (self.data.oMi[joint] * placement).rotation
                 row[:3], row[3:] = turn @ local.linear, turn @ local.angular
-        return found
+        return velocities
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M (nv, nv), armature included."""

@@ -57,7 +57,7 @@ class Instability:
 def unstable(world: World) -> list[Instability]:
     """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once."""
     known: dict[object, tuple[tuple[int, ...], Instability] | None] = {}
-    found = []
+    instabilities = []
     for bodies in trees(world).values():
         if not any(body.joint.damping or body.joint.spring_stiffness for body in bodies):
             continue
@@ -65,9 +65,9 @@ def unstable(world: World) -> list[Instability]:
         if key not in known:
             known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
         if (entry := known[key]) is not None:
-            rows, one = entry
-            found.append(dataclasses.replace(one, bodies=tuple(bodies[row].name for row in rows)))
-    return found
+            rows, instability = entry
+            instabilities.append(dataclasses.replace(instability, bodies=tuple(bodies[row].name for row in rows)))
+    return instabilities
 
 
 def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
@@ -84,15 +84,15 @@ def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
         np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)]
         for posture in (initial_state(world)[0], *seeded)
     ]
-    sizes = [_size(one, k, d, step) for one in mobilities]
+    sizes = [_size(inverse_mass, k, d, step) for inverse_mass in mobilities]
     worst = int(np.argmax(sizes))
     if sizes[worst] < BOUND * (1.0 - SLACK):
         return None
     mobility = mobilities[worst]
     largest = step
-    for one, size in zip(mobilities, sizes, strict=True):
+    for inverse_mass, size in zip(mobilities, sizes, strict=True):
         if size >= BOUND * (1.0 - SLACK):
-            largest = min(largest, _largest(one, k, d, step))
+            largest = min(largest, _largest(inverse_mass, k, d, step))
     root = np.sqrt(step**2 * k + 2.0 * step * d)
     values, vectors = np.linalg.eigh(root[:, None] * mobility * root)
     mode = vectors[:, -1]

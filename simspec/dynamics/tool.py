@@ -55,11 +55,11 @@ class Tool:
         self.bodies = tree_of(world, body)
         self._tree = tree = Tree(dataclasses.replace(world, bodies=self.bodies))
         self._pin, self._model, self._data = tree.pin, tree.model, tree.data
-        index = [one.name for one in self.bodies].index(body)
+        index = [member.name for member in self.bodies].index(body)
         offset = tree.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
         self._joint, self._placement = tree.body_joint[index], tree.body_placement[index] * offset
         parts = layout(self.bodies)
-        place = {one.joint.name: row for row, one in enumerate(self.bodies)}
+        place = {member.joint.name: row for row, member in enumerate(self.bodies)}
         self.joints = tuple(joints)
         rows = [place[name] for name in joints]
         self._q = np.array([parts.position[row].start for row in rows], dtype=int)
@@ -99,19 +99,19 @@ class Tool:
         allows. ``far``: whether the arm may go over to another branch to get there. Where the target cannot be reached the
         solution is as near as the solver came: see :attr:`Solution.reached`.
         """
-        found = self._descend(target, start, turning)
+        solution = self._descend(target, start, turning)
         for side in (NUDGE, -NUDGE):
-            if not found.reached:
-                found = min(found, self._descend(target, self._nudged(start, side), turning), key=_farness)
-        if far and not found.reached:
+            if not solution.reached:
+                solution = min(solution, self._descend(target, self._nudged(start, side), turning), key=_farness)
+        if far and not solution.reached:
             for posture in self._postures(start):
                 other = self._descend(target, posture, turning)
-                found = min(found, other, key=_farness)
-                if found.reached:
+                solution = min(solution, other, key=_farness)
+                if solution.reached:
                     break
-        if found.reached and len(self.joints) > self._rank(turning):
-            found = self._towards(found, start if nominal is None else nominal, target, turning)
-        return found
+        if solution.reached and len(self.joints) > self._rank(turning):
+            solution = self._towards(solution, start if nominal is None else nominal, target, turning)
+        return solution
 
     def _nudged(self, q: np.ndarray, side: float) -> np.ndarray:
         moved = q.copy()
@@ -169,25 +169,25 @@ class Tool:
             self._ranks[rows] = max(int(np.linalg.matrix_rank(self.jacobian(q)[:rows], 1e-6)) for q in anywhere)
         return self._ranks[rows]
 
-    def _towards(self, found: Solution, nominal: np.ndarray, target: Any, turning: bool) -> Solution:
+    def _towards(self, solution: Solution, nominal: np.ndarray, target: Any, turning: bool) -> Solution:
         """The solution of the same target that is nearest to ``nominal``: steps of the projected gradient, each followed by a
         way back to the target, halved where they do not help."""
         rank, scale = self._rank(turning), 1.0
         for _ in range(POSTURE_STEPS[0]):
             # directions beyond the rank move joints and leave the frame; those of a singular pose are not among them
-            spare = np.linalg.svd(self.jacobian(found.positions)[: 6 if turning else 3])[2][rank:]
-            away = (nominal - found.positions)[self._q]
+            spare = np.linalg.svd(self.jacobian(solution.positions)[: 6 if turning else 3])[2][rank:]
+            away = (nominal - solution.positions)[self._q]
             step = spare.T @ (spare @ away)
             if np.abs(step).max(initial=0.0) * scale <= POSTURE_STEPS[1]:
                 break
-            moved = found.positions.copy()
+            moved = solution.positions.copy()
             moved[self._q] += scale * step * min(1.0, LARGEST_TURN / float(np.abs(step).max()))
             tried = self._descend(target, moved, turning)
             if tried.reached and np.linalg.norm((nominal - tried.positions)[self._q]) < np.linalg.norm(away):
-                found = tried
+                solution = tried
             else:
                 scale /= 2.0
-        return found
+        return solution
 
     def _error(self, q: np.ndarray, target: Any) -> np.ndarray:
         """Where the target is, seen from the frame: position (m), then rotation vector (rad)."""
@@ -221,25 +221,25 @@ class Tool:
         return efforts
 
 
-def _farness(found: Solution) -> float:
+def _farness(solution: Solution) -> float:
     """Which of two solutions is nearer; a radian counts as a metre."""
-    return 0.0 if found.reached else math.hypot(found.distance, found.angle)
+    return 0.0 if solution.reached else math.hypot(solution.distance, solution.angle)
 
 
 def tree_of(world: World, body: str) -> tuple[Body, ...]:
     """The bodies of the tree that holds ``body``. Raises KeyError."""
     for bodies in trees(world).values():
-        if any(one.name == body for one in bodies):
+        if any(member.name == body for member in bodies):
             return bodies
     raise KeyError(body)
 
 
 def joints_to(bodies: Sequence[Body], body: str) -> list[Body]:
     """The bodies whose joints lie between the root and ``body``, the root's first."""
-    by_name = {one.name: one for one in bodies}
-    found = []
+    by_name = {member.name: member for member in bodies}
+    chain = []
     at: str | None = body
     while at is not None:
-        found.append(by_name[at])
+        chain.append(by_name[at])
         at = by_name[at].joint.parent
-    return found[::-1]
+    return chain[::-1]

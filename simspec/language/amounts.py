@@ -30,8 +30,8 @@ MOST = {"bodies": MOST_ELEMENTS, "shapes": MOST_SHAPES, "excluded pairs": MOST_E
 def too_much(source: Source) -> list[Problem]:
     """The problem of the tree or model with which a scenario becomes too large; none where it does not."""
     total: Counter[str] = Counter()
-    for path, copies, one in _parts(source):
-        for what, count in one.items():
+    for path, copies, amounts in _parts(source):
+        for what, count in amounts.items():
             total[what] += copies * count
             if total[what] > MOST[what]:
                 own = f"{copies:,} × {count:,}" if copies > 1 else f"{count:,}"
@@ -53,31 +53,31 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     for name, raw in models.items() if isinstance(models, Mapping) else ():
         if not isinstance(raw, Mapping):
             continue
-        one = Counter(grasps=_length(raw.get("grasps")))
+        used_here = Counter(grasps=_length(raw.get("grasps")))
         text = raw.get("use")
         if not isinstance(text, str):
             own = raw.get("bodies")
-            one += Counter(bodies=_length(own), shapes=_shapes(own))
+            used_here += Counter(bodies=_length(own), shapes=_shapes(own))
         elif text in source.uses:
             if text not in used:  # a file of many bodies may be used by many models
-                found = trees.model_of(source.uses[text])
-                used[text] = _model(found) if found is not None else Counter()
-            one += used[text]
+                own_model = trees.model_of(source.uses[text])
+                used[text] = _model(own_model) if own_model is not None else Counter()
+            used_here += used[text]
         array = source.file.models[name].array if source.file is not None else None
-        yield ("models", name), _copies(array), one
+        yield ("models", name), _copies(array), used_here
 
 
 def _loose(bodies: Bodies) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]]:
-    root, copies, one = "", 1, Counter[str]()
+    root, copies, tree = "", 1, Counter[str]()
     for name in bodies.order():
         if bodies.parent(name) is None:
-            if one:
-                yield (*bodies.path, root), copies, one
+            if tree:
+                yield (*bodies.path, root), copies, tree
             typed = bodies.typed[name]
-            root, copies, one = name, _copies(typed.array if typed is not None else None), Counter()
-        one += Counter(bodies=1, shapes=_length(bodies.field(name, "shapes")))
-    if one:
-        yield (*bodies.path, root), copies, one
+            root, copies, tree = name, _copies(typed.array if typed is not None else None), Counter()
+        tree += Counter(bodies=1, shapes=_length(bodies.field(name, "shapes")))
+    if tree:
+        yield (*bodies.path, root), copies, tree
 
 
 def _model(bodies: Bodies) -> Counter[str]:

@@ -45,8 +45,8 @@ class Spacing(Reader):
     def read(self, value: Any) -> tuple[float, ...]:
         if isinstance(value, (list, tuple)):
             return Vector(Number("length")).read(value)
-        one = Number("length").read(value)
-        return (one, one, one)
+        distance = Number("length").read(value)
+        return (distance, distance, distance)
 
     def unit(self) -> str:
         return "m"

@@ -153,9 +153,9 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
             try:
                 read = reader(kind, value)
             except Faults as error:
-                for one in error.faults:
+                for wrong in error.faults:
                     yield document.problem(
-                        (*place, *one.loc), one.message, found=one.found, allowed=one.allowed, hint=one.hint
+                        (*place, *wrong.loc), wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
                     )
                 continue
             body = bodies.typed.get(joints[joint])
@@ -163,8 +163,8 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
             if key == "positions" and limits is not None and limits.position is not None:
                 lower, upper = limits.position
                 if not lower <= read <= upper:
-                    one = outside(read, limits.position, ())
-                    yield document.problem(place, one.message, found=one.found, allowed=one.allowed)
+                    wrong = outside(read, limits.position, ())
+                    yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
     roots = bodies.roots()
     if len(roots) != 1:
         return
@@ -183,59 +183,61 @@ def _part(source: Source, name: str) -> Mapping[str, Any]:
     """A mapping of ``contact``; empty where there is none."""
     data = source.document.data
     contact = data.get("contact") if isinstance(data, Mapping) else None
-    found = contact.get(name) if isinstance(contact, Mapping) else None
-    return {key: value for key, value in found.items() if isinstance(key, str)} if isinstance(found, Mapping) else {}
+    entries = contact.get(name) if isinstance(contact, Mapping) else None
+    return (
+        {key: value for key, value in entries.items() if isinstance(key, str)} if isinstance(entries, Mapping) else {}
+    )
 
 
 def _ignores(group: Any) -> list[tuple[int, str]]:
     """The groups that a group ignores, with their places in the list; what is no name is reported where it is read."""
-    found = group.get("ignores") if isinstance(group, Mapping) else None
-    items = found if isinstance(found, (list, tuple)) else ()
+    ignored = group.get("ignores") if isinstance(group, Mapping) else None
+    items = ignored if isinstance(ignored, (list, tuple)) else ()
     return [(index, other) for index, other in enumerate(items) if isinstance(other, str)]
 
 
 def _contact(source: Source) -> Iterator[Problem]:
     yield from _merged(source, "materials", "material")
     yield from _merged(source, "groups", "collision group")
-    materials = {name for one in source.all() for name in _part(one, "materials")}
+    materials = {name for member in source.all() for name in _part(member, "materials")}
     groups, used = {DEFAULT_GROUP}, {DEFAULT_GROUP}
-    for one in source.all():
-        for name, group in _part(one, "groups").items():
+    for member in source.all():
+        for name, group in _part(member, "groups").items():
             groups.add(name)
             groups.update(other for _, other in _ignores(group))
     for bodies in trees.every(source):
         yield from _references(source, bodies, materials, groups)
         used.update(group for name in bodies.raw if isinstance(group := bodies.field(name, "collision_group"), str))
-    defined = {name for one in source.all() for name in _part(one, "groups")} | used
-    for one in source.all():
-        for name, group in _part(one, "groups").items():
+    defined = {name for member in source.all() for name in _part(member, "groups")} | used
+    for member in source.all():
+        for name, group in _part(member, "groups").items():
             for index, other in _ignores(group):
                 if other not in defined:
                     place = ("contact", "groups", name, "ignores", index)
                     message = f"no body is in a group {other!r}"
-                    yield one.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
+                    yield member.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
     yield from _pairs(source, materials)
 
 
 def _some(words: Any) -> str:
-    found = sorted(words)
-    return ", ".join(found[:20]) + (", ..." if len(found) > 20 else "") if found else "none is defined"
+    in_order = sorted(words)
+    return ", ".join(in_order[:20]) + (", ..." if len(in_order) > 20 else "") if in_order else "none is defined"
 
 
 def _merged(source: Source, part: str, noun: str) -> Iterator[Problem]:
     """Tables of several files are one table: the same name must mean the same."""
     first: dict[str, tuple[Source, Any]] = {}
-    for one in source.all():
-        if one.file is None:
+    for member in source.all():
+        if member.file is None:
             continue
-        for name, value in getattr(one.file.contact, part).items():
-            where, known = first.setdefault(name, (one, value))
+        for name, value in getattr(member.file.contact, part).items():
+            where, known = first.setdefault(name, (member, value))
             if known != value:
                 place = where.document.locate(("contact", part, name), key=True)
                 message = f"the {noun} {name!r} has another definition in another file"
                 shown = ", ".join(f"{key} {item}" for key, item in known.model_dump().items())
                 found = f"{shown} at {place}"
-                yield one.document.problem(("contact", part, name), message, key=True, found=found)
+                yield member.document.problem(("contact", part, name), message, key=True, found=found)
 
 
 def _references(source: Source, bodies: Bodies, materials: set[str], groups: set[str]) -> Iterator[Problem]:

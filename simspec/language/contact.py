@@ -132,10 +132,10 @@ class Names(Reader):
         return f"a list of {count}" + ("bodies' full names" if self.path else "names")
 
     def schema(self) -> dict[str, Any]:
-        found: dict[str, Any] = {"type": "array", "items": Name(self.path).schema()}
+        schema: dict[str, Any] = {"type": "array", "items": Name(self.path).schema()}
         if self.count is not None:
-            found |= {"minItems": self.count, "maxItems": self.count}
-        return found
+            schema |= {"minItems": self.count, "maxItems": self.count}
+        return schema
 
 
 @dataclass(frozen=True)

@@ -190,8 +190,10 @@ def events(text: str, file: str) -> Iterator[Any]:
     except ReaderError as error:
         before = text[: error.position]
         place = Location(file, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
-        found = error.character if isinstance(error.character, int) else ord(error.character)
-        raise SpecError([Problem(f"a character that YAML does not allow: U+{found:04X}", location=place)]) from None
+        code_point = error.character if isinstance(error.character, int) else ord(error.character)
+        raise SpecError(
+            [Problem(f"a character that YAML does not allow: U+{code_point:04X}", location=place)]
+        ) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file, 1, 1)

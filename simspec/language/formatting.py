@@ -54,7 +54,7 @@ def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     if (
         not same
         or again is None
-        or Counter(one.text for one in reader.comments) != Counter(one.text for one in again.comments)
+        or Counter(comment.text for comment in reader.comments) != Counter(comment.text for comment in again.comments)
     ):
         message = "this file cannot be formatted without changing its meaning; it is not changed"
         raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])
@@ -156,7 +156,7 @@ class _Reader:
     # --- comments ---
 
     def _find_comments(self) -> list[_Comment]:
-        found: list[_Comment] = []
+        comments: list[_Comment] = []
         position = 0
         for start, end in [*sorted(self._spans), (len(self._text), len(self._text))]:
             while position < start:
@@ -171,19 +171,19 @@ class _Reader:
                 if not before or before[-1].isspace():
                     text = self._text[at:stop].rstrip()
                     alone = not before.strip()
-                    found.append(_Comment(text, line, at - begin, at, alone))
+                    comments.append(_Comment(text, line, at - begin, at, alone))
                     position = stop
                 else:
                     position = at + 1
             position = max(position, end)
-        return found
+        return comments
 
     def _blank(self, line: int) -> bool:
         return line > 0 and not self._lines[line - 1].strip()
 
     def _attach(self) -> None:
         placed = self._placed
-        places = [one.index for one in placed]
+        places = [mark.index for mark in placed]
         first_of_line: set[int] = set()
         for comment in self.comments:
             if not comment.alone:
@@ -203,17 +203,17 @@ class _Reader:
                 while before.holder is not None and before.column > comment.column:
                     before = before.holder
                 before.entry.below += [*gap, comment.text]
-        for one in placed:
-            if one.line not in first_of_line and self._blank(one.line):
-                if one is placed[0]:
+        for mark in placed:
+            if mark.line not in first_of_line and self._blank(mark.line):
+                if mark is placed[0]:
                     self.header.append("")
                 else:
-                    one.entry.above.append("")
-            first_of_line.add(one.line)
-        for one in placed:
+                    mark.entry.above.append("")
+            first_of_line.add(mark.line)
+        for mark in placed:
             # a value below its key can have a comment beside each; on one line the two would become one
-            one.entry.above += one.entry.beside[:-1]
-            del one.entry.beside[:-1]
+            mark.entry.above += mark.entry.beside[:-1]
+            del mark.entry.beside[:-1]
 
     def _beside(self, comment: _Comment, position: int) -> None:
         """Give a comment at the end of a line to the outermost thing that begins on the line; ``position``: of the first
@@ -221,10 +221,10 @@ class _Reader:
         first = position
         while first and self._placed[first - 1].line == comment.line:
             first -= 1
-        for one in self._placed[first:position]:
-            node = one.entry.node
-            if one.item and node.kind != "scalar" and not node.flow:
+        for mark in self._placed[first:position]:
+            node = mark.entry.node
+            if mark.item and node.kind != "scalar" and not node.flow:
                 continue  # the dash of a block: what stands on its line is its first key
-            one.entry.beside.append(comment.text)
+            mark.entry.beside.append(comment.text)
             return
         (self._placed[position - 1].entry.beside if position else self.header).append(comment.text)

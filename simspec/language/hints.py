@@ -17,10 +17,10 @@ def _plain(word: str) -> str:
 
 
 def _table() -> Mapping[str, tuple[Hint, ...]]:
-    found: dict[str, tuple[Hint, ...]] = {}
+    hints: dict[str, tuple[Hint, ...]] = {}
     for word, hint in ENTRIES:
-        found[_plain(word)] = (*found.get(_plain(word), ()), hint)
-    return found
+        hints[_plain(word)] = (*hints.get(_plain(word), ()), hint)
+    return hints
 
 
 HINTS: Mapping[str, tuple[Hint, ...]] = _table()
@@ -34,22 +34,22 @@ def hint_for_key(word: str, model: str) -> str | None:
     What is meant in this model alone comes before what is meant anywhere; hints about values come last.
     """
     known = HINTS.get(_plain(word), ()) if len(word) <= 2 * LONGEST else ()
-    own = [one for one in known if model in one.at]
-    anywhere = [one for one in known if not one.at and not _of_values(one)]
+    own = [hint for hint in known if model in hint.at]
+    anywhere = [hint for hint in known if not hint.at and not _of_values(hint)]
     # a kind of joint that is written as a key: `revolute: {...}`
-    as_key = [one for one in known if not one.at and _of_values(one)]
-    found = (own or anywhere or as_key)[:1]
-    return f"in simspec: {found[0].text}" if found else None
+    as_key = [hint for hint in known if not hint.at and _of_values(hint)]
+    chosen = (own or anywhere or as_key)[:1]
+    return f"in simspec: {chosen[0].text}" if chosen else None
 
 
 def hint_for_word(word: str, words: Iterable[str]) -> str | None:
     """What to write instead of a word that is none of ``words``; None: not a known word, or known for something else."""
     known = HINTS.get(_plain(word), ()) if len(word) <= 2 * LONGEST else ()
     allowed = set(words)
-    for one in known:
-        values = [target.partition("=")[2] for target in one.targets if "=" in target]
+    for hint in known:
+        values = [target.partition("=")[2] for target in hint.targets if "=" in target]
         if values and set(values) <= allowed:
-            return f"in simspec: {one.text!r}" if one.text in allowed else f"in simspec: {one.text}"
+            return f"in simspec: {hint.text!r}" if hint.text in allowed else f"in simspec: {hint.text}"
     return None
 
 

@@ -31,10 +31,10 @@ def matches(pattern: str, name: str) -> bool:
         return False
     position, end = len(first), len(name) - len(last)
     for part in rest:
-        found = name.find(part, position, end)
-        if found < 0:
+        at = name.find(part, position, end)
+        if at < 0:
             return False
-        position = found + len(part)
+        position = at + len(part)
     return True
 
 

@@ -173,7 +173,7 @@ class Joint(Strict):
         kind = data.get("type")
         if kind not in JOINT_KINDS:
             return data, []
-        data, found = dict(data), []
+        data, faults = dict(data), []
         for key in _TYPED:
             if key not in data:
                 continue
@@ -182,17 +182,17 @@ class Joint(Strict):
                 continue
             if key in _NESTED:
                 data[key], more = _read_nested(kind, key, value)
-                found += more
+                faults += more
             else:
                 read, more = _attempt(lambda value, key=key: _read_plain(kind, key, value), value, (key,))
-                found += more
+                faults += more
                 if not more:
                     data[key] = read
         start = data.get("position")
         limits = data["limits"].get("position") if isinstance(data.get("limits"), dict) else None
         if isinstance(start, float) and limits is not None and not limits[0] <= start <= limits[1]:
-            found.append(outside(start, limits, ("position",)))
-        return data, found
+            faults.append(outside(start, limits, ("position",)))
+        return data, faults
 
 
 _NESTED = ("limits", "spring")
@@ -249,7 +249,7 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
     if not isinstance(value, dict):
         return value, []
     dimension, data = DIMENSION[kind], dict(value)
-    found: list[Fault] = []
+    faults: list[Fault] = []
     readers: dict[str, dict[str, Any]] = {
         "limits": {
             "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
@@ -262,20 +262,22 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         },
     }
     if key == "spring" and kind == "ball" and "rest" in data:
-        found.append(Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it"))
+        faults.append(
+            Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it")
+        )
         del data["rest"]
     for name, reader in readers[key].items():
         if name not in data:
             continue
         item = data.pop(name)
         read, more = _attempt(reader, item, (key, name))
-        found += more
+        faults += more
         if read is not None:
             data[name] = read
         elif name == "stiffness":
             data[name] = 0.0
         if (key, name) == ("limits", "position") and read is not None and read[0] > read[1]:
             shown, turned = f"{show(item[0])} > {show(item[1])}", f"[{show(item[1])}, {show(item[0])}]"
-            found.append(Fault((key, name), "the lower limit is above the upper", shown, "[lower, upper]", turned))
+            faults.append(Fault((key, name), "the lower limit is above the upper", shown, "[lower, upper]", turned))
             del data[name]
-    return data, found
+    return data, faults

@@ -83,18 +83,18 @@ def scalar_text(value: Any) -> str:
 
 def lines(root: Node, header: list[str], footer: list[str]) -> list[str]:
     """The whole document."""
-    found = [*header]
+    text_lines = [*header]
     if root.kind == "mapping" and root.entries:
-        found += _block(root, File, 0)
+        text_lines += _block(root, File, 0)
     else:
-        found.append(_inline(root))
-    return _tidy([*found, *footer])
+        text_lines.append(_inline(root))
+    return _tidy([*text_lines, *footer])
 
 
-def _tidy(found: list[str]) -> list[str]:
+def _tidy(lines: list[str]) -> list[str]:
     """No empty lines at either end, never two in a row."""
     tidy: list[str] = []
-    for line in found:
+    for line in lines:
         if line or (tidy and tidy[-1]):
             tidy.append(line)
     while tidy and not tidy[-1]:
@@ -110,7 +110,7 @@ def _ordered(node: Node, kind: Any) -> list[Entry]:
 
 
 def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) -> list[str]:
-    found: list[str] = []
+    lines: list[str] = []
     space = " " * indent
     for index, entry in enumerate(_ordered(node, kind)):
         step: Any = entry.name if node.kind == "mapping" else 0
@@ -119,11 +119,11 @@ def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) ->
         above = entry.above
         if index == 0:
             above = above[next((at for at, line in enumerate(above) if line), len(above)) :]
-        found += [f"{space}{line}" if line else "" for line in above]
+        lines += [f"{space}{line}" if line else "" for line in above]
         head = f"{space}{entry.key}:" if node.kind == "mapping" else f"{space}-"
-        found += _entry(entry, head, below, indent, inner, field_name)
-        found += [f"{space}{line}" if line else "" for line in entry.below]
-    return found
+        lines += _entry(entry, head, below, indent, inner, field_name)
+        lines += [f"{space}{line}" if line else "" for line in entry.below]
+    return lines
 
 
 def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, field_name: str | None) -> list[str]:
@@ -171,10 +171,10 @@ def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str |
                 return None
             text = _inline(entry.node)
         else:
-            found = _flow(entry.node, below, inner, name if inner is None else None)
-            if found is None:
+            inner_text = _flow(entry.node, below, inner, name if inner is None else None)
+            if inner_text is None:
                 return None
-            text = found
+            text = inner_text
         parts.append(f"{entry.key}: {text}" if node.kind == "mapping" else text)
     return f"{{{', '.join(parts)}}}" if node.kind == "mapping" else f"[{', '.join(parts)}]"
 

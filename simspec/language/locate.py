@@ -23,24 +23,24 @@ def locate(source: Source, path: str) -> Location | None:
     best: tuple[Document, tuple[str | int, ...]] = (source.document, steps)
     depth = -1
     for document, candidate in _candidates(source, steps):
-        found = _depth(document.data, candidate)
+        known = _depth(document.data, candidate)
         # the first candidate that is there wholly; else the one that is there furthest
-        if found == len(candidate):
+        if known == len(candidate):
             return document.locate(_keys(document.data, candidate))
-        if found > depth:
-            best, depth = (document, candidate), found
+        if known > depth:
+            best, depth = (document, candidate), known
     document, candidate = best
     return document.locate(_keys(document.data, candidate[: max(depth, 0)]))
 
 
 def _keys(data: Any, steps: Sequence[Key]) -> list[Key]:
     """The steps, with indices of lists as numbers."""
-    found: list[Key] = []
+    keys: list[Key] = []
     for step in steps:
         key: Key = int(step) if isinstance(data, list) else step
-        found.append(key)
+        keys.append(key)
         data = data[key]
-    return found
+    return keys
 
 
 def _depth(data: Any, steps: Sequence[Key]) -> int:
@@ -64,8 +64,8 @@ def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
         yield from _of_pair(source, steps[2], steps[3], steps[4:])
     yield source.document, steps
     if steps[0] == "contact":
-        for one in source.all():
-            yield one.document, steps
+        for member in source.all():
+            yield member.document, steps
 
 
 def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
@@ -77,9 +77,9 @@ def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> 
         between = pair.get("between") if isinstance(pair, Mapping) else None
         if isinstance(between, list) and sorted(map(str, between)) == sorted((first, second)):
             yield from _whole(document, ("contact", "pairs", str(index), *rest))
-    for one in source.all():
+    for member in source.all():
         for name in (first, second):
-            yield from _whole(one.document, ("contact", "materials", name, *rest))
+            yield from _whole(member.document, ("contact", "materials", name, *rest))
     yield from _whole(document, ("contact", *rest))
 
 
@@ -90,7 +90,7 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
             if bodies is not None:
                 yield from _in_tree(bodies, _base(name, bodies.raw), rest)
         return
-    placed = {given: bodies for given, _, bodies in trees.placed(source)}
+    placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
     model = _base(model, placed)
     if model not in placed:
         return
@@ -110,8 +110,8 @@ def _of_rotor(source: Source, name: str) -> Iterator[Candidate]:
     """The rotor inertia of the controller that drives a body's joint, where the joint itself says no armature."""
     file = source.file
     joint = _joint(source, name)
-    for controller, given in file.control.items() if file is not None else ():
-        if joint is not None and any(matches(entry, joint) for entry in given.joints):
+    for controller, content in file.control.items() if file is not None else ():
+        if joint is not None and any(matches(entry, joint) for entry in content.joints):
             yield from _whole(source.document, ("control", controller, "rotor_inertia"))
 
 
@@ -119,7 +119,7 @@ def _joint(source: Source, name: str) -> str | None:
     """The full name of the joint of a body."""
     model, slash, short = name.partition("/")
     if slash:
-        placed = {given: bodies for given, _, bodies in trees.placed(source)}
+        placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
         bodies = placed.get(_base(model, placed))
         return f"{model}/{bodies.joint_name(short)}" if bodies is not None and short in bodies.raw else None
     for bodies in (trees.loose(source), trees.model_of(source)):

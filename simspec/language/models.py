@@ -112,8 +112,8 @@ def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Itera
         yield Fault(
             ("pose",), "pose and joint.origin exclude each other: both place the root in the world", None, "one of them"
         )
-    held = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
-    if "velocity" in data and held:
+    immovable = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
+    if "velocity" in data and immovable:
         hint = "write joint: {velocity: ...}" if kind in TREE_JOINTS else "remove it"
         yield Fault(("velocity",), "velocity is only for free roots", None, None, hint)
 

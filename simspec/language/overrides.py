@@ -39,16 +39,16 @@ def _apply(document: Document, text: str, number: int) -> list[Problem]:
         ]
     steps = path.strip().split(".")
     problems = [
-        Problem(one.message, path, Location(FILE, number, start), one.found, one.allowed, one.hint)
-        for one in read.problems
+        Problem(misread.message, path, Location(FILE, number, start), misread.found, misread.allowed, misread.hint)
+        for misread in read.problems
     ]
     holder: Any = document.data
     mark, kind, last = document.mark, File, steps[-1]
     for index, step in enumerate(steps[:-1]):
-        found = _enter(holder, mark, kind, step, ".".join(steps[: index + 1]), place)
-        if isinstance(found, Problem):
-            return [*problems, found]
-        holder, mark, kind = found
+        entered = _enter(holder, mark, kind, step, ".".join(steps[: index + 1]), place)
+        if isinstance(entered, Problem):
+            return [*problems, entered]
+        holder, mark, kind = entered
     problem = _put(holder, mark, kind, last, read.data, number, start, path)
     return [*problems, problem] if problem else problems
 

@@ -32,35 +32,35 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
         yield document.problem((), f"{len(errors):,} problems, of which the first {MOST_LOOKED_AT:,} are listed")
         del errors[MOST_LOOKED_AT:]
     unknown: dict[tuple[Any, ...], set[str | None]] = {}
-    for one in errors:
-        if one["type"] == "extra_forbidden":
-            words = walk.keys(walk.at(root, one["loc"][:-1]))
-            unknown.setdefault(one["loc"][:-1], set()).add(near(str(one["loc"][-1]), words))
-    for one in errors:
-        if one["type"] == REPORTED:
+    for item in errors:
+        if item["type"] == "extra_forbidden":
+            words = walk.keys(walk.at(root, item["loc"][:-1]))
+            unknown.setdefault(item["loc"][:-1], set()).add(near(str(item["loc"][-1]), words))
+    for item in errors:
+        if item["type"] == REPORTED:
             continue
-        misspelt = unknown.get(one["loc"][:-1], set()) if one["type"] == "missing" else ()
-        if misspelt and near(str(one["loc"][-1]), [str(one["loc"][-1])]) in misspelt:
+        misspelt = unknown.get(item["loc"][:-1], set()) if item["type"] == "missing" else ()
+        if misspelt and near(str(item["loc"][-1]), [str(item["loc"][-1])]) in misspelt:
             continue  # it is there, under a wrong name
-        path, key = list(one["loc"]), False
+        path, key = list(item["loc"]), False
         if path and path[-1] == "[key]":
             path, key = path[:-1], True
-        if one["type"] == FAULT:
-            context = one["ctx"]
+        if item["type"] == FAULT:
+            context = item["ctx"]
             more = {name: context[name] for name in ("found", "allowed", "hint")}
             # an unknown word at a key's place is shown at the key
             yield document.problem(path, context["message"], key=key, **more)
-        elif one["type"] == "extra_forbidden":
+        elif item["type"] == "extra_forbidden":
             yield _unknown(path, document, root)
-        elif one["type"] == "missing":
+        elif item["type"] == "missing":
             owner = ".".join(str(step) for step in path[:-1])
             message = f"{path[-1]} is missing" + (f" in {owner}" if owner else "")
             kind = walk.at(root, path)
             allowed = kind.describe() if isinstance(kind, Reader) else None
             yield document.problem(path, message, allowed=allowed)
         else:
-            wanted = _WANTED.get(one["type"], one["msg"])
-            yield document.problem(path, wanted, found=show(one["input"]), allowed=_example(root, path))
+            wanted = _WANTED.get(item["type"], item["msg"])
+            yield document.problem(path, wanted, found=show(item["input"]), allowed=_example(root, path))
 
 
 def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem:
@@ -80,13 +80,13 @@ def _elsewhere(word: str, root: type[Strict]) -> str | None:
 @functools.cache
 def _owners(root: type[Strict]) -> Mapping[str, frozenset[str]]:
     """The parts of the language that have a key, by the key."""
-    found: dict[str, frozenset[str]] = {}
+    owners: dict[str, frozenset[str]] = {}
     for model in walk.models(root).values():
         for field, kind in walk.fields(model).items():
             if walk.is_model(kind):
                 for word in walk.keys(kind):
-                    found[word] = found.get(word, frozenset()) | {field}
-    return found
+                    owners[word] = owners.get(word, frozenset()) | {field}
+    return owners
 
 
 def _example(root: type[Strict], path: list[Any]) -> str | None:

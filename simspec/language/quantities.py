@@ -72,12 +72,12 @@ class Number(Reader):
         return units.article(self.dimension) + (f" {bounds}" if bounds else "")
 
     def schema(self) -> dict[str, Any]:
-        found: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        schema: dict[str, Any] = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
         if self.least is not None:
-            found["exclusiveMinimum" if self.above else "minimum"] = self.least
+            schema["exclusiveMinimum" if self.above else "minimum"] = self.least
         if self.most is not None:
-            found["maximum"] = self.most
-        return found
+            schema["maximum"] = self.most
+        return schema
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ EXPECTATIONS = "Expectation"
 
 def tables() -> dict[str, str]:
     """A Markdown table for every model of the language, by the model's name; ``Expectation``: all kinds in one."""
-    found = {}
+    tables = {}
     models: dict[str, type[Strict]] = {**walk.models(File), Orientation.__name__: Orientation}
     for name, model in models.items():
         if model is not Expectation and model.__module__ != Expectation.__module__:
-            found[name] = "\n".join(_table(model))
-    found[EXPECTATIONS] = "\n".join(_expectations())
-    return found
+            tables[name] = "\n".join(_table(model))
+    tables[EXPECTATIONS] = "\n".join(_expectations())
+    return tables
 
 
 def update(text: str) -> str:

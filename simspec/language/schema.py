@@ -35,10 +35,10 @@ def schema_text() -> str:
 def is_schema(content: bytes) -> bool:
     """Whether a file is a schema of this language, of whatever version: by its title, as JSON."""
     try:
-        found = json.loads(content)
+        schema = json.loads(content)
     except (ValueError, RecursionError):
         return False
-    return isinstance(found, dict) and found.get("title") == TITLE and found.get("$schema") == DIALECT
+    return isinstance(schema, dict) and schema.get("title") == TITLE and schema.get("$schema") == DIALECT
 
 
 def _model(model: type[Strict]) -> dict[str, Any]:
@@ -53,7 +53,7 @@ def _model(model: type[Strict]) -> dict[str, Any]:
     if model is Contact:
         one_word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
         properties["combine"].update(one_word)
-    found: dict[str, Any] = {
+    schema: dict[str, Any] = {
         "description": " ".join((inspect.getdoc(model) or "").split()),
         "type": "object",
         "additionalProperties": False,
@@ -61,10 +61,10 @@ def _model(model: type[Strict]) -> dict[str, Any]:
     }
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     if required:
-        found["required"] = required
+        schema["required"] = required
     if rules := _rules(model):
-        found["allOf"] = rules
-    return found
+        schema["allOf"] = rules
+    return schema
 
 
 def _kind(kind: Any) -> dict[str, Any]:

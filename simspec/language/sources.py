@@ -102,9 +102,9 @@ class Collector:
         for path, text in uses(source.document.data):
             if text in source.uses:
                 continue
-            found = self._find(source, path, text, chain)
-            if found is not None:
-                source.uses[text] = found
+            used = self._find(source, path, text, chain)
+            if used is not None:
+                source.uses[text] = used
         data = source.document.data
         trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
         table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
@@ -142,7 +142,7 @@ class Collector:
         if target is None:
             return None
         if target in chain:
-            loop = " -> ".join(one.name for one in (*chain[chain.index(target) :], target))
+            loop = " -> ".join(file.name for file in (*chain[chain.index(target) :], target))
             self._problem(source, path, f"circular use of files: {loop}", found=text)
             return None
         if len(chain) >= DEEPEST_USE:
@@ -151,12 +151,12 @@ class Collector:
         if target not in self._read:
             self._read[target] = None
             self._read[target] = self._load(target, chain)
-        found = self._read[target]
-        if found is not None and isinstance(found.document.data, Mapping) and "model" not in found.document.data:
+        used = self._read[target]
+        if used is not None and isinstance(used.document.data, Mapping) and "model" not in used.document.data:
             hint = "a model file has `model: {bodies: ...}`"
             self._problem(source, path, "this file contains no model", found=text, hint=hint)
             return None
-        return found
+        return used
 
     def _load(self, target: Path, chain: tuple[Path, ...]) -> Source | None:
         try:

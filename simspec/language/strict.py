@@ -83,8 +83,8 @@ def near(word: str, words: Iterable[str]) -> str | None:
     known = sorted(map(str, words))[:3000]  # sorted: the same suggestion every time
     if left is not None:
         left[0] -= len(known)
-    found = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, 1, 0.5)
-    return f"did you mean {found[0]!r}?" if found else None
+    similar = difflib.get_close_matches(str(word)[:LONGEST_WORD], known, 1, 0.5)
+    return f"did you mean {similar[0]!r}?" if similar else None
 
 
 def _details(fault: Fault, value: Any) -> InitErrorDetails:
@@ -97,7 +97,7 @@ def _details(fault: Fault, value: Any) -> InitErrorDetails:
 
 def raised(faults: Sequence[Fault], value: Any, others: ValidationError | None = None) -> ValidationError:
     """The faults as the error that pydantic understands, with pydantic's own ``others``."""
-    details = [_details(one, value) for one in faults]
+    details = [_details(item, value) for item in faults]
     for error in others.errors(include_url=False) if others is not None else ():
         kind: Any = error["type"]
         if kind in (FAULT, REPORTED):
@@ -110,21 +110,21 @@ def raised(faults: Sequence[Fault], value: Any, others: ValidationError | None =
 
 def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
     """A model's error as faults; ``fields`` are the model's, for suggestions."""
-    found = []
-    for one in error.errors(include_url=False):
-        if one["type"] in (FAULT, REPORTED):
-            context = one["ctx"]
-            more = (context["message"], context["found"], context["allowed"], context["hint"], one["type"] == REPORTED)
-            found.append(Fault(one["loc"], *more))
+    faults = []
+    for item in error.errors(include_url=False):
+        if item["type"] in (FAULT, REPORTED):
+            context = item["ctx"]
+            more = (context["message"], context["found"], context["allowed"], context["hint"], item["type"] == REPORTED)
+            faults.append(Fault(item["loc"], *more))
         else:
-            word = str(one["loc"][-1]) if one["loc"] else ""
-            found.append(Fault(one["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))
-    return Faults(found)
+            word = str(item["loc"][-1]) if item["loc"] else ""
+            faults.append(Fault(item["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))
+    return Faults(faults)
 
 
 def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[Fault]:
     """The faults, seen from above."""
-    return [one._replace(loc=(*prefix, *one.loc)) for one in faults]
+    return [item._replace(loc=(*prefix, *item.loc)) for item in faults]
 
 
 ABSENT: Any = None
@@ -162,26 +162,26 @@ class Strict(BaseModel):
             words = ", ".join(cls.model_fields)
             allowed = f"the keys {words}" if words else "{}"
             raise raised([Fault((), "expected a mapping (key: value)", show(data), allowed, hint)], None)
-        found = list(cls.faults(data))
+        faults = list(cls.faults(data))
         if cls.ONE_OF:
-            found += _exactly_one(cls.ONE_OF, data, cls.model_fields)
+            faults += _exactly_one(cls.ONE_OF, data, cls.model_fields)
         prepared, more = cls.prepare(data)
-        found += more
+        faults += more
         try:
             model = handler(prepared)
         except ValidationError as error:
-            raise raised(found, None, error) from None
-        if found:
-            raise raised(found, None)
+            raise raised(faults, None, error) from None
+        if faults:
+            raise raised(faults, None)
         return model
 
 
 def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable[str]) -> Iterable[Fault]:
-    given = [name for name in names if name in data]
+    present = [name for name in names if name in data]
     allowed = "exactly one of " + ", ".join(names)
-    if len(given) > 1:
-        yield Fault((given[1],), f"{' and '.join(given)} exclude each other", None, allowed)
-    elif not given and not any(misspelt(name, data, fields) for name in names):
+    if len(present) > 1:
+        yield Fault((present[1],), f"{' and '.join(present)} exclude each other", None, allowed)
+    elif not present and not any(misspelt(name, data, fields) for name in names):
         yield Fault((), f"expected one of {', '.join(names)}", show(data), allowed)
 
 

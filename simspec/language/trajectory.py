@@ -233,14 +233,14 @@ class Trajectory(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "program" not in data:
             for key in ("tool", "arm", "interval", "grasp"):
-                if key in data and any(one in data for one in ("points", "file")):
+                if key in data and any(name in data for name in ("points", "file")):
                     yield Fault((key,), f"{key} requires a program", None, None, "remove it")
         for key in ("points", "program"):
-            given = data.get(key)
-            if isinstance(given, list) and not given:
+            entries = data.get(key)
+            if isinstance(entries, list) and not entries:
                 yield Fault((key,), f"no {key}", "[]", "at least one")
-            if isinstance(given, list) and len(given) > MOST_POINTS:
-                yield Fault((key,), f"too many {key}", str(len(given)), f"up to {MOST_POINTS}")
+            if isinstance(entries, list) and len(entries) > MOST_POINTS:
+                yield Fault((key,), f"too many {key}", str(len(entries)), f"up to {MOST_POINTS}")
         points = data.get("points")
         if isinstance(points, list):
             yield from _points(points, data.get("interpolation", "cubic"))
@@ -264,13 +264,13 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
         before = time
     first = rows[0].get("positions") if rows else None
     joints = set(first) if isinstance(first, Mapping) else None
-    given = {key for key in _QUANTITIES if rows and rows[0].get(key) is not None}
+    quantities = {key for key in _QUANTITIES if rows and rows[0].get(key) is not None}
     for index, row in enumerate(rows):
         for key in _QUANTITIES:
             value = row.get(key)
             place = ("points", index, key)
-            if (value is not None) != (key in given) and index and key != "positions":
-                there, lacks = ("the first point", "this one") if key in given else ("this point", "the first one")
+            if (value is not None) != (key in quantities) and index and key != "positions":
+                there, lacks = ("the first point", "this one") if key in quantities else ("this point", "the first one")
                 yield Fault(
                     ("points", index), f"{there} has {key}, {lacks} has none", None, "in all points, or in none"
                 )
@@ -279,9 +279,9 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
                 yield Fault(place, "not the joints of the first point", f"differs in {', '.join(odd[:6])}")
     wrong = {"hold": _DERIVATIVES, "linear": _DERIVATIVES, "cubic": ("accelerations",)}.get(interpolation, ())
     for key in wrong:
-        if key in given:
+        if key in quantities:
             yield Fault(
                 ("points", 0, key), f"{key} are not allowed with interpolation {interpolation}", None, None, "quintic"
             )
-    if interpolation == "quintic" and len(given & set(_DERIVATIVES)) == 1:
+    if interpolation == "quintic" and len(quantities & set(_DERIVATIVES)) == 1:
         yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither")

@@ -20,7 +20,7 @@ def unused(name: str, taken: Container[str]) -> str:
     """An implied name as it is, or with the first number from 2 behind it that makes it another than those given."""
     if name not in taken:
         return name
-    return next(one for number in itertools.count(2) if (one := f"{name}_{number}") not in taken)
+    return next(candidate for number in itertools.count(2) if (candidate := f"{name}_{number}") not in taken)
 
 
 @dataclass
@@ -75,17 +75,17 @@ class Bodies:
     def joint_name(self, name: str) -> str:
         """The name of a body's joint within its tree: the given one, else `<body>_joint`, with a number behind where another
         joint was given that name."""
-        given = self._given_joint_name(name)
-        return given if given is not None else unused(f"{name}_joint", self._given_joint_names)
+        own = self._given_joint_name(name)
+        return own if own is not None else unused(f"{name}_joint", self._given_joint_names)
 
     def _given_joint_name(self, name: str) -> str | None:
         joint = self.field(name, "joint")
-        given = joint.get("name") if isinstance(joint, Mapping) else None
-        return given if isinstance(given, str) else None
+        joint_name = joint.get("name") if isinstance(joint, Mapping) else None
+        return joint_name if isinstance(joint_name, str) else None
 
     @cached_property
     def _given_joint_names(self) -> frozenset[str]:
-        return frozenset(given for name in self.raw if (given := self._given_joint_name(name)) is not None)
+        return frozenset(joint for name in self.raw if (joint := self._given_joint_name(name)) is not None)
 
     def roots(self) -> list[str]:
         """Bodies without a parent."""
@@ -94,7 +94,7 @@ class Bodies:
     def cycles(self) -> list[list[str]]:
         """Every cycle of parents, each beginning with its first body in the file."""
         state: dict[str, int] = {}
-        found = []
+        cycles = []
         for start in self.raw:
             chain: list[str] = []
             name: str | None = start
@@ -103,9 +103,9 @@ class Bodies:
                 chain.append(name)
                 name = self.parent(name)
             if name is not None and state.get(name) == 1:
-                found.append(chain[chain.index(name) :])
+                cycles.append(chain[chain.index(name) :])
             state.update(dict.fromkeys(chain, 2))
-        return found
+        return cycles
 
     def order(self) -> list[str]:
         """All bodies that hang on a root: trees in the order of their roots, every parent before its children."""
@@ -113,36 +113,36 @@ class Bodies:
         for name in self.raw:
             if (parent := self.parent(name)) is not None:
                 children.setdefault(parent, []).append(name)
-        found, waiting = [], self.roots()[::-1]
+        order, waiting = [], self.roots()[::-1]
         while waiting:
             name = waiting.pop()
-            found.append(name)
+            order.append(name)
             waiting.extend(reversed(children.get(name, ())))
-        return found
+        return order
 
     def still(self) -> set[str]:
         """Bodies that cannot move: fixed to the world through fixed joints only. What is attached may move with its
         carrier."""
-        found: set[str] = set()
+        still: set[str] = set()
         if self.attached:
-            return found
+            return still
         for name in self.order():
             parent = self.parent(name)
-            if self.joint_type(name) == "fixed" and (parent is None or parent in found):
-                found.add(name)
-        return found
+            if self.joint_type(name) == "fixed" and (parent is None or parent in still):
+                still.add(name)
+        return still
 
 
 def _typed(raw: Mapping[str, Any], valid: Mapping[str, Body] | None) -> dict[str, Body | None]:
     if valid is not None:
         return dict(valid)
-    found: dict[str, Body | None] = {}
+    typed: dict[str, Body | None] = {}
     for name, body in raw.items():
         try:
-            found[name] = Body.model_validate(body)
+            typed[name] = Body.model_validate(body)
         except ValidationError:
-            found[name] = None  # its errors are reported with the file's
-    return found
+            typed[name] = None  # its errors are reported with the file's
+    return typed
 
 
 def _bodies(source: Source, path: tuple[Key, ...], valid: Any, model: bool) -> Bodies | None:
@@ -169,10 +169,10 @@ def model_of(source: Source) -> Bodies | None:
         source = source.uses[text]
         files.append(source)
     file = source.file
-    found = _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
-    if found is not None:
-        found.files = tuple(files)
-    return found
+    bodies = _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
+    if bodies is not None:
+        bodies.files = tuple(files)
+    return bodies
 
 
 def loose(source: Source) -> Bodies | None:

@@ -77,15 +77,15 @@ def keys(kind: Any) -> list[str]:
 
 def models(kind: Any) -> dict[str, type[Strict]]:
     """Every model of the language at and below a type, by name, in the order of the language."""
-    found: dict[str, type[Strict]] = {}
+    models: dict[str, type[Strict]] = {}
     waiting = [kind]
     while waiting:
-        one = waiting.pop()
-        if isinstance(one, Free):
-            waiting.append(one.item)
-        elif isinstance(one, list):
-            waiting.append(one[0])
-        elif is_model(one) and one.__name__ not in found:
-            found[one.__name__] = one
-            waiting.extend(reversed(fields(one).values()))
-    return found
+        described = waiting.pop()
+        if isinstance(described, Free):
+            waiting.append(described.item)
+        elif isinstance(described, list):
+            waiting.append(described[0])
+        elif is_model(described) and described.__name__ not in models:
+            models[described.__name__] = described
+            waiting.extend(reversed(fields(described).values()))
+    return models

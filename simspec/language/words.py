@@ -39,8 +39,8 @@ class Name(Reader):
         return "a body's full name" if self.path else "a name"
 
     def schema(self) -> dict[str, Any]:
-        one = NAME.pattern
-        return {"type": "string", "pattern": f"^{one}(/{one})?$" if self.path else f"^{one}$"}
+        part = NAME.pattern
+        return {"type": "string", "pattern": f"^{part}(/{part})?$" if self.path else f"^{part}$"}
 
 
 def clean_name(text: str) -> str:

@@ -29,6 +29,9 @@ RUN = "run"
 STUDY = "study"
 """Holds folders of runs and of compiled artifacts, each with its own marker, and what was found by comparing them."""
 
+STORE = "store"
+"""The results of sweeps, each under the hash of what was run (:mod:`simspec.outputs.collection`)."""
+
 
 @dataclass(frozen=True)
 class Marker:

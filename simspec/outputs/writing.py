@@ -38,7 +38,8 @@ def _write_all(files: Mapping[str, Content], folder: Path) -> None:
         put(place, content)
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Make a file's content, or the names in a folder, last."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(handle)
@@ -47,7 +48,7 @@ def _sync(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _named(target: Path) -> Iterator[None]:
+def named_errors(target: Path) -> Iterator[None]:
     """Errors of the system name the target: a full disk shows at a descriptor, which has no name."""
     try:
         yield
@@ -86,7 +87,7 @@ def write_folder(files: Mapping[str, Content], folder: Path, kind: str) -> Path:
 def build_folder(build: Callable[[Path], Iterable[str]], folder: Path, kind: str) -> Path:
     """As :func:`write_folder`; ``build`` writes the files into the folder that it is given, and returns their names."""
     place, _ = check_folder(folder, kind)
-    with _named(folder), staging.staged(place.path) as stage:
+    with named_errors(folder), staging.staged(place.path) as stage:
         os.mkdir(stage.fresh)
         names = list(build(stage.fresh))
         check_names(names, folder)
@@ -104,7 +105,7 @@ def update_folder(
     None when nothing is to be written. Returns what it returned.
     """
     place, _ = check_folder(folder, kind)
-    with _named(folder), staging.alone(place.path.parent):
+    with named_errors(folder), staging.alone(place.path.parent):
         now, marker = check_folder(folder, kind)
         files = change(now.path if marker is not None else None)
         if files is not None:
@@ -125,9 +126,9 @@ def _publish(stage: staging.Stage, names: Iterable[str], folder: Path, kind: str
         staging.clean(place.path)
         _take_along(place.path, marker, stage.fresh)
     for name in (*names, MARKER_FILE):
-        _sync(stage.fresh / name)
+        sync(stage.fresh / name)
     for base, _, _ in os.walk(stage.fresh, topdown=False):
-        _sync(Path(base))
+        sync(Path(base))
     staging.publish(stage, place.path, place.status is not None)
 
 
@@ -218,7 +219,7 @@ def remove_file(folder: Path, kind: str, name: str) -> bool:
 @contextlib.contextmanager
 def _inside(folder: Path) -> Iterator[None]:
     """Hold the locks for changing single files of a folder: also that under which the folder as a whole is replaced."""
-    with _named(folder), staging.alone(folder.parent), staging.alone(folder):
+    with named_errors(folder), staging.alone(folder.parent), staging.alone(folder):
         yield
 
 
@@ -238,7 +239,7 @@ def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], last
     Raises SpecError when something else is there (see :func:`simspec.outputs.targets.check_file`).
     """
     place = check_file(path, ours)
-    with _named(path), staging.alone(place.path.parent):
+    with named_errors(path), staging.alone(place.path.parent):
         place = check_file(path, ours)
         with staging.begun(place.path, lasting) as stage:
             if place.status is None:
@@ -255,16 +256,16 @@ def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | N
     if mode is not None:
         os.chmod(stage.fresh, mode)
     if stage.lasting:
-        _sync(stage.fresh)
+        sync(stage.fresh)
     os.replace(stage.fresh, target)
     if stage.lasting:
-        _sync(target.parent)
+        sync(target.parent)
 
 
 def _put_new(stage: staging.Stage, place: Place) -> None:
     """Put a file where there is none; never over one that somebody else has put there meanwhile."""
     if stage.lasting:
-        _sync(stage.fresh)
+        sync(stage.fresh)
     try:
         os.link(stage.fresh, place.path)
     except FileExistsError:
@@ -274,7 +275,7 @@ def _put_new(stage: staging.Stage, place: Place) -> None:
             raise
         os.rename(stage.fresh, place.path)
     if stage.lasting:
-        _sync(place.path.parent)
+        sync(place.path.parent)
 
 
 def folder_names(folder: Path) -> list[str]:

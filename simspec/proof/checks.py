@@ -59,15 +59,15 @@ class Tally:
         """Note one deviation; None (or NaN) = different in kind, worse than any number."""
         if deviation is not None and not math.isfinite(deviation):
             deviation, detail = None, detail or f"deviation is {deviation}"
-        count, _, worst, place, found = self._rows.get((level, name), (0, tolerance, 0.0, "", ""))
+        count, _, worst, place, explained = self._rows.get((level, name), (0, tolerance, 0.0, "", ""))
         if worst is not None and (deviation is None or deviation > worst or not count):
-            worst, place, found = deviation, where, detail
-        self._rows[level, name] = (count + 1, tolerance, worst, place, found)
+            worst, place, explained = deviation, where, detail
+        self._rows[level, name] = (count + 1, tolerance, worst, place, explained)
 
-    def equal(self, level: str, name: str, expected: object, found: object, where: str) -> bool:
+    def equal(self, level: str, name: str, expected: object, actual: object, where: str) -> bool:
         """Note whether two things are the same."""
-        same = expected == found
-        self.add(level, name, 0.0, 0.0 if same else None, where, "" if same else f"{found}, should be {expected}")
+        same = expected == actual
+        self.add(level, name, 0.0, 0.0 if same else None, where, "" if same else f"{actual}, should be {expected}")
         return same
 
     def checks(self) -> list[Check]:

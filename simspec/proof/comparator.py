@@ -272,9 +272,9 @@ class _Comparison:
         for pair, layer in self.plan.layer_of.items():
             if pair in self.plan.missed:
                 continue
-            for one, place in self.surfaces.get((pair[0], layer), {}).items():
-                for two, other_place in self.surfaces.get((pair[1], layer), {}).items():
-                    self.law(laws[pair], one, two, _both(place, other_place))
+            for first, place in self.surfaces.get((pair[0], layer), {}).items():
+                for second, other_place in self.surfaces.get((pair[1], layer), {}).items():
+                    self.law(laws[pair], first, second, _both(place, other_place))
         self.explicit(laws)
 
     def law(self, law: PairContact, first: Surface, second: Surface, at: str) -> None:
@@ -330,8 +330,8 @@ def _words(quantity: str) -> str:
     return quantity.replace("_", " ")
 
 
-def _both(one: str, two: str) -> str:
-    return one if one == two else f"{one} with {two}"
+def _both(first: str, second: str) -> str:
+    return first if first == second else f"{first} with {second}"
 
 
 def not_checked(world: World, unreadable: Mapping[str, str]) -> dict[str, str]:

@@ -152,22 +152,22 @@ class _Bench:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
         with side_by_side(WORKERS) as pool:
             # batches are made as they are asked for: all texts at once would be large
-            found = list(pool.map(self._batch, _batches(planted)))
-        return [verdict for some in found for verdict in some]
+            batches = list(pool.map(self._batch, _batches(planted)))
+        return [verdict for some in batches for verdict in some]
 
     def _batch(self, batch: Sequence[Mutation]) -> list[Verdict]:
-        found: dict[str, Verdict] = {}
+        verdicts: dict[str, Verdict] = {}
         left = list(batch)
         acting: dict[str, str] = {}
         stages = (self._held, partial(self._unmoved, acting=acting), self._probed, partial(self._whole, acting=acting))
         for stage in stages:
             for mutation, verdict in stage(left):
                 if verdict is not None:
-                    found[mutation.name] = verdict
-            left = [mutation for mutation in left if mutation.name not in found]
+                    verdicts[mutation.name] = verdict
+            left = [mutation for mutation in left if mutation.name not in verdicts]
             if not left:
                 break
-        return [found[mutation.name] for mutation in batch]
+        return [verdicts[mutation.name] for mutation in batch]
 
     # --- stages ---------------------------------------------------------------------------------------------------
 
@@ -262,7 +262,10 @@ class _Bench:
                 folder = place / str(index)
                 write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
                 more = {"artifacts": str(folder), "attempt": True, "cpu_seconds": LOST}
-                asked += [dataclasses.replace(one, parameters={**one.parameters, **more}) for one in operations]
+                asked += [
+                    dataclasses.replace(operation, parameters={**operation.parameters, **more})
+                    for operation in operations
+                ]
             count = len(operations)
             try:
                 deadline = DEADLINE + EACH * len(batch)
@@ -290,5 +293,5 @@ def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:
 
 
 def _held(answers: Sequence[Answer]) -> ReadBack:
-    held: ReadBack = from_plain(ReadBack, answers[0].result)
-    return held
+    read_back: ReadBack = from_plain(ReadBack, answers[0].result)
+    return read_back

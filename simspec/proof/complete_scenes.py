@@ -31,7 +31,11 @@ def scenes_of(world: World, probes: Probes, engine: type[Engine]) -> tuple[Opera
     return (
         Operation("drive", alone, {"effort": np.zeros((1, nv))}),
         Operation("drive", shoved, {"effort": pushed}),
-        *(_shortened(one) for one in probes.operations(engine) if one.op in ("motion", "respond", "touching")),
+        *(
+            _shortened(operation)
+            for operation in probes.operations(engine)
+            if operation.op in ("motion", "respond", "touching")
+        ),
     )
 
 
@@ -54,20 +58,22 @@ def observed(answer: Answer) -> Mapping[str, np.ndarray]:
     return {**answer.arrays, "units": renamed[np.lexsort(renamed.T[::-1])]}
 
 
-def departure(one: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> float:
+def departure(first: Sequence[Mapping[str, np.ndarray]], other: Sequence[Mapping[str, np.ndarray]]) -> float:
     """How far two answers to the same scenes are apart, relative to the larger of one and the value; infinite when they
     differ in kind or one is not finite. A quaternion and its negative are the same; ``q`` is what poses say too."""
-    if len(one) != len(other):
+    if len(first) != len(other):
         return math.inf
     worst = 0.0
-    for a, b in zip(one, other, strict=True):
+    for a, b in zip(first, other, strict=True):
         if a.keys() != b.keys() or any(a[name].shape != b[name].shape for name in a):
             return math.inf
         for name in a.keys() - {"q"}:
-            found = b[name]
-            if name == "pose" and found.size:
-                same_way = np.sign(np.sum(a[name][..., 3:] * found[..., 3:], axis=-1, keepdims=True))
-                found = np.concatenate([found[..., :3], found[..., 3:] * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1)
-            apart = float(np.max(np.abs(a[name] - found) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
+            values = b[name]
+            if name == "pose" and values.size:
+                same_way = np.sign(np.sum(a[name][..., 3:] * values[..., 3:], axis=-1, keepdims=True))
+                values = np.concatenate(
+                    [values[..., :3], values[..., 3:] * np.where(same_way < 0.0, -1.0, 1.0)], axis=-1
+                )
+            apart = float(np.max(np.abs(a[name] - values) / np.maximum(1.0, np.abs(a[name])), initial=0.0))
             worst = max(worst, apart) if math.isfinite(apart) else math.inf
     return worst

@@ -44,19 +44,19 @@ class CompleteTest:
     def count(self, engine: str | None = None, kind: str | None = None, verdict: str | None = None) -> int:
         """How many there are of an engine, a kind of change, a verdict (None: all)."""
         return sum(
-            engine in (None, one.engine) and kind in (None, one.kind) and verdict in (None, one.verdict)
-            for one in self.verdicts
+            engine in (None, entry.engine) and kind in (None, entry.kind) and verdict in (None, entry.verdict)
+            for entry in self.verdicts
         )
 
     @property
     def engines(self) -> tuple[str, ...]:
         """The engines, in the order in which they were tested."""
-        return tuple(dict.fromkeys(one.engine for one in self.verdicts))
+        return tuple(dict.fromkeys(verdict.engine for verdict in self.verdicts))
 
     @property
     def missed(self) -> tuple[Verdict, ...]:
         """What went unseen."""
-        return tuple(one for one in self.verdicts if one.verdict == "missed")
+        return tuple(verdict for verdict in self.verdicts if verdict.verdict == "missed")
 
     @property
     def passed(self) -> bool:
@@ -65,10 +65,10 @@ class CompleteTest:
 
     def rows(self) -> list[tuple[str, str, tuple[int, ...]]]:
         """(engine, kind, (planted, caught, refused, inert, missed)) for each that occurs, and a sum ("all") per engine."""
-        found = []
+        rows = []
         for engine in self.engines:
             for kind in (*KINDS, None):
                 counts = tuple(self.count(engine, kind, verdict) for verdict in (None, *VERDICTS))
                 if counts[0]:
-                    found.append((engine, kind or "all", counts))
-        return found
+                    rows.append((engine, kind or "all", counts))
+        return rows

@@ -81,7 +81,7 @@ class _OracleJoints:
             if body.joint.position_limits is not None
         ]
         self._limited = np.array([place for place, _, _ in limited], dtype=int)
-        low, high = (np.array([one[k] for one in limited]) for k in (1, 2))
+        low, high = (np.array([row[k] for row in limited]) for k in (1, 2))
         self._low, self._high = low + NEAR * (high - low), high - NEAR * (high - low)
         self.steps, self._free = 0, True
 
@@ -101,7 +101,7 @@ class _OracleJoints:
 
 def plan(world: World) -> Response | None:
     """The response of a world's laws; None where nothing but native controllers drives."""
-    laws = tuple(one for one in world.controllers if one.law != "native")
+    laws = tuple(controller for controller in world.controllers if controller.law != "native")
     if not laws:
         return None
     world = dataclasses.replace(world, controllers=laws)
@@ -162,35 +162,35 @@ def _closed_form(
 ) -> np.ndarray:
     """Positions by e' = e + dt v', v' = v + dt a, a = −(c₁ v + c₀ e) (implicit: of the step's end), e = q − q*."""
     count = STEPS // EVERY + 1
-    found = np.full((count, len(joints)), np.nan)
+    targets = np.full((count, len(joints)), np.nan)
     if clipped:
-        return found
+        return targets
     dt = world.physics.timestep
     for bodies in trees(world).values():
         moving = [body for body in bodies if body.joint.kind != "fixed"]
         own = {body.joint.name for body in moving}
-        laws = [one for one in world.controllers if own & set(one.joints)]
-        whole = own <= {name for one in laws for name in one.joints}
+        laws = [law for law in world.controllers if own & set(law.joints)]
+        whole = own <= {name for law in laws for name in law.joints}
         extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving)
-        if not laws or not whole or extra or any(one.law != "computed-torque" for one in laws):
+        if not laws or not whole or extra or any(law.law != "computed-torque" for law in laws):
             continue
-        for one in laws:
-            stiffness, damping = one.natural_frequency**2, 2.0 * one.damping_ratio * one.natural_frequency
-            ahead = one.discretisation == "implicit"
+        for law in laws:
+            stiffness, damping = law.natural_frequency**2, 2.0 * law.damping_ratio * law.natural_frequency
+            ahead = law.discretisation == "implicit"
             divisor = 1.0 + damping * dt + stiffness * dt**2 if ahead else 1.0
             slope = np.array([-stiffness, -(damping + (stiffness * dt if ahead else 0.0))]) / divisor
             speed = np.array([dt * slope[0], 1.0 + dt * slope[1]])
             matrix = np.array([[1.0, 0.0] + dt * speed, speed])
             share = [np.linalg.matrix_power(matrix, row * EVERY)[0, 0] for row in range(count)]
-            for name in one.joints:
+            for name in law.joints:
                 column = joints.index(name)
-                found[:, column] = start[column] + step[column] * (1.0 - np.array(share))
-    return found
+                targets[:, column] = start[column] + step[column] * (1.0 - np.array(share))
+    return targets
 
 
-def control_checks(response: Response, found: Mapping[str, np.ndarray]) -> list[Check]:
+def control_checks(response: Response, answer: Mapping[str, np.ndarray]) -> list[Check]:
     """Two checks: against the oracle under the same law, and against the closed form."""
-    positions = found["positions"]
+    positions = answer["positions"]
     floor = f"floor {response.floor:.1e}, {response.steps} steps of {response.world.physics.timestep:g} s"
     if response.steps < STEPS:
         floor += f" of {STEPS}: then a joint comes near a limit"
@@ -205,8 +205,8 @@ def control_checks(response: Response, found: Mapping[str, np.ndarray]) -> list[
     return checks
 
 
-def _check(name: str, response: Response, expected: np.ndarray, found: np.ndarray, detail: str) -> Check:
-    error = np.where(np.isnan(expected), 0.0, np.abs(found - expected))
+def _check(name: str, response: Response, expected: np.ndarray, actual: np.ndarray, detail: str) -> Check:
+    error = np.where(np.isnan(expected), 0.0, np.abs(actual - expected))
     row, column = np.unravel_index(int(error.argmax()), error.shape)
     worst = float(error[row, column])
     where = f"joints.{response.joints[column]}, step {row * EVERY}"

@@ -69,7 +69,7 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
     if kind.round is not Round.AXIS:
         turned = 0.0 if kind.round is Round.EVERY else turn_between(shape.pose.quaternion, other.pose.quaternion)
         return distance(shape.pose.position, other.pose.position), turned
-    axis, other_axis = (frames.rotate(one.pose.quaternion, (0.0, 0.0, 1.0)) for one in (shape, other))
+    axis, other_axis = (frames.rotate(member.pose.quaternion, (0.0, 0.0, 1.0)) for member in (shape, other))
     turned = distance(axis, other_axis)
     if kind.upside_down:
         turned = min(turned, distance(axis, tuple(-x for x in other_axis)))

@@ -108,8 +108,8 @@ def _trials(
             left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
             count, expected = _sliding(oracle, q, v, left, brake, steps)
             yield Trial(f"{name}, {word}", q, v, left + brake, count, expected, SLIDE_TOLERANCE)
-        held = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
-        yield Trial(f"is held, {word}", q, rest, held + BELOW * friction * sign, STEPS[0], rest, HOLD_TOLERANCE)
+        balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
+        yield Trial(f"is held, {word}", q, rest, balance + BELOW * friction * sign, STEPS[0], rest, HOLD_TOLERANCE)
 
 
 def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
@@ -131,12 +131,12 @@ def _sliding(
     return steps, speeds[steps - 1]
 
 
-def dry_friction_checks(world: World, plan: DryFriction, found: Mapping[str, np.ndarray], creep: float) -> list[Check]:
+def dry_friction_checks(world: World, plan: DryFriction, answer: Mapping[str, np.ndarray], creep: float) -> list[Check]:
     """One check for joints that slide and one for joints at rest; ``creep`` is the speed (m/s, rad/s) that the engine's solver
     is declared to leave (``Engine.DRY_FRICTION_CREEP``)."""
     tally = Tally()
     names = [body.joint.name for body in world.bodies if body.joint.dry_friction]
-    speeds = found["v"][:, plan.places]
+    speeds = answer["v"][:, plan.places]
     for row, trial in enumerate(plan.trials):
         slides = trial.tolerance == SLIDE_TOLERANCE
         expected = trial.expected[plan.places]

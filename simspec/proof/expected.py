@@ -38,7 +38,7 @@ def _contact(world: World) -> str:
 def _driven(world: World) -> str:
     if not world.controllers:
         return "nothing is driven in this world"
-    native = all(one.law == "native" for one in world.controllers)
+    native = all(controller.law == "native" for controller in world.controllers)
     return "joints are driven by the engines' own controllers alone, a declared difference" if native else ""
 
 
@@ -82,13 +82,13 @@ def expected(world: World) -> dict[tuple[str, str], str]:
 def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str]:
     """What a world does not have by its nature, or of ``OPTIONAL`` what is not in ``levels`` (None: all are asked for), by
     :func:`title`, with the reason. A check is named only where the rest of its level is compared."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for (level, name), why in expected(world).items():
         if (level, name) in OPTIONAL and levels is not None and level not in levels:
             why = NOT_ASKED
-        if why and level not in found:
-            found[title(level, name)] = why
-    return found
+        if why and level not in reasons:
+            reasons[title(level, name)] = why
+    return reasons
 
 
 def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[Check]:
@@ -97,15 +97,15 @@ def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str,
     compared = {check.level for check in checks if check.count}
     compared_checks = {(check.level, check.name) for check in checks if check.count}
     known = {(check.level, check.name) for check in checks} | {(check.level, "") for check in checks}
-    found: list[Check] = []
+    failures: list[Check] = []
     for (level, name), why in expected(world).items():
         done = (level, name) in compared_checks if name else level in compared
         if done or why or level in not_compared or title(level, name) in not_compared or (level, name) in known:
             continue  # a check that is there and compared nothing has failed by itself
-        if name and any(check.level == level and check.name == NOTHING for check in found):
+        if name and any(check.level == level and check.name == NOTHING for check in failures):
             continue
-        found.append(failed(level, NOTHING, f"{name}: no comparison was made" if name else "no comparison was made"))
-    return found
+        failures.append(failed(level, NOTHING, f"{name}: no comparison was made" if name else "no comparison was made"))
+    return failures
 
 
 def judge(
@@ -117,12 +117,14 @@ def judge(
     """Why checks, and what is listed as not compared, do not prove ``world``, a line each; [] when they do. For a certificate
     from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for."""
     own = left_out(world)
-    found = [
+    faults = [
         f"{name} is listed as not compared ({why}), which does not apply to this world"
         for name, why in not_compared.items()
         if name not in own
     ]
     by_nature = {name: why for name, why in not_compared.items() if name in own}
     every = itertools.chain(checks, shortfalls(world, checks, {**by_nature, **lacking}))
-    found += [f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed]
-    return found
+    faults += [
+        f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed
+    ]
+    return faults

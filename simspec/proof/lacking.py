@@ -40,15 +40,15 @@ TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEE
 
 def unchecked(world: World, engine: type[Engine]) -> dict[tuple[str, str], str]:
     """The parts (level, name of a check) that ``engine`` cannot be asked for, with the reason that it declares."""
-    found = {}
+    parts = {}
     for part, capabilities in NEEDS.items():
         taken = [*capabilities]
         if part in WITHOUT_FRICTION and len(rubbing(world)):
             taken.append(Capability.DRY_FRICTION_OFF)
-        reasons = [engine.LACKS[one] for one in taken if one in engine.LACKS]
+        reasons = [engine.LACKS[capability] for capability in taken if capability in engine.LACKS]
         if reasons:
-            found[part] = "; ".join(dict.fromkeys(reasons))
-    return found
+            parts[part] = "; ".join(dict.fromkeys(reasons))
+    return parts
 
 
 def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[str, str]) -> dict[str, str]:
@@ -56,7 +56,7 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
     names, which this world does not have or nobody asked for."""
     lacking = unchecked(world, engine)
     wanted = expected(world)
-    found: dict[str, str] = {}
+    parts: dict[str, str] = {}
     for (level, name), why in lacking.items():
         if level in not_compared or title(level, name) in not_compared or wanted.get((level, name)):
             continue
@@ -65,8 +65,8 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
         others = [part for part in PARTS if part[0] == level and part[1] and not wanted[part]]
         whole = (level, "") in PARTS and level in WHOLE and all(part in lacking for part in others)
         key = level if whole else title(level, name)
-        found[key] = "; ".join(dict.fromkeys([*found[key].split("; "), why])) if key in found else why
-    return found
+        parts[key] = "; ".join(dict.fromkeys([*parts[key].split("; "), why])) if key in parts else why
+    return parts
 
 
 WHOLE = ("L3", "L6", "L7")

@@ -85,22 +85,22 @@ def plan(world: World, oracle: Oracle) -> Motion:
     most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
     best: _Beginning | None = None
     for attempt in range(TRIES + len(GENTLER)):
-        one = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
-        if best is None or one.steps > best.steps:
-            best = one
+        trial = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
+        if best is None or trial.steps > best.steps:
+            best = trial
         if best.steps == most or (best.steps >= FEWEST and attempt >= TRIES + 1):
             break
     if best is None:
         raise ValueError("no initial state was tried")
-    found = _planned(world, oracle, best, most)
+    planned = _planned(world, oracle, best, most)
     for attempt in range(HELD, TRIES + len(GENTLER)):
-        if found.steps >= FEWEST or unstable(world):
+        if planned.steps >= FEWEST or unstable(world):
             break  # enough, or nothing gentler helps
         begun = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
         gentler = _planned(world, oracle, begun, most)
-        if gentler.steps > found.steps:
-            found = gentler
-    return found
+        if gentler.steps > planned.steps:
+            planned = gentler
+    return planned
 
 
 def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int) -> Motion:
@@ -114,8 +114,8 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int) -> Moti
         off_q, off_v = _disturb(q, generator), _disturb(v, generator)
         disturbed = _poses(oracle, _motion(oracle, off_q, off_v, effort, steps, every)[0])
         with np.errstate(invalid="ignore", over="ignore"):
-            found = deviation(exact, disturbed).max(axis=1, initial=0.0)
-        floors = np.maximum(floors, np.where(np.isfinite(found), found, np.inf))
+            deviations = deviation(exact, disturbed).max(axis=1, initial=0.0)
+        floors = np.maximum(floors, np.where(np.isfinite(deviations), deviations, np.inf))
     floors = np.maximum.accumulate(floors)
     useful = FLOOR_FACTOR * floors <= LOOSEST
     last = len(floors) - 1
@@ -183,13 +183,13 @@ def _slides(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
 
 def _turns(world: World, oracle: Oracle, speeds: np.ndarray) -> np.ndarray:
     """The largest angle (instants,) by which a joint turns in a step, at each instant; NaN where motion has diverged."""
-    found = np.zeros(len(speeds))
+    angles = np.zeros(len(speeds))
     for body, part in zip(world.bodies, oracle.layout.velocity, strict=True):
         if body.joint.kind in ("hinge", *QUATERNION_JOINTS):
             turning = speeds[:, part][:, -3:]
             with np.errstate(invalid="ignore", over="ignore"):
-                found = np.maximum(found, np.sqrt((turning * turning).sum(axis=1)))
-    return found * world.physics.timestep
+                angles = np.maximum(angles, np.sqrt((turning * turning).sum(axis=1)))
+    return angles * world.physics.timestep
 
 
 def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -226,8 +226,8 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
                 effort[at_v][:3] += (1.0 - slower**2) * weight[at_v][:3]
         return q, v, effort
     gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
-    held = weight - oracle.joint_effort(q, still)
-    return q, gentle * v, held + gentle * effort
+    balance = weight - oracle.joint_effort(q, still)
+    return q, gentle * v, balance + gentle * effort
 
 
 def _disturb(state: np.ndarray, generator: np.random.Generator) -> np.ndarray:
@@ -246,16 +246,16 @@ def _poses(oracle: Oracle, states: np.ndarray) -> np.ndarray:
     return np.array([oracle.body_poses(row) for row in states])
 
 
-def deviation(expected: np.ndarray, found: np.ndarray) -> np.ndarray:
+def deviation(expected: np.ndarray, actual: np.ndarray) -> np.ndarray:
     """Per instant and body (n, bodies): metres relative to the larger of 1 m and the body's distance from the origin,
     plus radians."""
     reach = np.maximum(1.0, np.linalg.norm(expected[..., :3], axis=-1))
-    away = np.linalg.norm(found[..., :3] - expected[..., :3], axis=-1) / reach
-    apart: np.ndarray = away + rotation_error(found[..., 3:], expected[..., 3:])
+    away = np.linalg.norm(actual[..., :3] - expected[..., :3], axis=-1) / reach
+    apart: np.ndarray = away + rotation_error(actual[..., 3:], expected[..., 3:])
     return apart
 
 
-def motion_checks(world: World, motion: Motion, found: Mapping[str, np.ndarray]) -> list[Check]:
+def motion_checks(world: World, motion: Motion, answer: Mapping[str, np.ndarray]) -> list[Check]:
     """One check: the worst deviation of any body at any instant."""
     floor = f"floor {motion.floor:.1e}, {motion.steps} steps of {world.physics.timestep:g} s"
     floor += f" ({motion.ends})" if motion.ends else ""
@@ -264,7 +264,7 @@ def motion_checks(world: World, motion: Motion, found: Mapping[str, np.ndarray])
     if motion.steps < FEWEST:
         detail = f"{motion.steps} steps, should be {FEWEST} at least: {motion.ends}; {floor}"
         return [Check("L6", "motion", 0, motion.tolerance, None, "", detail)]
-    pose = found["pose"]
+    pose = answer["pose"]
     if pose.shape != motion.poses.shape:
         detail = f"{len(pose)} instants, should be {len(motion.poses)}"
         return [Check("L6", "motion", len(pose), motion.tolerance, None, "", detail)]

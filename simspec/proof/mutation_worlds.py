@@ -36,10 +36,10 @@ def uneven(name: str) -> Callable[[str], World]:
             else body
             for body in world.bodies
         )
-        given = world.options(engine)
+        options = world.options(engine)
         # the cone of a body that is no ball is an approximation somewhere
-        accept = tuple(sorted({*given.accept, "contact.cone.elliptic"}))
-        return dataclasses.replace(world, bodies=bodies, engines=(dataclasses.replace(given, accept=accept),))
+        accept = tuple(sorted({*options.accept, "contact.cone.elliptic"}))
+        return dataclasses.replace(world, bodies=bodies, engines=(dataclasses.replace(options, accept=accept),))
 
     return made
 
@@ -48,12 +48,14 @@ def native(engine: str) -> World:
     """The bench under the engine's own controllers: one by position, with a limit, one by velocity."""
     world = selftest_worlds.bench(engine)
     joints = ("upper_joint", "lower_joint")
-    one = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
+    controller = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
     way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
     # the friction of a solver that has controllers is an approximation somewhere
     accept = ("contact.cone.elliptic", "contact.friction.impact", "control.native")
     options = EngineOptions(engine, accept=accept)
-    return dataclasses.replace(world, name="self-test-native", controllers=(one,), trajectory=way, engines=(options,))
+    return dataclasses.replace(
+        world, name="self-test-native", controllers=(controller,), trajectory=way, engines=(options,)
+    )
 
 
 def shapes(engine: str) -> World:
@@ -131,12 +133,10 @@ def settings(engine: str) -> World:
     """The bench with every setting of the engine other than it is by default, but those that then do nothing."""
     world = selftest_worlds.bench(engine)
     (options,) = world.engines
-    every = {name: _other(one) for name, one in sorted(find_engine(engine).SETTINGS.items())}
+    every = {name: _other(setting) for name, setting in sorted(find_engine(engine).SETTINGS.items())}
     idle = idle_settings(find_engine(engine), every)
-    given = tuple((name, value) for name, value in every.items() if name not in idle)
-    return dataclasses.replace(
-        world, name="self-test-settings", engines=(dataclasses.replace(options, settings=given),)
-    )
+    used = tuple((name, value) for name, value in every.items() if name not in idle)
+    return dataclasses.replace(world, name="self-test-settings", engines=(dataclasses.replace(options, settings=used),))
 
 
 def choices(engine: str) -> World:
@@ -144,8 +144,8 @@ def choices(engine: str) -> World:
     world = hard("common", Hardness())(engine)
     (options,) = world.engines
     table = find_engine(engine).SETTINGS
-    given = tuple((name, _other(one)) for name, one in sorted(table.items()) if isinstance(one.default, str))
-    return dataclasses.replace(world, name="self-test-choices", engines=(dataclasses.replace(options, settings=given),))
+    used = tuple((name, _other(setting)) for name, setting in sorted(table.items()) if isinstance(setting.default, str))
+    return dataclasses.replace(world, name="self-test-choices", engines=(dataclasses.replace(options, settings=used),))
 
 
 def _other(setting: Setting) -> bool | int | float | str:

@@ -21,7 +21,7 @@ LARGE = 200
 
 
 def kinematics_checks(
-    world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, found: Mapping[str, np.ndarray]
+    world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, answer: Mapping[str, np.ndarray]
 ) -> list[Check]:
     """Poses and velocities of all bodies at states (k, nq), (k, nv), and whether the engine gives a state back."""
     tally = Tally()
@@ -29,14 +29,14 @@ def kinematics_checks(
     for row in range(len(q)):
         pose, velocity = oracle.body_poses(q[row]), oracle.body_velocities(q[row], v[row])
         reach = np.maximum(1.0, np.linalg.norm(pose[:, :3], axis=1))
-        away = np.linalg.norm(found["pose"][row][:, :3] - pose[:, :3], axis=1) / reach
-        turned = rotation_error(found["pose"][row][:, 3:], pose[:, 3:])
+        away = np.linalg.norm(answer["pose"][row][:, :3] - pose[:, :3], axis=1) / reach
+        turned = rotation_error(answer["pose"][row][:, 3:], pose[:, 3:])
         fast = np.maximum(1.0, np.linalg.norm(velocity, axis=1))
-        faster = np.linalg.norm(found["velocity"][row] - velocity, axis=1) / fast
+        faster = np.linalg.norm(answer["velocity"][row] - velocity, axis=1) / fast
         for name, values in (("pose, position", away), ("pose, orientation", turned), ("body velocity", faster)):
             worst = int(np.argmax(values)) if np.isfinite(values).all() else int(np.argmin(np.isfinite(values)))
             tally.add("L2", name, MODEL_TOLERANCE, float(values[worst]), f"bodies.{names[worst]}, state {row}")
-        state = float(np.abs(found["v"][row] - v[row]).max(initial=0.0))
+        state = float(np.abs(answer["v"][row] - v[row]).max(initial=0.0))
         tally.add("L2", "state given back", MODEL_TOLERANCE, state, f"state {row}")
     return tally.checks()
 
@@ -56,13 +56,13 @@ def dynamics_operation(
 
 
 def dynamics_checks(
-    world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, found: Mapping[str, np.ndarray]
+    world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, answer: Mapping[str, np.ndarray]
 ) -> list[Check]:
     """Mass matrix and bias force at states (k, nq), (k, nv) with velocity, and gravity force at the same ones at rest.
 
     Deviations are in each coordinate's own scale: an element of M relative to √(Mii Mjj), a force relative to √(Mii · hᵀM⁻¹h),
     its share of the effort's own energy norm in its tree, or to Mii × 1 (m/s² or rad/s²) where the force vanishes. Arrays
-    that are not in ``found`` were not asked for.
+    that are not in ``answer`` were not asked for.
     """
     tally = Tally()
     names = [body.name for body in world.bodies for _ in body.joint.velocity]
@@ -70,15 +70,15 @@ def dynamics_checks(
     for row in range(len(q) if oracle.blocks else 0):
         masses = oracle.mass_blocks(q[row])
         forces = {}
-        if "bias_force" in found:
-            forces["bias force"] = (oracle.bias_force(q[row], v[row]), found["bias_force"][row])
-            forces["gravity force"] = (oracle.bias_force(q[row], still), found["gravity_force"][row])
+        if "bias_force" in answer:
+            forces["bias force"] = (oracle.bias_force(q[row], v[row]), answer["bias_force"][row])
+            forces["gravity force"] = (oracle.bias_force(q[row], still), answer["gravity_force"][row])
         ends = np.cumsum([mass.size for mass in masses])
-        packed = np.split(found["mass"][row], ends[:-1]) if "mass" in found else ()
-        for block, mass, held in itertools.zip_longest(oracle.blocks, masses, packed):
+        packed = np.split(answer["mass"][row], ends[:-1]) if "mass" in answer else ()
+        for block, mass, entries in itertools.zip_longest(oracle.blocks, masses, packed):
             root = np.sqrt(np.diag(mass))
-            if held is not None:
-                error = np.abs(held.reshape(mass.shape) - mass) / np.outer(root, root)
+            if entries is not None:
+                error = np.abs(entries.reshape(mass.shape) - mass) / np.outer(root, root)
                 at_row, at_column = np.unravel_index(int(np.argmax(error)), error.shape)
                 where = f"bodies.{names[block[at_row]]}, bodies.{names[block[at_column]]}, state {row}"
                 tally.add("L3", "mass matrix", MODEL_TOLERANCE, float(error[at_row, at_column]), where)

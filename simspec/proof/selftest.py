@@ -128,8 +128,8 @@ class _Bench:
     def plant(self, defect: str) -> Outcome:
         sound = self._sound[NAMES[defect]]
         if isinstance(sound, str) and NAMES[defect] in SMALLER:
-            smaller, held = SMALLER[NAMES[defect]]
-            sound = self._sound[smaller] if defect in held else sound
+            smaller, fitting = SMALLER[NAMES[defect]]
+            sound = self._sound[smaller] if defect in fitting else sound
         if isinstance(sound, str):
             return Outcome(self.engine, defect, None, reason=sound)
         world, compiled, probes = sound

@@ -42,41 +42,41 @@ class _Instance:
 
 def expand(source: Source) -> Expansion:
     """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children."""
-    found = Expansion()
+    expansion = Expansion()
     only = _only_material(source)
-    models = _carriers_first(list(_models(source, only, found)), found)
-    instances = [*_loose(source, only), *models, *_own_model(source, only, found)]
-    if not found.problems:
-        _check_names(instances, found)
-    found.bodies = tuple(body for instance in instances for body in instance.bodies)
-    return found
+    models = _carriers_first(list(_models(source, only, expansion)), expansion)
+    instances = [*_loose(source, only), *models, *_own_model(source, only, expansion)]
+    if not expansion.problems:
+        _check_names(instances, expansion)
+    expansion.bodies = tuple(body for instance in instances for body in instance.bodies)
+    return expansion
 
 
-def _carriers_first(models: list[_Instance], found: Expansion) -> list[_Instance]:
+def _carriers_first(models: list[_Instance], expansion: Expansion) -> list[_Instance]:
     """Models in the order of the file, but each after the one that it is attached to; and what is wrong with that."""
     owner = {body.name: instance for instance in models for body in instance.bodies}
     ordered: list[_Instance] = []
     for start in models:
         chain: list[_Instance] = []
-        one: _Instance | None = start
-        while one is not None and not any(one is other for other in (*ordered, *chain)):
-            chain.append(one)
-            carrier = one.bodies[0].joint.parent
+        link: _Instance | None = start
+        while link is not None and not any(link is other for other in (*ordered, *chain)):
+            chain.append(link)
+            carrier = link.bodies[0].joint.parent
             if carrier is None:
-                one = None
+                link = None
             elif carrier not in owner:
                 hint = near(carrier, owner)
-                place = (*one.path, "attach")
+                place = (*link.path, "attach")
                 message = f"no model has a body {carrier!r}"
-                found.problems.append(one.source.document.problem(place, message, found=carrier, hint=hint))
-                _stand_alone(one)
-                one = None
+                expansion.problems.append(link.source.document.problem(place, message, found=carrier, hint=hint))
+                _stand_alone(link)
+                link = None
             else:
-                one = owner[carrier]
-        if one is not None and any(one is other for other in chain):
+                link = owner[carrier]
+        if link is not None and any(link is other for other in chain):
             place = (*start.path, "attach")
             message = "these models are attached to each other"
-            found.problems.append(
+            expansion.problems.append(
                 start.source.document.problem(place, message, hint="one of them must not be attached")
             )
             _stand_alone(chain[-1])
@@ -91,7 +91,7 @@ def _stand_alone(instance: _Instance) -> None:
 
 
 def _only_material(source: Source) -> str | None:
-    names = {name for one in source.all() if one.file is not None for name in one.file.contact.materials}
+    names = {name for member in source.all() if member.file is not None for name in member.file.contact.materials}
     if not names and source.file is not None and source.file.model is not None:
         return DEFAULT_MATERIAL
     return next(iter(names)) if len(names) == 1 else None
@@ -108,7 +108,7 @@ def _copy(
     def own(name: str) -> str:
         return f"{prefix}{name}{suffix}"
 
-    found = []
+    copies = []
     for index, body in enumerate(tree.bodies):
         joint, name = body.joint, own(body.name)
         joint_name = own(joint.name) if joint.name in tree.own_names else _implied(joint.name, body.name, name)
@@ -122,8 +122,8 @@ def _copy(
             )
             for shape in body.shapes
         )
-        found.append(Body(name, model, body.inertial, joint, shapes, body.collision_group))
-    return found
+        copies.append(Body(name, model, body.inertial, joint, shapes, body.collision_group))
+    return copies
 
 
 def _implied(name: str, body: str, full: str) -> str:
@@ -144,7 +144,7 @@ def elements(array: Array | None) -> list[tuple[str, Pose]]:
         return [("", Pose())]
     poses = layout(array)
     digits = len(str(len(poses) - 1))
-    return [(f"_{index:0{digits}d}", one) for index, one in enumerate(poses)]
+    return [(f"_{index:0{digits}d}", place) for index, place in enumerate(poses)]
 
 
 def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
@@ -160,7 +160,7 @@ def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
             yield _Instance(copied, source, path)
 
 
-def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
+def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
@@ -179,19 +179,19 @@ def _models(source: Source, only: str | None, found: Expansion) -> Iterator[_Ins
             if use.attach is not None:
                 copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
             yield _Instance(copied, source, bodies.placed)
-            found.excluded += [
+            expansion.excluded += [
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
             ]
 
 
-def _own_model(source: Source, only: str | None, found: Expansion) -> Iterator[_Instance]:
+def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
     bodies = trees.model_of(source)
     if bodies is None:
         return
     tree = next(resolved_trees(bodies, only))
     path = (*bodies.path, tree.bodies[0].name)
     yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
-    found.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
+    expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
 
 
 def _positioned(tree: Tree, use: Use) -> Tree:
@@ -211,13 +211,13 @@ def _positioned(tree: Tree, use: Use) -> Tree:
     return replace(tree, bodies=tuple(changed))
 
 
-def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:
+def _check_names(instances: Sequence[_Instance], expansion: Expansion) -> None:
     """Names that two bodies, two joints or two shapes share."""
     taken: Mapping[str, dict[str, _Instance]] = {"body": {}, "joint": {}, "shape": {}}
     reported: set[tuple[object, ...]] = set()
     for instance in instances:
         for body in instance.bodies:
-            names = [("body", body.name), ("joint", body.joint.name), *(("shape", one.name) for one in body.shapes)]
+            names = [("body", body.name), ("joint", body.joint.name), *(("shape", shape.name) for shape in body.shapes)]
             for noun, name in names:
                 if name not in taken[noun]:
                     taken[noun][name] = instance
@@ -230,6 +230,6 @@ def _check_names(instances: Sequence[_Instance], found: Expansion) -> None:
                 place = other.source.document.locate(other.path, key=True)
                 message = f"two {'bodies' if noun == 'body' else noun + 's'} would be called {name!r}"
                 where = ".".join(map(str, other.path)) + (f" at {place}" if place else "")
-                found.problems.append(
+                expansion.problems.append(
                     instance.source.document.problem(instance.path, message, key=True, found=f"the other one: {where}")
                 )

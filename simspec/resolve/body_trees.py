@@ -78,8 +78,10 @@ def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
 
 
 def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
-    solid = [(one, shape) for one, shape in zip(spec.shapes, shapes, strict=True) if not SHAPES[shape.kind].endless]
-    dense = [(one.density, shape) for one, shape in solid if one.density]
+    solid = [
+        (written, shape) for written, shape in zip(spec.shapes, shapes, strict=True) if not SHAPES[shape.kind].endless
+    ]
+    dense = [(written.density, shape) for written, shape in solid if written.density]
     if dense:
         return mass.combined(
             [
@@ -100,42 +102,42 @@ def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
         return Inertial(spec.mass)
     volumes = [SHAPES[shape.kind].volume(shape.size) for shape in filled]
     total = 0.0
-    for one in volumes:
-        total += one
+    for volume in volumes:
+        total += volume
     parts = [
-        mass.part(shape.kind, shape.size, shape.pose, spec.mass * (one / total))
-        for shape, one in zip(filled, volumes, strict=True)
+        mass.part(shape.kind, shape.size, shape.pose, spec.mass * (volume / total))
+        for shape, volume in zip(filled, volumes, strict=True)
     ]
     return mass.combined(parts, spec.mass)
 
 
 def _joint(name: str, kind: str, spec: SpecBody) -> Joint:
-    given = spec.joint
-    if given is None or kind in ("free", "fixed"):
+    written = spec.joint
+    if written is None or kind in ("free", "fixed"):
         start = () if kind == "fixed" else (0.0,) * 7
         speed = () if kind == "fixed" else (0.0,) * 6
-        return Joint(name, kind, spec.parent, pose(given.origin if given else None), position=start, velocity=speed)
-    limits, spring = given.limits, given.spring
+        return Joint(name, kind, spec.parent, pose(written.origin if written else None), position=start, velocity=speed)
+    limits, spring = written.limits, written.spring
     return Joint(
         name=name,
         kind=kind,
         parent=spec.parent,
-        origin=pose(given.origin),
-        axis=direction(given.axis) if given.axis is not None else (0.0, 0.0, 0.0),
+        origin=pose(written.origin),
+        axis=direction(written.axis) if written.axis is not None else (0.0, 0.0, 0.0),
         position_limits=None if limits is None else limits.position,
         velocity_limit=None if limits is None else limits.velocity,
         effort_limit=None if limits is None else limits.effort,
-        damping=given.damping or 0.0,
-        dry_friction=given.dry_friction or 0.0,
-        armature=given.armature or 0.0,
+        damping=written.damping or 0.0,
+        dry_friction=written.dry_friction or 0.0,
+        armature=written.armature or 0.0,
         spring_stiffness=0.0 if spring is None else spring.stiffness,
         spring_rest=0.0 if spring is None else spring.rest or 0.0,
-        **_start(given),
+        **_start(written),
     )
 
 
-def _start(given: SpecJoint) -> dict[str, tuple[float, ...]]:
-    if given.type == "ball":
-        turn = frames.IDENTITY if given.position is None else orientation(given.position)
-        return {"position": turn, "velocity": given.velocity or (0.0, 0.0, 0.0)}
-    return {"position": (given.position or 0.0,), "velocity": (given.velocity or 0.0,)}
+def _start(written: SpecJoint) -> dict[str, tuple[float, ...]]:
+    if written.type == "ball":
+        turn = frames.IDENTITY if written.position is None else orientation(written.position)
+        return {"position": turn, "velocity": written.velocity or (0.0, 0.0, 0.0)}
+    return {"position": (written.position or 0.0,), "velocity": (written.velocity or 0.0,)}

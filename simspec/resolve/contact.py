@@ -28,8 +28,8 @@ RULES: Mapping[str, Callable[[float, float], float]] = {
 
 def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Contact, list[Problem]]:
     """The contact laws, and their problems: excluded pairs that name no body, contact too stiff for the ``timestep`` (s)."""
-    files = [one.file for one in source.all() if one.file is not None]
-    given = source.content.contact
+    files = [member.file for member in source.all() if member.file is not None]
+    written = source.content.contact
     materials = {
         name: Material(
             name, material.friction, material.restitution, material.torsional_friction, material.rolling_friction
@@ -49,11 +49,11 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
         for other in group.ignores
     }
     excluded, problems = _excluded(source, expansion)
-    pairs = _pairs(materials, thresholds, given)
+    pairs = _pairs(materials, thresholds, written)
     problems += _too_stiff(source, expansion, pairs, timestep)
     return (
         Contact(
-            friction_cone=given.friction_cone,
+            friction_cone=written.friction_cone,
             materials=tuple(materials[name] for name in sorted(materials)),
             pairs=pairs,
             ignored_groups=tuple(sorted(ignored)),
@@ -64,10 +64,10 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
 
 
 def _pairs(
-    materials: Mapping[str, Material], thresholds: Mapping[str, float], given: SpecContact
+    materials: Mapping[str, Material], thresholds: Mapping[str, float], written: SpecContact
 ) -> tuple[PairContact, ...]:
-    said = {tuple(sorted(pair.between)): pair for pair in given.pairs}
-    combine = given.combine or Combine()
+    said = {tuple(sorted(pair.between)): pair for pair in written.pairs}
+    combine = written.combine or Combine()
     names = sorted(materials)
 
     def own(name: str, quantity: str) -> float:
@@ -76,12 +76,12 @@ def _pairs(
         )
         return number
 
-    found = []
+    laws = []
     for index, first in enumerate(names):
         for second in names[index:]:
             pair = said.get((first, second))
             if pair is not None and not pair.collide:
-                found.append(PairContact(first, second, 0.0, 0.0, collide=False))
+                laws.append(PairContact(first, second, 0.0, 0.0, collide=False))
                 continue
             values: dict[str, float] = {}
             for quantity in LAW_QUANTITIES:
@@ -90,8 +90,8 @@ def _pairs(
                 if value is None:
                     value = a if first == second else RULES[getattr(combine, quantity)](a, b)
                 values[quantity] = value
-            stated = pair.hardness if pair is not None and pair.hardness is not None else given.hardness
-            found.append(
+            stated = pair.hardness if pair is not None and pair.hardness is not None else written.hardness
+            laws.append(
                 PairContact(
                     first,
                     second,
@@ -103,7 +103,7 @@ def _pairs(
                     hardness=hardness(*stated),
                 )
             )
-    return tuple(found)
+    return tuple(laws)
 
 
 def hardness(kind: str, numbers: tuple[float, ...]) -> Hardness:
@@ -117,7 +117,7 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
         tuple(sorted(pair.between)): index for index, pair in enumerate(source.content.contact.pairs) if pair.hardness
     }
     lightest = _lightest(expansion)
-    found: dict[tuple[str | int, ...], Problem] = {}
+    problems: dict[tuple[str | int, ...], Problem] = {}
     for pair in pairs:
         if pair.hardness.kind == "time-constant":
             time, of = pair.hardness.time_constant, "time constant"
@@ -133,8 +133,8 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
             continue
         index = stated.get((pair.first, pair.second))
         path = ("contact", "hardness") if index is None else ("contact", "pairs", index, "hardness")
-        if path not in found:
-            found[path] = source.document.problem(
+        if path not in problems:
+            problems[path] = source.document.problem(
                 path,
                 f"the timestep is too large for the stiffness of the contact of {pair.first} and {pair.second}: its {of} is "
                 f"below {LEAST_STEPS} steps",
@@ -142,7 +142,7 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
                 allowed=f"at least {LEAST_STEPS * timestep:g} s",
                 hint="use a softer contact, a smaller physics.timestep, or hardness: common (rigid)",
             )
-    return list(found.values())
+    return list(problems.values())
 
 
 def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
@@ -156,21 +156,21 @@ def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
         fixed, parent = body.joint.kind == "fixed", body.joint.parent
         top[body.name] = body.name if not fixed else None if parent is None else top[parent]
         masses[top[body.name]] = masses.get(top[body.name], 0.0) + body.inertial.mass
-    found: dict[str, tuple[float, str]] = {}
+    lightest: dict[str, tuple[float, str]] = {}
     for body in expansion.bodies:
         group = top[body.name]
         if group is None or not masses[group]:
             continue
         for shape in body.shapes:
             if shape.collision:
-                one = (masses[group], body.name)
-                found[shape.material] = min(found.get(shape.material, one), one)
-    return found
+                own = (masses[group], body.name)
+                lightest[shape.material] = min(lightest.get(shape.material, own), own)
+    return lightest
 
 
 def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
     bodies = {body.name for body in expansion.bodies}
-    found = {
+    pairs = {
         (min(body.name, body.joint.parent), max(body.name, body.joint.parent))
         for body in expansion.bodies
         if body.joint.parent is not None
@@ -183,6 +183,6 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                 problems.append(
                     source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
                 )
-        found.add((min(pair), max(pair)))
-    found.update((min(pair), max(pair)) for pair in expansion.excluded)
-    return tuple(sorted(found)), problems
+        pairs.add((min(pair), max(pair)))
+    pairs.update((min(pair), max(pair)) for pair in expansion.excluded)
+    return tuple(sorted(pairs)), problems

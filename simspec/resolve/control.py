@@ -49,22 +49,22 @@ def controllers(source: Source, bodies: Sequence[Body]) -> Driven:
     own = {body.joint.name: body.joint.velocity_limit for body in bodies}
     limits = {name: limit for name, limit in own.items() if limit is not None}
     armature: dict[str, float] = {}
-    found: list[Controller] = []
+    resolved: list[Controller] = []
     taken: dict[str, str] = {}
-    for name, given in source.content.control.items():
-        one = _One(source, ("control", name), given, bodies, taken)
-        taken.update(dict.fromkeys(one.joints, name))
-        found.append(one.controller(name))
-        limits.update(one.velocity_limits())
-        armature.update(one.armature())
-        problems += one.problems
+    for name, written in source.content.control.items():
+        controller = _ControllerDraft(source, ("control", name), written, bodies, taken)
+        taken.update(dict.fromkeys(controller.joints, name))
+        resolved.append(controller.controller(name))
+        limits.update(controller.velocity_limits())
+        armature.update(controller.armature())
+        problems += controller.problems
     driven = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, armature=armature[body.joint.name]))
         if body.joint.name in armature
         else body
         for body in bodies
     )
-    return Driven(tuple(sorted(found, key=lambda one: one.name)), driven, limits, problems)
+    return Driven(tuple(sorted(resolved, key=lambda controller: controller.name)), driven, limits, problems)
 
 
 def unstable(source: Source, world: World) -> list[Problem]:
@@ -77,61 +77,62 @@ def unstable(source: Source, world: World) -> list[Problem]:
     try:
         from simspec.control import stability
 
-        found = stability.unstable(world)
+        instabilities = stability.unstable(world)
     except ModuleNotFoundError as error:
         message = f"control needs a library that is not installed ({error.name})"
         return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec[pin]'")]
-    return [_of_instability(source, one) for one in found]
+    return [_of_instability(source, instability) for instability in instabilities]
 
 
 def _without_dynamics(source: Source, world: World) -> list[Problem]:
     """Controllers whose law asks for the dynamics of a tree that the law has none of: with a ball or a free joint."""
-    found = []
+    problems = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
         odd = next((body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)), None)
-        found += [
+        problems += [
             source.document.problem(
-                ("control", one.name),
+                ("control", controller.name),
                 "its law needs a tree of hinges and slides on a fixed base",
                 key=True,
                 found=f"bodies.{odd.name}, with a {odd.joint.kind} joint",
                 hint="law: pd with discretisation: explicit and without gravity_compensation can be used",
             )
-            for one in world.controllers
-            if odd is not None and needs_dynamics(one) and not joints.isdisjoint(one.joints)
+            for controller in world.controllers
+            if odd is not None and needs_dynamics(controller) and not joints.isdisjoint(controller.joints)
         ]
-    return found
+    return problems
 
 
-def _of_instability(source: Source, one: Instability) -> Problem:
-    names = one.controller.split(", ")  # controllers of one tree may be unstable together, each of them stable alone
+def _of_instability(source: Source, instability: Instability) -> Problem:
+    # controllers of one tree may be unstable together, each of them stable alone
+    names = instability.controller.split(", ")
     who = "the explicit law is" if len(names) == 1 else f"the explicit laws of {' and '.join(names)} are together"
-    growth = f"its errors grow by a factor of {one.growth:.4g} in every step"
+    growth = f"its errors grow by a factor of {instability.growth:.4g} in every step"
     return source.document.problem(
         ("control", names[0]),
         f"{who} unstable at this timestep: {growth}",
         key=True,
-        found=f"a timestep of {one.timestep:g} s",
-        allowed=f"up to {one.largest_stable_step:.3g} s"
-        if one.largest_stable_step
+        found=f"a timestep of {instability.timestep:g} s",
+        allowed=f"up to {instability.largest_stable_step:.3g} s"
+        if instability.largest_stable_step
         else "none: it is unstable at any timestep",
         hint="use discretisation: implicit, lower gains, or a smaller physics.timestep",
     )
 
 
-class _One:
+class _ControllerDraft:
     """One controller while it is resolved; ``taken``: joints that other controllers drive, with their names."""
 
     def __init__(
         self,
         source: Source,
         path: tuple[Key, ...],
-        given: SpecController,
+        written: SpecController,
         bodies: Sequence[Body],
         taken: Mapping[str, str],
     ):
-        self.given = given
+        self.written = written
         self.problems: list[Problem] = []
         self._source, self._path = source, path
         self._types = {body.joint.name: body.joint.kind for body in bodies}
@@ -143,9 +144,9 @@ class _One:
     # --- which joints ---
 
     def _joints(self, taken: Mapping[str, str]) -> dict[str, None]:
-        found: dict[str, None] = {}
+        joints: dict[str, None] = {}
         movable = [name for name, kind in self._types.items() if kind in SCALAR_JOINTS]
-        for index, entry in enumerate(self.given.joints):
+        for index, entry in enumerate(self.written.joints):
             place = (*self._path, "joints", index)
             meant = (
                 chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in SCALAR_JOINTS else []
@@ -159,10 +160,10 @@ class _One:
                 message = f"{name} has a controller already: {holder}"
                 more = f" (and {len(other) - 1} more joints)" if len(other) > 1 else ""
                 self._problem(place, message + more, found=entry, hint="a joint has at most one controller")
-            elif all(name in found for name in meant):
+            elif all(name in joints for name in meant):
                 self._problem(place, "every joint of this entry is already listed", found=entry, hint="remove it")
-            found.update(dict.fromkeys(name for name in meant if name not in taken))
-        return found
+            joints.update(dict.fromkeys(name for name in meant if name not in taken))
+        return joints
 
     def _none(self, place: tuple[Key, ...], entry: str, movable: Sequence[str]) -> None:
         others = chosen(entry, self._types)
@@ -181,7 +182,7 @@ class _One:
 
     def _numbers(self, key: str, default: float | None = None) -> dict[str, float | None]:
         """The number of every joint, as the spec says it: on the actuator's side."""
-        value = getattr(self.given, key)
+        value = getattr(self.written, key)
         if value is None or not self.joints:
             return dict.fromkeys(self.joints, default)
         if isinstance(value, Mapping):
@@ -224,42 +225,42 @@ class _One:
             try:
                 yield name, reader.number(self._types[name]).read(value)
             except Faults as error:
-                for one in error.faults:
-                    self._problem(place, one.message, found=one.found, allowed=one.allowed, hint=one.hint)
+                for wrong in error.faults:
+                    self._problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint)
                 return
 
     def _geared(self, key: str, power: int) -> dict[str, float | None]:
         """The numbers on the joint's side: multiplied by a power of the gear's ratio."""
-        found = self._numbers(key)
-        for name, value in found.items():
+        values = self._numbers(key)
+        for name, value in values.items():
             ratio = self._gear[name]
             if value is None or ratio is None:
                 continue
             geared = value * ratio**power if power >= 0 else value / ratio**-power
-            found[name] = geared
+            values[name] = geared
             if geared > LARGEST:
                 message = f"{key} of {name} times the gear ratio is too large a number"
                 found_there = f"{value:g} × {ratio:g}^{power}"
                 self._problem((*self._path, key), message, found=found_there, allowed=f"up to {LARGEST:g}")
-                found[name] = None
-        return found
+                values[name] = None
+        return values
 
     # --- what follows ---
 
     def controller(self, name: str) -> Controller:
         """The world's controller."""
-        given = self.given
-        gains = given.law != "computed-torque"
+        written = self.written
+        gains = written.law != "computed-torque"
         return Controller(
             name=name,
             joints=self.joints,
-            law=given.law,
-            discretisation=given.discretisation,
+            law=written.law,
+            discretisation=written.discretisation,
             kp=tuple(value or 0.0 for value in self._geared("kp", 2).values()) if gains else (),
             kd=tuple(value or 0.0 for value in self._geared("kd", 2).values()) if gains else (),
-            natural_frequency=0.0 if gains else given.natural_frequency,
-            damping_ratio=0.0 if gains else given.damping_ratio,
-            gravity_compensation=given.gravity_compensation,
+            natural_frequency=0.0 if gains else written.natural_frequency,
+            damping_ratio=0.0 if gains else written.damping_ratio,
+            gravity_compensation=written.gravity_compensation,
             effort_limits=tuple(
                 _smaller(value, self._own[joint].effort_limit)
                 for joint, value in self._geared("effort_limit", 1).items()
@@ -283,9 +284,9 @@ class _One:
         self.problems.append(self._source.document.problem(place, message, **more))
 
 
-def _smaller(one: float | None, other: float | None) -> float | None:
+def _smaller(first: float | None, other: float | None) -> float | None:
     """The smaller of two limits, None where there is none."""
-    return min((limit for limit in (one, other) if limit is not None), default=None)
+    return min((limit for limit in (first, other) if limit is not None), default=None)
 
 
 def _some(names: Sequence[str]) -> str:

@@ -36,7 +36,7 @@ class Grasp:
 
         total = np.zeros(len(self.joints))
         for body, point, force in self.forces:
-            on_the_way = {one.joint.name for one in joints_to(bodies, body)}
+            on_the_way = {above.joint.name for above in joints_to(bodies, body)}
             rows = [row for row, name in enumerate(self.joints) if name in on_the_way]
             if rows:
                 tool = Tool(world, body, Pose(), [self.joints[row] for row in rows])
@@ -47,68 +47,70 @@ class Grasp:
 def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem]]:
     """Every grasp of every placed model by MODEL/NAME, those of a model file compiled alone by NAME, and what is wrong with
     them."""
-    found: dict[str, Grasp] = {}
+    resolved: dict[str, Grasp] = {}
     problems: list[Problem] = []
     bodies = {body.name: body for body in world.bodies}
     joints = {body.joint.name: body for body in world.bodies}
     taken: set[str] = set()
     refused: set[tuple[int, tuple[Key, ...]]] = set()
-    for prefix, file, path, name, given in _written(source):
+    for prefix, file, path, name, written in _written(source):
         if (id(file), path) in refused:
             continue  # another copy of the same
-        one, wrong = _grasp(prefix, prefix + name, given, joints, bodies)
+        grasp, wrong = _grasp(prefix, prefix + name, written, joints, bodies)
         if prefix + name in taken:
             wrong.append(((), f"the model has a grasp {name!r} already", {"key": True, "hint": "another name"}))
         taken.add(prefix + name)
         if wrong:
             refused.add((id(file), path))
         problems += [file.document.problem((*path, *at), message, **more) for at, message, more in wrong]
-        if one is not None:
-            found[one.name] = one
-    return found, problems
+        if grasp is not None:
+            resolved[grasp.name] = grasp
+    return resolved, problems
 
 
 def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
     """(prefix of names, file, path, grasp's name, grasp) of every grasp of every model, in every copy of it."""
     if (own := model_of(source)) is not None:
-        for file, path, name, given in _of_files(own.files):
-            yield "", file, path, name, given
+        for file, path, name, grasp in _of_files(own.files):
+            yield "", file, path, name, grasp
     for placement, use, bodies in placed(source):
         if use is None:
             continue  # has errors, which are reported elsewhere
-        here = [(source, ("models", placement, "grasps", name), name, given) for name, given in use.grasps.items()]
+        here = [(source, ("models", placement, "grasps", name), name, grasp) for name, grasp in use.grasps.items()]
         for suffix, _ in elements(use.array):
-            for file, path, name, given in (*_of_files(bodies.files), *here):
-                yield f"{placement}{suffix}/", file, path, name, given
+            for file, path, name, grasp in (*_of_files(bodies.files), *here):
+                yield f"{placement}{suffix}/", file, path, name, grasp
 
 
 def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecGrasp]]:
     """The grasps of the model files that lead to a model; what holds its bodies comes first."""
     for file in reversed(files):
         model = file.file.model if file.file is not None else None
-        for name, given in (model.grasps if model is not None else {}).items():
-            yield file, ("model", "grasps", name), name, given
+        for name, grasp in (model.grasps if model is not None else {}).items():
+            yield file, ("model", "grasps", name), name, grasp
 
 
 def _grasp(
-    prefix: str, name: str, given: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
+    prefix: str, name: str, written: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
 ) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
     wrong: list[tuple[tuple[Key, ...], str, Details]] = []
     postures: dict[str, list[float]] = {"open": [], "closed": []}
     for posture, values in postures.items():
-        for joint in given.open:
+        for joint in written.open:
             body = joints.get(prefix + joint)
             place = (posture, joint)
             if body is None or body.joint.kind not in SCALAR_JOINTS:
                 kind = "not a hinge or slide" if body is not None else "no joint of the model"
-                movable = [own for own, one in joints.items() if one.joint.kind in SCALAR_JOINTS]
+                movable = [own for own, mover in joints.items() if mover.joint.kind in SCALAR_JOINTS]
                 hint = near(joint, _within(prefix, movable))
                 wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
                 continue
             try:
-                value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(given, posture)[joint])
+                value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(written, posture)[joint])
             except Faults as error:
-                wrong += [(place, one.message, {"found": one.found, "allowed": one.allowed}) for one in error.faults]
+                wrong += [
+                    (place, item.message, {"found": item.found, "allowed": item.allowed}) for item in error.faults
+                ]
                 continue
             values.append(value)
             limits = body.joint.position_limits
@@ -116,21 +118,21 @@ def _grasp(
                 allowed = f"{limits[0]:g} to {limits[1]:g}"
                 wrong.append((place, f"outside the limits of {joint}", {"found": f"{value:g}", "allowed": allowed}))
     forces = []
-    for index, force in enumerate(given.forces):
+    for index, force in enumerate(written.forces):
         body_name = prefix + force.body
         if body_name not in bodies:
             hint = near(force.body, _within(prefix, bodies))
             message = f"the model has no body {force.body!r}"
             wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
             continue
-        if not any(one.joint.name.removeprefix(prefix) in given.open for one in _above(body_name, bodies)):
+        if not any(above.joint.name.removeprefix(prefix) in written.open for above in _above(body_name, bodies)):
             message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
             wrong.append((("forces", index, "body"), message, {"found": force.body}))
             continue
         forces.append((body_name, np.array(force.at), np.array(force.force)))
     if wrong:
         return None, wrong
-    names = tuple(prefix + joint for joint in given.open)
+    names = tuple(prefix + joint for joint in written.open)
     return Grasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []
 
 

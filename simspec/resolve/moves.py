@@ -68,7 +68,7 @@ class Program:
         self._source, self._world, self._grasps = source, world, known
         self._given = source.content.trajectory
         self.problems: list[Problem] = []
-        self._driven = {joint for one in world.controllers for joint in one.joints}
+        self._driven = {joint for controller in world.controllers for joint in controller.joints}
         self._grasp: Grasp | None = None
         self._tool: Any = None
 
@@ -141,19 +141,19 @@ class Program:
     # --- what moves ---
 
     def _choose_grasp(self) -> None:
-        name, found = self._given.grasp, self._grasps
-        if name is not None and name not in found:
-            allowed = ", ".join(list(found)[:20]) or "the models have none: model: {grasps: ...}"
+        name, known = self._given.grasp, self._grasps
+        if name is not None and name not in known:
+            allowed = ", ".join(list(known)[:20]) or "the models have none: model: {grasps: ...}"
             self._problem(
-                ("grasp",), f"there is no grasp {name!r}", found=name, allowed=allowed, hint=near(name, found)
+                ("grasp",), f"there is no grasp {name!r}", found=name, allowed=allowed, hint=near(name, known)
             )
             return
-        if name is None and len(found) != 1:
-            allowed = ", ".join(list(found)[:20]) or "the models have none: model: {grasps: ...}"
-            message = "ambiguous grasp" if found else "grip requires a grasp"
+        if name is None and len(known) != 1:
+            allowed = ", ".join(list(known)[:20]) or "the models have none: model: {grasps: ...}"
+            message = "ambiguous grasp" if known else "grip requires a grasp"
             self._problem(("program",), message, key=True, allowed=allowed, hint="grasp: MODEL/GRASP")
             return
-        grasp = self._grasp = found[name] if name is not None else next(iter(found.values()))
+        grasp = self._grasp = known[name] if name is not None else next(iter(known.values()))
         idle = [joint for joint in grasp.joints if joint not in self._driven]
         if idle:
             message = f"the grasp {grasp.name} moves {', '.join(idle[:6])}, which no controller drives"
@@ -169,17 +169,17 @@ class Program:
     def _choose_tool(self) -> None:
         from simspec.dynamics.tool import Tool, joints_to, tree_of
 
-        given = self._given.tool
-        if given is None:
+        frame = self._given.tool
+        if frame is None:
             self._problem(("program",), "move requires a tool frame", key=True, hint="tool: {body: MODEL/BODY}")
             return
         names = {body.name for body in self._world.bodies}
-        if given.body not in names:
-            hint = near(given.body, names)
-            self._problem(("tool", "body"), f"there is no body {given.body!r}", found=given.body, hint=hint)
+        if frame.body not in names:
+            hint = near(frame.body, names)
+            self._problem(("tool", "body"), f"there is no body {frame.body!r}", found=frame.body, hint=hint)
             return
-        bodies = tree_of(self._world, given.body)
-        way = [body for body in joints_to(bodies, given.body) if body.joint.kind != "fixed"]
+        bodies = tree_of(self._world, frame.body)
+        way = [body for body in joints_to(bodies, frame.body) if body.joint.kind != "fixed"]
         loose = next((body for body in way if body.joint.name not in self._driven), None)
         if loose is not None:
             message = f"the tool is attached to {loose.joint.name}, {article(loose.joint.kind)} joint that no controller drives"
@@ -188,22 +188,22 @@ class Program:
                 if loose.joint.kind == "free"
                 else "control: {NAME: {joints: [...]}}"
             )
-            self._problem(("tool", "body"), message, found=given.body, hint=hint)
+            self._problem(("tool", "body"), message, found=frame.body, hint=hint)
             return
         joints = [body.joint.name for body in way]
         if self._given.arm is not None:
             joints = self._arm(joints)
         elif not joints:
-            self._problem(("tool", "body"), "no joint moves this body", found=given.body)
+            self._problem(("tool", "body"), "no joint moves this body", found=frame.body)
         both = [name for name in joints if self._grasp is not None and name in self._grasp.joints]
         if both:
             message = f"{', '.join(both[:6])} would belong to both the arm and the grasp"
             self._problem(("program",), message, key=True, hint="arm: [the joints that move the tool]")
         if self.problems:
             return
-        offset = given.pose
+        offset = frame.pose
         place = Pose() if offset is None else Pose(offset.xyz, _turn(offset))
-        self._tool = Tool(self._world, given.body, place, joints)
+        self._tool = Tool(self._world, frame.body, place, joints)
 
     def _arm(self, way: Sequence[str]) -> list[str]:
         wanted: set[str] = set()
@@ -304,20 +304,20 @@ class Program:
         else:
             for time, place in zip(times, self._line(target, minimum_jerk(shares)), strict=True):
                 into = f" {time - begun:.3g} s into it" if time < times[-1] else ""
-                found = self._reach(place, turning, into)
-                jump = np.abs(found - self._q)
+                solution = self._reach(place, turning, into)
+                jump = np.abs(solution - self._q)
                 if jump.max() > LARGEST_JUMP:
                     self._jumped(int(jump.argmax()), float(jump.max()), into)
-                self._q = found
-                self._append(rows, index, time, self._row(found, before), pressed)
+                self._q = solution
+                self._append(rows, index, time, self._row(solution, before), pressed)
         self._place = target if turning else self._tool.place(self._q)
 
-    def _target(self, given: ToolPlace) -> Any:
+    def _target(self, move: ToolPlace) -> Any:
         place = self._place.copy()
-        if given.xyz is not None:
-            place.translation = np.array(given.xyz)
-        if given.rpy is not None or given.quat is not None:
-            place.rotation = np.array(frames.matrix(_turn(given)))
+        if move.xyz is not None:
+            place.translation = np.array(move.xyz)
+        if move.rpy is not None or move.quat is not None:
+            place.rotation = np.array(frames.matrix(_turn(move)))
         return place
 
     def _line(self, target: Any, ways: np.ndarray) -> list[Any]:
@@ -335,13 +335,15 @@ class Program:
         ]
 
     def _reach(self, target: Any, turning: bool, into: str = "", far: bool = False) -> np.ndarray:
-        found = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=far)
-        if found.reached:
-            positions: np.ndarray = found.positions
+        solution = self._tool.solve(target, self._q, turning=turning, nominal=self._nominal, far=far)
+        if solution.reached:
+            positions: np.ndarray = solution.positions
             return positions
-        stuck = f"; at a limit: {', '.join(found.at_limit)}" if found.at_limit else ""
+        stuck = f"; at a limit: {', '.join(solution.at_limit)}" if solution.at_limit else ""
         off = (
-            f"{1e3 * found.distance:.3g} mm and {found.angle:.3g} rad" if turning else f"{1e3 * found.distance:.3g} mm"
+            f"{1e3 * solution.distance:.3g} mm and {solution.angle:.3g} rad"
+            if turning
+            else f"{1e3 * solution.distance:.3g} mm"
         )
         at = ", ".join(f"{value:.4g}" for value in target.translation)
         raise _Stop(
@@ -373,7 +375,7 @@ def _wait(lasting: float, interval: float) -> np.ndarray:
     return np.concatenate([edge, 1.0 - edge[::-1], [1.0]])
 
 
-def _turn(given: ToolPlace | SpecPose) -> Quaternion:
+def _turn(written: ToolPlace | SpecPose) -> Quaternion:
     from simspec.resolve.poses import orientation
 
-    return orientation(given)
+    return orientation(written)

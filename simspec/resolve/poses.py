@@ -16,24 +16,24 @@ from simspec.world.types import Pose, Quaternion, Vector3
 Z_AXIS: Vector3 = (0.0, 0.0, 1.0)
 
 
-def orientation(given: SpecPose | Orientation | Inertia | ToolPlace) -> Quaternion:
+def orientation(written: SpecPose | Orientation | Inertia | ToolPlace) -> Quaternion:
     """The rotation that `rpy` or `quat` says."""
-    if given.quat is not None:
-        return frames.normalise(given.quat)
-    if given.rpy is not None:
-        return frames.from_rpy(*given.rpy)
+    if written.quat is not None:
+        return frames.normalise(written.quat)
+    if written.rpy is not None:
+        return frames.from_rpy(*written.rpy)
     return frames.IDENTITY
 
 
-def pose(given: SpecPose | None) -> Pose:
+def pose(written: SpecPose | None) -> Pose:
     """A pose of the spec; None is the identity."""
-    return Pose() if given is None else Pose(given.xyz, orientation(given))
+    return Pose() if written is None else Pose(written.xyz, orientation(written))
 
 
-def direction(given: Vector3) -> Vector3:
+def direction(vector: Vector3) -> Vector3:
     """The unit vector along a vector that is not zero."""
-    scale = max(map(abs, given))  # a tiny vector's squares would vanish
-    x, y, z = given[0] / scale, given[1] / scale, given[2] / scale
+    scale = max(map(abs, vector))  # a tiny vector's squares would vanish
+    x, y, z = vector[0] / scale, vector[1] / scale, vector[2] / scale
     squared = x * x + y * y + z * z
     if squared == 1.0:
         return (x + 0.0, y + 0.0, z + 0.0)
@@ -66,8 +66,8 @@ def _layout(array: Array) -> Iterator[Pose]:
             turn = frames.from_axis_angle(Z_AXIS, angle) if array.face else frames.IDENTITY
             yield Pose((array.radius * cosine, array.radius * sine, 0.0), turn)
     else:
-        for one in array.poses:
-            yield pose(one)
+        for element in array.poses:
+            yield pose(element)
 
 
 def _jittered(elements: list[Pose], jitter: Jitter) -> Iterator[Pose]:

@@ -23,12 +23,12 @@ from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
 
 
-def physics(given: SpecPhysics) -> Physics:
+def physics(written: SpecPhysics) -> Physics:
     """Gravity and time, in steps."""
-    steps = whole_steps(given.duration, given.timestep)
+    steps = whole_steps(written.duration, written.timestep)
     if steps is None:
         raise ValueError("a validated duration is a whole number of steps")
-    return Physics(given.gravity, given.timestep, steps)
+    return Physics(written.gravity, written.timestep, steps)
 
 
 def shortened(time: Physics, until: float | None) -> Physics:
@@ -41,12 +41,12 @@ def shortened(time: Physics, until: float | None) -> Physics:
     return dataclasses.replace(time, steps=min(time.steps, steps))
 
 
-def record(given: SpecRecord, time: Physics) -> Record:
+def record(written: SpecRecord, time: Physics) -> Record:
     """What to record, and every how many steps."""
-    every = 1 if given.every is None else whole_steps(given.every, time.timestep)
+    every = 1 if written.every is None else whole_steps(written.every, time.timestep)
     if not every:
         raise ValueError("a validated recording interval is a whole number of steps")
-    return Record(every, tuple(sorted(set(given.channels))))
+    return Record(every, tuple(sorted(set(written.channels))))
 
 
 def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
@@ -64,7 +64,10 @@ def unknown_shown(source: Source, bodies: Sequence[Body]) -> list[Problem]:
 def too_much(source: Source, world: World) -> list[Problem]:
     """The problem of a recording that would be larger than is kept; contacts, whose number nobody knows, are not counted."""
     where = layout_of(world)
-    energy, driven = 2 * ("energy" in world.record.channels), sum(len(one.joints) for one in world.controllers)
+    energy, driven = (
+        2 * ("energy" in world.record.channels),
+        sum(len(controller.joints) for controller in world.controllers),
+    )
     row = 8 * (1 + where.nq + where.nv + 13 * len(world.bodies) + energy + 2 * driven)
     rows = 1 + -(-world.physics.steps // world.record.every_steps)
     if rows * row <= RECORDED_BYTES:
@@ -81,7 +84,7 @@ def too_much(source: Source, world: World) -> list[Problem]:
     ]
 
 
-def engines(given: Mapping[str, SpecOptions]) -> tuple[EngineOptions, ...]:
+def engines(written: Mapping[str, SpecOptions]) -> tuple[EngineOptions, ...]:
     """Options by engine, sorted."""
     return tuple(
         EngineOptions(
@@ -90,7 +93,7 @@ def engines(given: Mapping[str, SpecOptions]) -> tuple[EngineOptions, ...]:
             tuple(sorted(set(options.accept))),
             tuple(sorted(set(options.outside))),
         )
-        for name, options in sorted(given.items())
+        for name, options in sorted(written.items())
     )
 
 
@@ -103,11 +106,11 @@ def expectations(
     at a later time, or at the end of the whole, is then checked, but not asked of the run.
     """
     names = {body.name for body in bodies}
-    found, problems = [], []
+    resolved, problems = [], []
     for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
-        given = getattr(entry, kind)
-        values = {name: getattr(given, name) for name in KINDS[kind].parameters}
+        written = getattr(entry, kind)
+        values = {name: getattr(written, name) for name in KINDS[kind].parameters}
         values = {name: value for name, value in values.items() if value is not None}
         path = ("expect", index, kind)
         named: list[tuple[str, tuple[Key, ...], bool]]
@@ -139,8 +142,8 @@ def expectations(
             message = "momentum is conserved only without gravity"
             problems.append(source.document.problem(path, message, found=f"gravity [{shown}] m/s²"))
         if asked:
-            found.append(Expectation(kind, tuple(sorted(values.items()))))
-    return tuple(found), problems
+            resolved.append(Expectation(kind, tuple(sorted(values.items()))))
+    return tuple(resolved), problems
 
 
 def _never(
@@ -176,46 +179,48 @@ def fixed_for_ever(source: Source, world: World) -> list[Problem]:
     problems = []
     for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
-        given = getattr(entry, kind)
-        for place, message, found in _decided(kind, given, start, still):
+        expected = getattr(entry, kind)
+        for place, message, found in _decided(kind, expected, start, still):
             path: tuple[Key, ...] = ("expect", index, kind, *place)
             problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found))
     return problems
 
 
 def _decided(
-    kind: str, given: Any, start: Mapping[str, np.ndarray], still: set[str]
+    kind: str, expected: Any, start: Mapping[str, np.ndarray], still: set[str]
 ) -> Iterator[tuple[tuple[str, ...], str, str]]:
     """Why the initial state alone makes an expectation fail: place, message, what is there."""
-    if kind == "position" and given.body in still:
-        away = float(np.linalg.norm(start[given.body] - np.array(given.xyz)))
-        if away > given.tolerance:
-            yield ("xyz",), f"{given.body} cannot move", f"it is {away:.4g} m away"
+    if kind == "position" and expected.body in still:
+        away = float(np.linalg.norm(start[expected.body] - np.array(expected.xyz)))
+        if away > expected.tolerance:
+            yield ("xyz",), f"{expected.body} cannot move", f"it is {away:.4g} m away"
     elif kind == "at_target":
-        for body, target in given.targets:
+        for body, target in expected.targets:
             away = float(np.linalg.norm(start[body] - np.array(target)))
-            if body in still and away > given.tolerance:
+            if body in still and away > expected.tolerance:
                 yield ("targets", body), f"{body} cannot move", f"it is {away:.4g} m away"
-    elif kind == "displacement" and given.body in still:
-        asked = given.distance if given.xyz is None else float(np.linalg.norm(given.xyz))
-        if asked > given.tolerance:
-            yield (), f"{given.body} cannot move", f"a displacement of {asked:.4g} m"
-    elif kind == "apex_height" and given.body in still:
-        if abs(start[given.body][2] - given.height) > given.tolerance:
-            yield ("height",), f"{given.body} cannot move", f"it is at {start[given.body][2]:.4g} m"
-    elif kind == "angular_speed" and given.body in still:
-        if given.speed > given.tolerance:
-            yield ("speed",), f"{given.body} cannot move", f"{given.speed:.4g} rad/s"
+    elif kind == "displacement" and expected.body in still:
+        asked = expected.distance if expected.xyz is None else float(np.linalg.norm(expected.xyz))
+        if asked > expected.tolerance:
+            yield (), f"{expected.body} cannot move", f"a displacement of {asked:.4g} m"
+    elif kind == "apex_height" and expected.body in still:
+        if abs(start[expected.body][2] - expected.height) > expected.tolerance:
+            yield ("height",), f"{expected.body} cannot move", f"it is at {start[expected.body][2]:.4g} m"
+    elif kind == "angular_speed" and expected.body in still:
+        if expected.speed > expected.tolerance:
+            yield ("speed",), f"{expected.body} cannot move", f"{expected.speed:.4g} rad/s"
     elif kind == "stays_within":
         # round-off of resolving: a body may begin on the boundary
         out = float(
-            np.maximum(np.array(given.lower) - start[given.body], start[given.body] - np.array(given.upper)).max()
+            np.maximum(
+                np.array(expected.lower) - start[expected.body], start[expected.body] - np.array(expected.upper)
+            ).max()
         )
         if out > ROUND_OFF:
-            yield (), f"{given.body} starts outside", f"by {out:.4g} m"
+            yield (), f"{expected.body} starts outside", f"by {out:.4g} m"
     elif kind == "bodies_apart":
-        apart = float(np.linalg.norm(start[given.first] - start[given.second]))
-        if apart < given.at_least - ROUND_OFF:
+        apart = float(np.linalg.norm(start[expected.first] - start[expected.second]))
+        if apart < expected.at_least - ROUND_OFF:
             yield ("at_least",), "the two start closer than that", f"{apart:.4g} m"
 
 

@@ -15,14 +15,16 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
     try:
         from simspec.dynamics.stability import unstable
 
-        found = unstable(world)
+        instabilities = unstable(world)
     except ModuleNotFoundError:
         return []
     problems = []
-    for one in found:
-        path = f"bodies.{one.bodies[0]}.joint." + ("damping" if one.damping else "spring.stiffness")
-        largest = f"up to {one.largest_stable_step:.3g} s"
-        hint = f"less {'damping' if one.damping else 'stiffness'}; or a smaller physics.timestep"
-        found_there = f"a timestep of {one.timestep:g} s"
-        problems.append(Problem(str(one), path, locate(source, path), found=found_there, allowed=largest, hint=hint))
+    for instability in instabilities:
+        path = f"bodies.{instability.bodies[0]}.joint." + ("damping" if instability.damping else "spring.stiffness")
+        largest = f"up to {instability.largest_stable_step:.3g} s"
+        hint = f"less {'damping' if instability.damping else 'stiffness'}; or a smaller physics.timestep"
+        found_there = f"a timestep of {instability.timestep:g} s"
+        problems.append(
+            Problem(str(instability), path, locate(source, path), found=found_there, allowed=largest, hint=hint)
+        )
     return problems

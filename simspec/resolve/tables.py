@@ -124,7 +124,7 @@ def _read_csv(path: Path) -> Table:
 
 def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
     """Where each joint's column of each quantity stands behind the time."""
-    found: dict[str, dict[str, int]] = {}
+    columns: dict[str, dict[str, int]] = {}
     for place, name in enumerate(header):
         joint, colon, suffix = name.rpartition(":")
         if not colon:
@@ -132,18 +132,18 @@ def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
         quantity = SUFFIXES.get(suffix)
         if quantity is None or not joint:
             table.refuse("unknown column", name[:80], "JOINT, JOINT:velocity, JOINT:acceleration, JOINT:effort")
-        elif joint in found.setdefault(quantity, {}):
+        elif joint in columns.setdefault(quantity, {}):
             table.refuse("duplicate column", name[:80])
         else:
-            found[quantity][joint] = place
-    joints = found.get("positions", {})
+            columns[quantity][joint] = place
+    joints = columns.get("positions", {})
     if not joints and not table.wrong:
         table.refuse("no joint has a position", ",".join(header)[:80] or "time alone", "time,JOINT,...")
-    for quantity, places in found.items():
+    for quantity, places in columns.items():
         if odd := sorted(joints.keys() ^ places.keys()):
-            suffix = next(one for one, name in SUFFIXES.items() if name == quantity)
+            suffix = next(ending for ending, name in SUFFIXES.items() if name == quantity)
             table.refuse(f"missing columns: every joint has {quantity}, or none", ", ".join(odd[:6]), f"JOINT:{suffix}")
-    return found
+    return columns
 
 
 def _number(text: str) -> float | None:

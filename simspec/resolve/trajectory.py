@@ -49,8 +49,8 @@ class _Draft:
 
     def made(self, world: World, interpolation: str) -> Trajectory:
         """The world's trajectory, columns in the order of the world's bodies."""
-        given = {name: column for column, name in enumerate(self.joints)}
-        order = [given[body.joint.name] for body in world.bodies if body.joint.name in given]
+        columns = {name: column for column, name in enumerate(self.joints)}
+        order = [columns[body.joint.name] for body in world.bodies if body.joint.name in columns]
         values = {name: self.values[name][:, order].tolist() for name in QUANTITIES if name in self.values}
         return Trajectory(
             joints=tuple(self.joints[column] for column in order),
@@ -66,23 +66,23 @@ def trajectory(
     """The trajectory of a spec for its ``world`` (controllers included), and what is wrong with it and with the grasps of
     the models. ``velocity_limits``: by the joint's full name (rad/s, m/s)."""
     known, problems = grasps(source, world)
-    given = source.content.trajectory
-    if given is None:
+    written = source.content.trajectory
+    if written is None:
         return None, problems
     if not world.controllers:
         message = "a trajectory without a controller that follows it"
         hint = "control: {NAME: {joints: ...}}"
         return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
     try:
-        if given.points is not None:
+        if written.points is not None:
             draft = _of_points(source, world, problems)
-        elif given.file is not None:
+        elif written.file is not None:
             draft = _of_table(source, world, problems)
         else:
             draft = None if problems else _of_program(source, world, known, problems)
         if draft is None or problems:
             return None, problems
-        made = draft.made(world, given.interpolation)
+        made = draft.made(world, written.interpolation)
         check = _Check(source, world, draft, made)
         problems += check.points() or check.between(velocity_limits)
     except ModuleNotFoundError as error:
@@ -98,7 +98,7 @@ def trajectory(
 def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, Details]]:
     """Names that are no joints, and joints that nobody drives: (name, what is wrong, more)."""
     known = {body.joint.name for body in world.bodies}
-    driven = {joint for one in world.controllers for joint in one.joints}
+    driven = {joint for controller in world.controllers for joint in controller.joints}
     for name in names:
         if name not in known:
             yield name, f"there is no joint {name!r}", {"found": name, "hint": near(name, driven)}
@@ -133,8 +133,10 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft 
                 except Faults as error:
                     place = path(row, joint, quantity)
                     problems += [
-                        source.document.problem(place, one.message, found=one.found, allowed=one.allowed, hint=one.hint)
-                        for one in error.faults
+                        source.document.problem(
+                            place, item.message, found=item.found, allowed=item.allowed, hint=item.hint
+                        )
+                        for item in error.faults
                     ]
         values[quantity] = array
     return _Draft(joints, np.array([point.at for point in points]), values, path)
@@ -162,11 +164,11 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
     if table.times[0] < 0.0:
         refuse("times begin at 0 or later", found=f"{table.times[0]:g} s")
     interpolation = source.content.trajectory.interpolation
-    given = {name for name in ("velocities", "accelerations") if name in table.values}
+    present = {name for name in ("velocities", "accelerations") if name in table.values}
     derivatives = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
-    for name in sorted(given - derivatives):
+    for name in sorted(present - derivatives):
         refuse(f"{name} are not allowed with interpolation {interpolation}")
-    if interpolation == "quintic" and len(given) == 1:
+    if interpolation == "quintic" and len(present) == 1:
         refuse("quintic requires velocities and accelerations, or neither")
     return _Draft(
         table.joints,
@@ -209,18 +211,18 @@ class _Check:
 
     def points(self) -> list[Problem]:
         """Times that are too near to each other, positions outside of their joints' limits."""
-        found = []
+        problems = []
         close = np.flatnonzero(np.diff(self._times) < SHORTEST)
         if len(close):
             row = int(close[0]) + 1
             gap = f"{self._times[row] - self._times[row - 1]:.3g} s before {self._times[row]:g} s"
             allowed = f"at least {SHORTEST:g} s apart"
-            found.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed))
+            problems.append(self._problem(row, 0, "points too close in time", found=gap, allowed=allowed))
         beyond = np.maximum(self._low - self._values, self._values - self._high)
         for column in np.flatnonzero(beyond.max(axis=0) > EDGE)[:MOST_REPORTED]:
             row = int(beyond[:, column].argmax())
-            found.append(self._outside(row, int(column), self._times[row], self._values[row, column]))
-        return found
+            problems.append(self._outside(row, int(column), self._times[row], self._values[row, column]))
+        return problems
 
     def between(self, velocity_limits: Mapping[str, float]) -> list[Problem]:
         """Positions and speeds beyond the joints' limits between points. A trajectory that is held from point to point
@@ -237,13 +239,13 @@ class _Check:
                 return [self._problem(row, 0, "the interpolated values overflow from here on")]
             outside.look(np.maximum(self._low - positions, positions - self._high) - swing, times, positions)
             fast.look(np.abs(speeds) - fastest, times, speeds)
-        found = []
+        problems = []
         for column in np.flatnonzero(outside.excess > 0.0)[:MOST_REPORTED]:
             time = outside.times[column]
-            found.append(self._outside(self._row(time), int(column), time, outside.values[column]))
+            problems.append(self._outside(self._row(time), int(column), time, outside.values[column]))
         for column in np.flatnonzero(fast.excess > 0.0)[:MOST_REPORTED]:
-            found.append(self._too_fast(int(column), fast.times[column], abs(fast.values[column]), slow[column]))
-        return found
+            problems.append(self._too_fast(int(column), fast.times[column], abs(fast.values[column]), slow[column]))
+        return problems
 
     def _followed(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Times, positions and velocities on the way, some points' worth together."""
@@ -302,9 +304,9 @@ class _Worst:
         """Take some more rows into account."""
         rows, columns = excess.argmax(axis=0), np.arange(excess.shape[1])
         worse = excess[rows, columns] > self.excess
-        for name, found in (
+        for name, looked_at in (
             ("excess", excess[rows, columns]),
             ("times", times[rows]),
             ("values", values[rows, columns]),
         ):
-            setattr(self, name, np.where(worse, found, getattr(self, name)))
+            setattr(self, name, np.where(worse, looked_at, getattr(self, name)))

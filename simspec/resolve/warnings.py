@@ -44,9 +44,15 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
 
     Of several at one place the first is given, with their number; at most ``MOST_WARNINGS`` in all.
     """
-    found = [*_angles(spec), *_time(spec, world), *_sizes(spec, world), *_squeeze(spec, world), *_overlaps(spec, world)]
+    suspicious = [
+        *_angles(spec),
+        *_time(spec, world),
+        *_sizes(spec, world),
+        *_squeeze(spec, world),
+        *_overlaps(spec, world),
+    ]
     grouped: dict[tuple[str, Location | str], list[Problem]] = {}
-    for message_kind, problem in found:
+    for message_kind, problem in suspicious:
         grouped.setdefault((message_kind, problem.location or problem.path), []).append(problem)
     first = [_counted(group) for group in grouped.values()]
     ordered = in_order(first)
@@ -123,9 +129,9 @@ def _of_joint(kind: Any, value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tu
 
 def _large(value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], float]]:
     values = enumerate(value) if isinstance(value, (list, tuple)) else [(None, value)]
-    for index, one in values:
-        if isinstance(one, (int, float)) and not isinstance(one, bool) and abs(one) > FULL_TURN:
-            yield (path if index is None else (*path, index)), float(one)
+    for index, item in values:
+        if isinstance(item, (int, float)) and not isinstance(item, bool) and abs(item) > FULL_TURN:
+            yield (path if index is None else (*path, index)), float(item)
 
 
 # --- time, sizes -----------------------------------------------------------------------------------------------------
@@ -196,8 +202,8 @@ def _squeeze(spec: Spec, world: World) -> Warned:
         return
     limits = {
         joint: limit
-        for one in world.controllers
-        for joint, limit in zip(one.joints, one.effort_limits, strict=True)
+        for controller in world.controllers
+        for joint, limit in zip(controller.joints, controller.effort_limits, strict=True)
         if limit is not None
     }
     units = {body.joint.name: "N m" if body.joint.kind == "hinge" else "N" for body in world.bodies}
@@ -223,11 +229,11 @@ def _squeeze_place(spec: Spec) -> str:
 def _overlaps(spec: Spec, world: World) -> Warned:
     index = {shape.name: (body.name, k) for body in world.bodies for k, shape in enumerate(body.shapes)}
     moving = {name for name, group in rigid_groups(world).items() if group != "world"}
-    for one in deep_overlaps(world):
+    for overlap in deep_overlaps(world):
         # the place is that of the body that can be moved away
-        name = one.second if one.second_body in moving else one.first
+        name = overlap.second if overlap.second_body in moving else overlap.first
         body, number = index[name]
         path = f"bodies.{body}.shapes.{number}"
-        message = f"{one.first_body} and {one.second_body} overlap by {1e3 * one.depth:.4g} mm at the start"
+        message = f"{overlap.first_body} and {overlap.second_body} overlap by {1e3 * overlap.depth:.4g} mm at the start"
         hint = "move one of them; or contact: exclude, or groups, if they are intended to pass through each other"
-        yield "overlap", Problem(message, path, spec.locate(path), f"{one.first} in {one.second}", hint=hint)
+        yield "overlap", Problem(message, path, spec.locate(path), f"{overlap.first} in {overlap.second}", hint=hint)

@@ -22,6 +22,7 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.mapped import RECORDED_BYTES, parts, zeros
 from simspec.runner.case import Case
@@ -76,10 +77,11 @@ def start_case(
     python: str | None = None,
     deadline: float = DEADLINE,
     source: Mapping[str, Any] | None = None,
+    warm: WarmProcesses | None = None,
 ) -> Iterator[PendingRun]:
     """Start the engine's process of a case and give a handle to wait on, so that several may work side by side.
 
-    ``source`` goes into the provenance as ``spec``.
+    ``source`` goes into the provenance as ``spec``; ``warm``: processes to fork from (``engines/kit/warm.py``).
     """
     world = case.resolved
     record, options = world.record, world.options(engine_name(case.engine))
@@ -94,7 +96,7 @@ def start_case(
         arrays["q"], arrays["v"] = case.initial_state
     started = datetime.now(UTC)
     operations = [Operation("run", parameters, arrays, world)]
-    with start(case.engine, artifacts, operations, python=python, deadline=deadline) as running:
+    with start(case.engine, artifacts, operations, python=python, deadline=deadline, warm=warm) as running:
         facts = {
             "schema": SCHEMA,
             "simspec": version("simspec"),
@@ -147,6 +149,7 @@ def _finish(case: Case, facts: Mapping[str, Any], reply: Reply) -> Run:
             "run": answer.seconds,
             "process": reply.wall_seconds,
         },
+        "usage": reply.usage,
         "warnings": answer.log,
     }
     if answer.result["control"] is not None:
@@ -217,11 +220,12 @@ def run_case(
     deadline: float = DEADLINE,
     source: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
+    warm: WarmProcesses | None = None,
 ) -> Run:
-    """Run a case in a process of its own; arguments and errors as of :func:`run`."""
+    """Run a case in a process of its own; arguments and errors as of :func:`run`, ``warm`` as of :func:`start_case`."""
     with (
         compiled_folder(case, artifacts, python) as folder,
-        start_case(case, folder, python=python, deadline=deadline, source=source) as pending,
+        start_case(case, folder, python=python, deadline=deadline, source=source, warm=warm) as pending,
     ):
         return pending.wait(progress)
 

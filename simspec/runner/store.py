@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +53,7 @@ def save_run(run: Run, folder: Path) -> Path:
             for name, rows in tables.write_tables(run.world, run.arrays, driven_joints(run.provenance), fresh):
                 file = f"{name}.parquet"
                 with open(fresh / file, "rb") as content:
-                    written[name] = {"sha256": _digest(content), "rows": rows}
+                    written[name] = {"sha256": digest(content), "rows": rows}
                 yield file
         put(fresh / WORLD_FILE, canonical_json(run.world) + "\n")
         yield WORLD_FILE
@@ -77,11 +77,12 @@ def content_hash(facts: Any) -> str:
     return sha256({key: value for key, value in facts.items() if key != "sha256"})
 
 
-def _digest(file: Any) -> str:
-    digest = hashlib.sha256()
+def digest(file: Any) -> str:
+    """Hexadecimal SHA-256 of an open file, from where it stands."""
+    state = hashlib.sha256()
     while block := file.read(BLOCK):
-        digest.update(block)
-    return digest.hexdigest()
+        state.update(block)
+    return state.hexdigest()
 
 
 def is_run(folder: Path) -> bool:
@@ -133,7 +134,8 @@ def load_run(folder: Path | str) -> Run:
     if facts.world_sha256 != sha256(world):
         message = f"{path}: this is not the world that was run: its hash differs from the provenance"
         raise SpecError([Problem(message)])
-    arrays = _read_arrays(folder, world, facts)
+    joints = list(facts.control.joints) if facts.control is not None else []
+    arrays = load_tables(folder, world, facts.tables, joints)
     if not arrays and facts.failed is None:
         raise SpecError([Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed")])
     provenance = facts.plain()
@@ -147,34 +149,37 @@ def _unreadable(path: Path, error: BaseException) -> SpecError:
     return SpecError([Problem(f"{path} cannot be read: {why}")])
 
 
-def _read_arrays(folder: Path, world: World, facts: Provenance) -> dict[str, np.ndarray]:
-    if not facts.tables:
+def load_tables(
+    folder: Path, world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """The arrays of a run of ``world`` from its tables in ``folder``; ``joints``: those with controllers. Raises SpecError
+    where a table is not the one of its hash, or tables contradict each other."""
+    if not stored:
         return {}
-    joints = list(facts.control.joints) if facts.control is not None else []
     try:
-        wanted = _wanted(world, facts, joints)
-        times = facts.tables["states"].rows
-        counts = {"bodies": times * len(world.bodies), "contacts": facts.tables.get("contacts", NONE).rows}
+        wanted = _wanted(world, stored, joints)
+        times = stored["states"].rows
+        counts = {"bodies": times * len(world.bodies), "contacts": stored.get("contacts", NONE).rows}
         rows = {name: counts.get(name, times) for name in wanted}
         with contextlib.ExitStack() as opened:
             sources = {}
             for name, schema in wanted.items():
                 path = folder / f"{name}.parquet"
-                source = opened.enter_context(_opened(path, folder, facts.tables[name].sha256, schema, rows[name]))
+                source = opened.enter_context(_opened(path, folder, stored[name].sha256, schema, rows[name]))
                 sources[name] = _blocks(path, source, schema, rows[name])
             return tables.read_arrays(world, joints, rows, sources)
     except UNREADABLE as error:
         raise _unreadable(folder, error) from None
 
 
-def _wanted(world: World, facts: Provenance, joints: list[str]) -> dict[str, pa.Schema]:
-    """The columns of the tables that the provenance names. Raises ValueError where they cannot be those of a run."""
+def _wanted(world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]) -> dict[str, pa.Schema]:
+    """The columns of the stored tables. Raises ValueError where they cannot be those of a run."""
     extra = {"energy": "energy", "control": "control.target", "contacts": "contact.row"}
-    wanted = tables.schemas(world, [extra[name] for name in facts.tables if name in extra], joints)
-    if set(wanted) != set(facts.tables):
-        raise ValueError(f"tables {', '.join(sorted(facts.tables))[:200]}, should be {', '.join(sorted(wanted))}")
-    if facts.tables["states"].rows > world.physics.steps + 1:
-        raise ValueError(f"{facts.tables['states'].rows} rows of {world.physics.steps} steps")
+    wanted = tables.schemas(world, [extra[name] for name in stored if name in extra], joints)
+    if set(wanted) != set(stored):
+        raise ValueError(f"tables {', '.join(sorted(stored))[:200]}, should be {', '.join(sorted(wanted))}")
+    if stored["states"].rows > world.physics.steps + 1:
+        raise ValueError(f"{stored['states'].rows} rows of {world.physics.steps} steps")
     return wanted
 
 
@@ -184,7 +189,7 @@ def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int)
     try:
         with contextlib.ExitStack() as opened:
             file = opened.enter_context(os.fdopen(open_regular(path, tables.LARGEST_TABLE, folder), "rb"))
-            if _digest(file) != wanted:
+            if digest(file) != wanted:
                 raise SpecError(
                     [
                         Problem(

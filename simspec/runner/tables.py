@@ -7,9 +7,10 @@ its name (``q.elbow``, ``v.base.wx``), ``control`` one for each driven joint's t
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,16 +78,47 @@ def write_tables(
     world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str], folder: Path
 ) -> Iterator[tuple[str, int]]:
     """Write every table into ``folder``, a block at a time, and give its name and number of rows."""
+    for name, schema in schemas(world, list(arrays), joints).items():
+        yield name, _write(name, schema, world, arrays, folder / f"{name}.parquet")
+
+
+def table_writers(
+    world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str]
+) -> dict[str, Callable[[Any], int]]:
+    """For every table, by name, what writes it into an open file, a block at a time, and gives its number of rows."""
+    return {
+        name: functools.partial(_write, name, schema, world, arrays)
+        for name, schema in schemas(world, list(arrays), joints).items()
+    }
+
+
+def _write(name: str, schema: pa.Schema, world: World, arrays: Mapping[str, np.ndarray], target: Any) -> int:
     from pyarrow import parquet
 
-    for name, schema in schemas(world, list(arrays), joints).items():
-        rows = 0
-        with parquet.ParquetWriter(folder / f"{name}.parquet", schema, compression="zstd") as writer:
-            for columns in _COLUMNS[name](world, arrays):
-                table = _table(columns, schema, world)
-                rows += len(table)
-                writer.write_table(table)
-        yield name, rows
+    rows = 0
+    with parquet.ParquetWriter(target, schema, compression="zstd", **_encodings(schema)) as writer:
+        for columns in _COLUMNS[name](world, arrays):
+            table = _table(columns, schema, world)
+            rows += len(table)
+            writer.write_table(table)
+    return rows
+
+
+def _encodings(schema: pa.Schema) -> dict[str, list[str]]:
+    """How the columns are packed, to the bit. Measured numbers hardly repeat: split by bytes they take a third less room than
+    by a dictionary, and half the time. Names, steps and times repeat with each body."""
+    import pyarrow as pa
+
+    numbers = []
+    for field in schema:
+        if pa.types.is_fixed_size_list(field.type) or pa.types.is_list(field.type):
+            numbers.append(f"{field.name}.list.element")
+        elif pa.types.is_floating(field.type) and field.name != "time":
+            numbers.append(field.name)
+    words = [
+        field.name for field in schema if field.name not in numbers and f"{field.name}.list.element" not in numbers
+    ]
+    return {"use_dictionary": words, "use_byte_stream_split": numbers}
 
 
 def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World) -> pa.Table:

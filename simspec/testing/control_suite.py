@@ -1,5 +1,5 @@
-"""Control in every engine: laws do what the oracle does, runs record what was asked and given, and an engine's own controllers
-are at work when they are told, and only then."""
+"""Control in every engine: laws act as in the oracle, runs record targets and efforts, and an engine's own controllers act only
+while they track a target."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from simspec.support.features import Feature
 from simspec.testing import worlds
 from simspec.testing.base import Suite
 from simspec.testing.bench import Bench, failures, run_operation, windows_operation
-from simspec.testing.driving import OracleJoints, chain, driven, native, told, wheel
+from simspec.testing.driving import OracleJoints, chain, driven, native, wheel, with_targets
 from simspec.testing.servos import SERVOS, closed_form, servo_world
 from simspec.world.control import Trajectory
 from simspec.world.types import Record, World
@@ -160,7 +160,7 @@ class ControlSuite(Suite):
 
     @pytest.mark.parametrize("limit", [None, 0.4])
     def test_a_native_controller_settles_at_its_target_without_gravity(self, bench: Bench, limit: float | None) -> None:
-        world = bench.allowed(told(native(wheel(0.02), limit=limit), np.array([0.5])))
+        world = bench.allowed(with_targets(native(wheel(0.02), limit=limit), np.array([0.5])))
         if world is None:
             return
         declared = bench.kind.NATIVE_LAW
@@ -168,38 +168,40 @@ class ControlSuite(Suite):
         # what is left of the way after 6 s is below 1e-9 of it; beyond that, the declared accuracy
         assert bench.run(world, 6000).arrays["q"][-1, 0] == pytest.approx(0.5, abs=max(1e-9, declared.accuracy))
 
-    def test_a_native_controller_is_at_work_only_when_told(self, bench: Bench) -> None:
+    def test_a_native_controller_acts_only_while_it_tracks(self, bench: Bench) -> None:
         """In the probes of the proof, the files' controllers must not hold the joints."""
         base = wheel()
         joint = dataclasses.replace(base.bodies[0].joint, velocity=(1.0,))
         base = dataclasses.replace(base, bodies=(dataclasses.replace(base.bodies[0], joint=joint),))
-        world = bench.allowed(told(native(base), np.array([0.0])))
+        world = bench.allowed(with_targets(native(base), np.array([0.0])))
         if world is None:
             return
         assert bench.drive(world, (100, None))["velocity"][-1, 0, 5] == pytest.approx(1.0, abs=1e-13)
         assert abs(bench.run(world, 100).arrays["v"][-1, 0]) < 0.9
 
     def test_a_joint_without_gains_is_left_alone(self, bench: Bench) -> None:
-        world = bench.allowed(told(native(wheel(), kp=0.0, kd=0.0), np.array([1.0])))
+        world = bench.allowed(with_targets(native(wheel(), kp=0.0, kd=0.0), np.array([1.0])))
         if world is None:
             return
         assert bench.run(world, 100).arrays["q"][-1, 0] == pytest.approx(0.0, abs=1e-13)
 
     def test_the_same_native_run_twice_gives_the_same_bits(self, bench: Bench) -> None:
-        world = bench.allowed(told(native(chain(HINGES), kp=200.0, kd=2.0), np.full(len(HINGES), 0.1)))
+        world = bench.allowed(with_targets(native(chain(HINGES), kp=200.0, kd=2.0), np.full(len(HINGES), 0.1)))
         if world is None:
             return
         one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
         assert one.arrays["q"].tobytes() == other.arrays["q"].tobytes()
 
     def test_the_proof_passes_a_native_world(self, bench: Bench) -> None:
-        world = bench.allowed(told(native(chain(HINGES), kp=200.0, kd=2.0, limit=100.0), np.full(len(HINGES), 0.1)))
+        world = bench.allowed(
+            with_targets(native(chain(HINGES), kp=200.0, kd=2.0, limit=100.0), np.full(len(HINGES), 0.1))
+        )
         if world is None:
             return
         assert failures(bench.proof(world, "L0", "L1", "L2", "L3", "L6").checks) == []
 
     def test_feed_forward_is_refused_and_not_lost(self, bench: Bench) -> None:
-        world = told(native(wheel()), np.array([0.5]))
+        world = with_targets(native(wheel()), np.array([0.5]))
         assert world.trajectory is not None
         fed = dataclasses.replace(world, trajectory=dataclasses.replace(world.trajectory, efforts=((0.1,),)))
         with pytest.raises(UnsupportedError, match=r"feed-forward|control\.native"):
@@ -207,7 +209,7 @@ class ControlSuite(Suite):
 
     def test_motors_under_a_law_reach_what_the_oracle_reaches(self, bench: Bench) -> None:
         """A whole second of pd on one wheel, against M v̇ = τ."""
-        world = bench.allowed(told(driven(wheel(), "pd"), np.array([1.0])))
+        world = bench.allowed(with_targets(driven(wheel(), "pd"), np.array([1.0])))
         if world is None:
             return
         control = Control(world, reference(world))

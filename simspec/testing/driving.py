@@ -1,4 +1,4 @@
-"""Worlds with driven joints, and the oracle as something to drive."""
+"""Worlds with driven joints, and joints driven in the oracle."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None =
     return dataclasses.replace(base, controllers=(one,))
 
 
-def told(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:
-    """``world`` with a constant trajectory."""
+def with_targets(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:
+    """``world`` with constant targets: a trajectory of one point."""
     joints = joints or world.controllers[0].joints
     return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(map(float, targets)),)))
 

@@ -101,15 +101,15 @@ def poses(world: World, at_zero: bool = False) -> dict[str, Pose]:
 
     At zero, a free root stays at its initial pose (it has no other place of its own).
     """
-    found: dict[str, Pose] = {}
+    placed: dict[str, Pose] = {}
     for body in world.bodies:
         joint = body.joint
-        start = joint.origin if joint.parent is None else frames.compose(found[joint.parent], joint.origin)
+        start = joint.origin if joint.parent is None else frames.compose(placed[joint.parent], joint.origin)
         if at_zero and joint.kind != "free":
-            found[body.name] = start
+            placed[body.name] = start
         else:
-            found[body.name] = frames.compose(start, joint_displacement(body, joint.position))
-    return found
+            placed[body.name] = frames.compose(start, joint_displacement(body, joint.position))
+    return placed
 
 
 @derived
@@ -130,7 +130,7 @@ def rigid_groups(world: World) -> Mapping[str, str]:
 
 def natively_driven(bodies: Sequence[Body], world: World) -> list[str]:
     """The names of those of ``bodies`` whose joint is driven by the engine's own controller."""
-    driven = {joint for one in world.controllers if one.law == "native" for joint in one.joints}
+    driven = {joint for controller in world.controllers if controller.law == "native" for joint in controller.joints}
     return [body.name for body in bodies if body.joint.name in driven]
 
 
@@ -138,11 +138,11 @@ def natively_driven(bodies: Sequence[Body], world: World) -> list[str]:
 def trees(world: World) -> Mapping[str, tuple[Body, ...]]:
     """The bodies of each tree, by the name of its root body, in the world's order."""
     root: dict[str, str] = {}
-    found: dict[str, list[Body]] = {}
+    by_root: dict[str, list[Body]] = {}
     for body in world.bodies:
         root[body.name] = body.name if body.joint.parent is None else root[body.joint.parent]
-        found.setdefault(root[body.name], []).append(body)
-    return MappingProxyType({name: tuple(bodies) for name, bodies in found.items()})
+        by_root.setdefault(root[body.name], []).append(body)
+    return MappingProxyType({name: tuple(bodies) for name, bodies in by_root.items()})
 
 
 @derived
@@ -179,8 +179,8 @@ class CollisionFilter:
             return False
         if (min(first, second), max(first, second)) in self._excluded:
             return False
-        one, other = self._collision_group[first], self._collision_group[second]
-        if (min(one, other), max(one, other)) in self._ignored:
+        group, other = self._collision_group[first], self._collision_group[second]
+        if (min(group, other), max(group, other)) in self._ignored:
             return False
         return not self._passing or any(
             self.may_materials_touch(a, b) for a in self._materials[first] for b in self._materials[second]

@@ -38,20 +38,20 @@ def combined(parts: Sequence[Part], mass: float | None = None) -> Inertial:
     """
     # no sum(): from Python 3.12 on it compensates, and would give other last bits
     total, weighted = 0.0, (0.0, 0.0, 0.0)
-    for one in parts:
-        x, y, z = one.pose.position
-        total += one.mass
-        weighted = frames.add(weighted, (one.mass * x, one.mass * y, one.mass * z))
+    for part in parts:
+        x, y, z = part.pose.position
+        total += part.mass
+        weighted = frames.add(weighted, (part.mass * x, part.mass * y, part.mass * z))
     if len(parts) == 1:
         centre = parts[0].pose.position
     else:
         centre = (weighted[0] / total, weighted[1] / total, weighted[2] / total)
     sums = [0.0] * 6
-    for one in parts:
-        x, y, z = frames.subtract(one.pose.position, centre)
-        m = one.mass
+    for part in parts:
+        x, y, z = frames.subtract(part.pose.position, centre)
+        m = part.mass
         steiner = (m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y), -m * x * y, -m * x * z, -m * y * z)
-        own = turned(one.moments, one.pose.quaternion)
+        own = turned(part.moments, part.pose.quaternion)
         sums = [total_one + a + b for total_one, a, b in zip(sums, own, steiner, strict=True)]
     inertia: Inertia6 = tuple(value + 0.0 for value in sums)  # type: ignore[assignment] # −0 becomes 0
     return Inertial(total if mass is None else mass, centre, inertia)

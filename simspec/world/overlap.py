@@ -84,27 +84,27 @@ def deep_overlaps(world: World) -> list[Overlap]:
         if shape.collision
     ]
     may_touch = _filter(world)
-    found: list[Overlap] = []
-    for one, other in _near(solids):
-        if not may_touch(one, other):
+    overlaps: list[Overlap] = []
+    for solid, other in _near(solids):
+        if not may_touch(solid, other):
             continue
-        depth = _depth(one, other)
-        if len(found) == MOST_OVERLAPS:
+        depth = _depth(solid, other)
+        if len(overlaps) == MOST_OVERLAPS:
             break
         if depth > 0.0:
-            found.append(Overlap(one.body, one.shape.name, other.body, other.shape.name, depth))
-    return sorted(found, key=lambda overlap: -overlap.depth)
+            overlaps.append(Overlap(solid.body, solid.shape.name, other.body, other.shape.name, depth))
+    return sorted(overlaps, key=lambda overlap: -overlap.depth)
 
 
 def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
     rules = CollisionFilter(world)
     bodies: dict[tuple[str, str], bool] = {}
 
-    def may_touch(one: _Solid, other: _Solid) -> bool:
-        pair = (one.body, other.body)
+    def may_touch(solid: _Solid, other: _Solid) -> bool:
+        pair = (solid.body, other.body)
         if pair not in bodies:
             bodies[pair] = rules.may_touch(*pair)
-        return bodies[pair] and rules.may_materials_touch(one.shape.material, other.shape.material)
+        return bodies[pair] and rules.may_materials_touch(solid.shape.material, other.shape.material)
 
     return may_touch
 
@@ -112,19 +112,19 @@ def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
 def _near(solids: list[_Solid]) -> Iterator[tuple[_Solid, _Solid]]:
     """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``."""
     left = MOST_PAIRS
-    planes = [one for one in solids if one.kind.endless]
-    others = [one for one in solids if not one.kind.endless]
+    planes = [solid for solid in solids if solid.kind.endless]
+    others = [solid for solid in solids if not solid.kind.endless]
     if not others:
         return
-    centre = np.array([one.centre for one in others])
-    radius = np.array([one.kind.outer_radius(one.shape.size) for one in others])
+    centre = np.array([solid.centre for solid in others])
+    radius = np.array([solid.kind.outer_radius(solid.shape.size) for solid in others])
     for plane in planes:
         below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius)
         for index in below[:left]:
             yield plane, others[index]
         left -= len(below[:left])
     pairs = _meeting(centre, radius)
-    inner = np.array([one.inner for one in others])
+    inner = np.array([solid.inner for solid in others])
     apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
     nearest = np.argsort(apart / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
     for first, second in pairs[nearest[:left]]:
@@ -146,12 +146,12 @@ def _meeting(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
         while tree.count_neighbors(tree, reach) > MOST_NEIGHBOURS:  # a heap of bodies in one place: the first of them
             many = many[: len(many) // 2]
             tree = cKDTree(centre[many])
-        found = [many[tree.query_pairs(reach, output_type="ndarray")].reshape(-1, 2)]
-        for one in np.flatnonzero(large)[:MOST_AT_ONCE]:
-            beside = np.flatnonzero(np.linalg.norm(centre - centre[one], axis=1) < radius + radius[one])
-            beside = beside[~large[beside] | (beside > one)]  # two large ones once
-            found.append(np.sort(np.stack([np.full(len(beside), one), beside], axis=1), axis=1))
-        pairs = np.concatenate(found)
+        parts = [many[tree.query_pairs(reach, output_type="ndarray")].reshape(-1, 2)]
+        for row in np.flatnonzero(large)[:MOST_AT_ONCE]:
+            beside = np.flatnonzero(np.linalg.norm(centre - centre[row], axis=1) < radius + radius[row])
+            beside = beside[~large[beside] | (beside > row)]  # two large ones once
+            parts.append(np.sort(np.stack([np.full(len(beside), row), beside], axis=1), axis=1))
+        pairs = np.concatenate(parts)
     first, second = pairs.T
     apart = np.linalg.norm(centre[first] - centre[second], axis=1)
     close: np.ndarray = pairs[apart < radius[first] + radius[second]]
@@ -170,30 +170,30 @@ def _sphere_of_directions() -> np.ndarray:
 SPREAD = _sphere_of_directions()
 
 
-def _depth(one: _Solid, other: _Solid) -> float:
+def _depth(solid: _Solid, other: _Solid) -> float:
     """The depth (m) of a deep overlap; 0 when there is none."""
-    apart = other.centre - one.centre
-    if one.kind.endless:
+    apart = other.centre - solid.centre
+    if solid.kind.endless:
         limit = DEEP * other.inner
-        depth = float(other.reach(-one.axes[2][None])[0] - apart @ one.axes[2])
+        depth = float(other.reach(-solid.axes[2][None])[0] - apart @ solid.axes[2])
         return depth if depth > limit else 0.0
-    limit = DEEP * min(one.inner, other.inner)
-    if one.kind.round is other.kind.round is Round.EVERY:
-        depth = one.inner + other.inner - float(np.linalg.norm(apart))
+    limit = DEEP * min(solid.inner, other.inner)
+    if solid.kind.round is other.kind.round is Round.EVERY:
+        depth = solid.inner + other.inner - float(np.linalg.norm(apart))
         return depth if depth > limit else 0.0
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
-        overlap = one.reach(directions) + other.reach(-directions) - directions @ apart
+        overlap = solid.reach(directions) + other.reach(-directions) - directions @ apart
         best = int(overlap.argmin())
         return float(overlap[best]), directions[best]
 
-    own = np.concatenate([one.axes, other.axes, -one.axes, -other.axes])
+    own = np.concatenate([solid.axes, other.axes, -solid.axes, -other.axes])
     away = float(np.linalg.norm(apart))
     known = np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
     depth, best = least(known)
     if depth <= limit:
         return 0.0
-    edges = np.cross(one.axes[:, None], other.axes[None]).reshape(-1, 3)
+    edges = np.cross(solid.axes[:, None], other.axes[None]).reshape(-1, 3)
     size = np.linalg.norm(edges, axis=1)
     edges = edges[size > 1e-6] / size[size > 1e-6, None]
     depth, best = min((depth, best), least(np.concatenate([edges, -edges, SPREAD])), key=lambda item: item[0])

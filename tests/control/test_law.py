@@ -11,7 +11,7 @@ from simspec.control.law import Control, ControlError
 from simspec.control.reference import reference
 from simspec.control.request import from_request, to_request
 from simspec.dynamics.oracle import Oracle
-from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
+from simspec.testing.driving import OracleJoints, chain, driven, wheel, with_targets
 from simspec.world.control import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from tests import worlds
@@ -148,7 +148,7 @@ def test_several_laws_share_a_tree(moving):
 def test_a_single_joint_s_pd_response_is_the_closed_form():
     """A wheel: J ë = −kp e − kd ė, sampled by semi-implicit Euler: the powers of one 2 × 2 matrix."""
     inertia, kp, kd, target = 0.02, 8.0, 0.5, 0.3
-    world = told(driven(wheel(inertia), "pd", kp=(kp,), kd=(kd,)), [target])
+    world = with_targets(driven(wheel(inertia), "pd", kp=(kp,), kd=(kd,)), [target])
     control = Control(world, reference(world))
     found = control.follow(OracleJoints(world, control), 1000, 100)[:, 0]
     speed = np.array([-DT * kp / inertia, 1.0 - DT * kd / inertia])
@@ -165,7 +165,7 @@ def test_a_single_joint_s_pd_response_is_the_closed_form():
 def test_the_implicit_forms_hold_at_a_timestep_where_the_explicit_ones_fail():
     for law in ("pd", "computed-torque"):
         for discretisation, fails in (("explicit", True), ("implicit", False)):
-            world = told(driven(chain(timestep=0.1), law, discretisation=discretisation), [0.1] * 4)
+            world = with_targets(driven(chain(timestep=0.1), law, discretisation=discretisation), [0.1] * 4)
             control = Control(world, reference(world))
             with np.errstate(all="ignore"):
                 end = control.follow(OracleJoints(world, control), 60, 60)[-1]
@@ -188,7 +188,7 @@ def test_computed_torque_follows_a_trajectory():
 
 
 def test_efforts_are_clipped_and_counted():
-    world = told(driven(wheel(), "pd", effort_limits=(0.5,)), [1.0])
+    world = with_targets(driven(wheel(), "pd", effort_limits=(0.5,)), [1.0])
     found = effort_at(world, np.zeros(1), np.zeros(1), steps=3)["wheel_joint"]
     assert found.tolist() == [0.5] * 3
     control = Control(world, reference(world))

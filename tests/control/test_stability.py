@@ -10,7 +10,7 @@ import pytest
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.control.stability import unstable
-from simspec.testing.driving import OracleJoints, chain, driven, told, wheel
+from simspec.testing.driving import OracleJoints, chain, driven, wheel, with_targets
 from simspec.world.control import Controller
 
 
@@ -56,7 +56,7 @@ def test_what_is_predicted_for_a_coupled_chain_happens():
         at = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=share * limit))
         start = np.array([body.joint.position[0] for body in at.bodies])
         at = dataclasses.replace(
-            told(at, start + 1e-6), physics=dataclasses.replace(at.physics, gravity=(0.0, 0.0, 0.0))
+            with_targets(at, start + 1e-6), physics=dataclasses.replace(at.physics, gravity=(0.0, 0.0, 0.0))
         )
         assert (not unstable(at)) == stable
         assert (growth(at) < 10.0) == stable

@@ -13,7 +13,7 @@ from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.testing import worlds
 from simspec.testing.control_suite import with_load
-from simspec.testing.driving import driven, told, wheel
+from simspec.testing.driving import driven, wheel, with_targets
 from simspec.world.control import Controller
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Body, Inertial, Joint
@@ -43,7 +43,7 @@ def test_quick_access_is_the_slow_one_to_the_last_bit(loaded, damping):
 
 def test_efforts_of_control_are_not_left_behind(loaded):
     """After control, steps without effort are without effort."""
-    world = told(driven(wheel(), "pd"), [1.0])
+    world = with_targets(driven(wheel(), "pd"), [1.0])
     engine = loaded(world)
     control = Control(world, reference(world))
     control.advance(engine.actuate(control.q_places, control.v_places), 0, 10)
@@ -57,7 +57,7 @@ def test_efforts_of_control_are_not_left_behind(loaded):
 def test_a_saved_run_keeps_what_was_asked_and_given(tmp_path):
     from simspec.runner.store import load_run
 
-    found = run(told(driven(wheel()), [0.2]), INSTALLED[0])
+    found = run(with_targets(driven(wheel()), [0.2]), INSTALLED[0])
     found.save(tmp_path / "run")
     again = load_run(tmp_path / "run")
     for channel in ("control.target", "control.effort"):

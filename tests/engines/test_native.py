@@ -23,7 +23,7 @@ from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
-from simspec.testing.driving import chain, driven, native, told, wheel
+from simspec.testing.driving import chain, driven, native, wheel, with_targets
 from simspec.testing.servos import Servo, closed_form
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import Record, World
@@ -53,7 +53,7 @@ def name(request) -> str:
 
 def test_the_difference_between_engines_is_the_declared_one(name, loaded):
     """A motor follows with kd/kp as time constant; spring and damper with the joint's inertia besides."""
-    world = told(native(wheel(INERTIA, 1e-4)), [0.5])
+    world = with_targets(native(wheel(INERTIA, 1e-4)), [0.5])
     advance, _ = at_work(loaded(world), world)
     found = 1.0 - advance(500)[0] / 0.5
     motor = math.exp(-0.05 * KP / KD)
@@ -68,7 +68,7 @@ def test_the_joints_own_damping_counts_against_a_motor_at_its_limit(name, loaded
     base = wheel(INERTIA)
     body = dataclasses.replace(base.bodies[0], joint=dataclasses.replace(base.bodies[0].joint, damping=0.1))
     world = dataclasses.replace(native(dataclasses.replace(base, bodies=(body,)), limit=0.5), trajectory=None)
-    world = told(world, [1000.0])
+    world = with_targets(world, [1000.0])
     engine = loaded(world)
     advance, control = at_work(engine, world)
     advance(4000)
@@ -135,7 +135,7 @@ def test_in_one_tree_both_kinds_follow_and_are_recorded(name):
 
 
 def test_the_same_run_twice_gives_the_same_bits(name):
-    for base in (split_chain(), split_chain("pd"), told(native(chain(), kp=200.0, kd=2.0), [0.1] * 4)):
+    for base in (split_chain(), split_chain("pd"), with_targets(native(chain(), kp=200.0, kd=2.0), [0.1] * 4)):
         world = worlds.with_options(base, name)
         one, two = (run(world, name) for _ in range(2))
         assert one.failed is None
@@ -200,7 +200,7 @@ def test_the_arm_follows_a_slow_trajectory_within_the_declared_lag(name):
 
 
 def test_the_proof_passes_a_native_world_and_says_what_it_cannot_ask(name):
-    world = worlds.with_options(told(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4), name)
+    world = worlds.with_options(with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4), name)
     proof = verify(world, [name], levels=["L0", "L1", "L2", "L3", "L6"]).engines[name]
     assert [check for check in proof.checks if not check.passed] == []
     counts = {(check.level, check.name): check.count for check in proof.checks}
@@ -248,7 +248,7 @@ def test_what_an_engines_own_controller_cannot_have_is_refused_at_its_place(key)
 
 
 def test_feed_forward_is_refused_and_not_lost(name):
-    world = told(native(wheel()), [0.5])
+    world = with_targets(native(wheel()), [0.5])
     fed = dataclasses.replace(world, trajectory=dataclasses.replace(world.trajectory, efforts=((0.1,),)))
     assert list(fed_forward(fed)) == [("all", "wheel_joint")]
     with pytest.raises(UnsupportedError, match="feed-forward") as caught:
@@ -261,7 +261,7 @@ def test_feed_forward_is_refused_and_not_lost(name):
 
 
 def test_forgotten_controllers_are_an_error(loaded):
-    world = told(native(wheel()), [0.5])
+    world = with_targets(native(wheel()), [0.5])
     engine = loaded(world)
     control = Control(world, reference(world))
     with pytest.raises(ControlError, match="told where to go"):

@@ -38,19 +38,21 @@ def world_of(law, trial):
     return World("probe", trial.bodies, Contact(law.friction_cone, materials, pairs), physics, engines=options)
 
 
-def motions(engine, probe, law, folder, compiled=None):
-    """The motions of the probe's trials for ``law``, in worlds that were compiled with the law ``compiled``."""
-    found = []
-    for index, trial in enumerate(probe.trials(law)):
-        world = world_of(compiled or law, trial)
+def motions(engine, cases, folder):
+    """Of each (probe, law, law that the worlds are compiled with): the motions of the probe's trials. One process does all of
+    them, each in files of its own."""
+    trials = [[(world_of(compiled, trial), trial) for trial in probe.trials(law)] for probe, law, compiled in cases]
+    operations = []
+    for index, (world, trial) in enumerate(itertools.chain.from_iterable(trials)):
         place = folder / f"{engine}-{index}"
         write_folder(compile_world(world, [engine])[engine].files, place)
-        found.append(drive(engine, place, world, trial.phases))
-    return found
+        operations.append(drive(world, trial.phases, place))
+    answers = iter(call(engine, place, operations).answers)
+    return [[motion(world, next(answers).arrays) for world, _ in pairs] for pairs in trials]
 
 
-def drive(engine, place, world, phases):
-    """One world driven through ``phases``."""
+def drive(world, phases, artifacts):
+    """What drives one world through ``phases``."""
     velocity = layout_of(world)
     effort = np.zeros((len(phases), velocity.nv))
     names = [body.name for body in world.bodies]
@@ -58,8 +60,13 @@ def drive(engine, place, world, phases):
         for name, given in phase.effort.items():
             row[velocity.velocity[names.index(name)]] = given
     steps = [(phase.steps, phase.every) for phase in phases]
-    operation = Operation("drive", {"timestep": world.physics.timestep, "phases": steps}, {"effort": effort})
-    arrays = call(engine, place, [operation]).answers[0].arrays
+    parameters = {"timestep": world.physics.timestep, "phases": steps, "artifacts": str(artifacts)}
+    return Operation("drive", parameters, {"effort": effort})
+
+
+def motion(world, arrays):
+    """What moved, by the names of the bodies."""
+    names = [body.name for body in world.bodies]
     return Motion(
         arrays["time"],
         {name: arrays["pose"][:, index] for index, name in enumerate(names)},
@@ -68,8 +75,15 @@ def drive(engine, place, world, phases):
 
 
 def figures(engine, probe, law, folder, compiled=None):
-    assert probe.applies(law)
-    return probe.figures(law, motions(engine, probe, law, folder, compiled))
+    """The figures of a probe for ``law``, in worlds that are compiled with ``compiled`` (default: the law itself)."""
+    return figures_of_each(engine, [(probe, law, compiled or law)], folder)[0]
+
+
+def figures_of_each(engine, cases, folder):
+    """The figures of each (probe, law, law that the worlds are compiled with), all measured in one process."""
+    assert all(probe.applies(law) for probe, law, _ in cases)
+    moved = motions(engine, cases, folder)
+    return [probe.figures(law, found) for (probe, law, _), found in zip(cases, moved, strict=True)]
 
 
 def installed(name):

@@ -28,6 +28,28 @@ def law(mu=0.5, cone="elliptic", dt=0.001, **pair):
     return Law(PairContact("base", "body", mu, 0.0, **pair), cone, dt)
 
 
+def project_rows(vectors, size, cone):
+    """:func:`project` of each row, all at once."""
+    if cone == "elliptic":
+        length = np.hypot(vectors[:, 0], vectors[:, 1])
+        return vectors * np.divide(size, length, out=np.ones_like(length), where=length > size)[:, None]
+    if cone == "pyramid-circumscribed":
+        return np.clip(vectors, -size, size)
+    magnitude = np.abs(vectors)
+    off = np.maximum(magnitude.sum(axis=1) - size, 0.0) / 2.0
+    off = np.where(off > magnitude.min(axis=1), magnitude.max(axis=1) - size, off)
+    return np.sign(vectors) * np.maximum(magnitude - np.maximum(off, 0.0)[:, None], 0.0)
+
+
+@pytest.mark.parametrize("cone", FRICTION_CONES)
+def test_rows_are_projected_as_each_of_them_is(cone):
+    vectors = np.random.default_rng(3).normal(size=(500, 2)) * np.array([[1.0], [0.01]]).repeat(250, axis=0)
+    vectors[::7, 1] = 0.0
+    for size in (0.0, 0.005, 0.5):
+        expected = [project(row, size, cone) for row in vectors]
+        np.testing.assert_allclose(project_rows(vectors, size, cone), expected, rtol=0.0, atol=1e-15)
+
+
 def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=0.0):
     """What a flat world with the friction ``mu`` under ``cone`` gives for the trials of ``asked``."""
     mu = asked.pair.friction if mu is None else mu
@@ -35,32 +57,31 @@ def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=
     found = []
     for trial in probe.trials(asked):
         bodies = [body for body in trial.bodies if body.name != FLOOR]
-        poses = {body.name: [np.array(body.joint.position)] for body in trial.bodies if body.name != FLOOR}
-        speeds = {body.name: [np.array(body.joint.velocity)] for body in bodies}
-        times = [0.0]
-        state = {body.name: [np.array(body.joint.position[:2]), np.array(body.joint.velocity[:2])] for body in bodies}
-        done = 0
+        names = [body.name for body in bodies]
+        mass = np.array([[body.inertial.mass] for body in bodies])
+        pose = np.array([body.joint.position for body in bodies], dtype=float)
+        velocity = np.array([body.joint.velocity for body in bodies], dtype=float)
+        poses, velocities, times, done = [pose.copy()], [velocity.copy()], [0.0], 0
+        velocity[:, 2:] = 0.0
+        limit = mu * weight * GRAVITY * asked.timestep
         for phase in trial.phases:
+            push = np.array([phase.effort.get(name, (0.0,) * 6)[:2] for name in names])
             for step in range(phase.steps):
-                for body in bodies:
-                    place, speed = state[body.name]
-                    push = np.array(phase.effort.get(body.name, (0.0,) * 6))[:2]
-                    free = speed + asked.timestep * push / body.inertial.mass
-                    brake = project(free, mu * weight * GRAVITY * asked.timestep, cone)
-                    speed = free - brake + asked.timestep * floor_push * push
-                    state[body.name] = [place + asked.timestep * (speed + creep), speed]
+                free = velocity[:, :2] + asked.timestep * push / mass
+                brake = project_rows(free, limit, cone)
+                velocity[:, :2] = free - brake + asked.timestep * floor_push * push
+                pose[:, :2] += asked.timestep * (velocity[:, :2] + creep)
                 done += 1
                 if (step + 1) % phase.every == 0 or step + 1 == phase.steps:
                     times.append(done * asked.timestep)
-                    for body in bodies:
-                        place, speed = state[body.name]
-                        poses[body.name].append(np.array([*place, *body.joint.position[2:]]))
-                        speeds[body.name].append(np.array([*speed, 0.0, 0.0, 0.0, 0.0]))
+                    poses.append(pose.copy())
+                    velocities.append(velocity.copy())
+        moved, speeds = np.array(poses), np.array(velocities)
         found.append(
             Motion(
                 np.array(times),
-                {name: np.array(rows) for name, rows in poses.items()},
-                {name: np.array(rows) for name, rows in speeds.items()},
+                {name: moved[:, index] for index, name in enumerate(names)},
+                {name: speeds[:, index] for index, name in enumerate(names)},
             )
         )
     return found
@@ -168,9 +189,9 @@ def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, nam
     """It would not, were it square: PyBullet's figures must be off by what is declared, the others' in tolerance."""
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
-    for mu in (0.05, 0.5, 1.0):
-        asked = law(mu)
-        (figure,) = probing.figures(engine, PROBES[name], asked, tmp_path / str(mu))
+    laws = [law(mu) for mu in (0.05, 0.5, 1.0)]
+    found = probing.figures_of_each(engine, [(PROBES[name], asked, asked) for asked in laws], tmp_path)
+    for asked, (figure,) in zip(laws, found, strict=True):
         off = abs(figure.measured - figure.expected) / figure.expected
         declared = [
             one.size
@@ -209,10 +230,8 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
-    asked = law(0.3)
-    assert all(figure.passed for figure in probing.figures(engine, PROBES[name], asked, tmp_path)) == (
-        (engine, name) not in ASIDE
-    )
+    asked, probe = law(0.3), PROBES[name]
     slippery = dataclasses.replace(asked, pair=dataclasses.replace(asked.pair, friction=0.2))
-    found = probing.figures(engine, PROBES[name], asked, tmp_path / "other", compiled=slippery)
-    assert not any(figure.passed for figure in found)
+    right, wrong = probing.figures_of_each(engine, [(probe, asked, asked), (probe, asked, slippery)], tmp_path)
+    assert all(figure.passed for figure in right) == ((engine, name) not in ASIDE)
+    assert not any(figure.passed for figure in wrong)

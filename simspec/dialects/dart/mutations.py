@@ -1,6 +1,6 @@
-"""What could stand in .skel files and does not, and what moves nothing, for the complete self-test.
+"""Additions to .skel files, and changes declared inert, for the complete self-test.
 
-The elements and attributes are those that DART's reader knows (its SkelParser), and some that one might take it to know. See
+The elements and attributes are those that DART's reader supports (its SkelParser), and some that it might be expected to. See
 ``dialects/kit/mutations.py``.
 """
 
@@ -109,13 +109,13 @@ SIDECAR_ADDITIONS = (
     Addition("filter.apart", '["nobody", "nothing"]'),
 )
 
-FIRST_ONLY = "DART reads the first of such elements"
-ABSENT = "what is not given is what stands there: DART's own value is the same"
-NAMED = "a name, which nothing asks for"
-SEEN = "only seen"
-UNKNOWN = "DART's reader does not know it"
-CHECKED = "only says in which layer copies of shapes should meet, for a check of what touches"
-ORDER = "the order of what is found by name"
+FIRST_ONLY = "DART reads only the first of repeated elements"
+ABSENT = "the value in the file is DART's default"
+NAMED = "a name that nothing refers to"
+SEEN = "visual only"
+UNKNOWN = "DART's reader ignores it"
+CHECKED = "only names the layer in which copies of shapes should collide, for the check of the collision matrix"
+ORDER = "the order of elements that are found by name"
 
 FIRST = (
     *("axis", "box", "capsule", "child", "collision_detector", "color", "cylinder", "damping", "dynamics", "friction"),
@@ -166,7 +166,7 @@ STRANGE = (
     *("collision_shape/secondary_friction", "collision_shape/restitution", "visualization_shape/hidden", "joint/axis2"),
     *("axis/damping", "limit/velocity", "limit/force"),
 )
-"""What DART's reader is not known to read."""
+"""Elements that DART's reader ignores."""
 
 TABLE = MutationTable(
     words={
@@ -194,29 +194,33 @@ TABLE = MutationTable(
             )
         ),
         Inert("*/text()", ABSENT, ("number dropped",), "*.skel"),
-        Inert("time_step*", "DART's own 1 ms, which is the world's", ("sign", "element removed"), "*.skel"),
-        Inert("parent", "of a root: the world", ("element removed",), "*.skel"),
-        Inert("body", "DART discards a second one of the same name", ("element doubled",), "*.skel"),
-        Inert("joint", "DART discards a second one of the same body", ("element doubled",), "*.skel"),
-        Inert("skeleton/body", "DART leaves out a body without a joint", ("element added",), "*.skel"),
-        Inert("body@name", "of copies of one body, which are welded to it at the same place", ("swapped",), "*.skel"),
+        Inert("time_step*", "DART's default timestep of 1 ms is the world's", ("sign", "element removed"), "*.skel"),
+        Inert("parent", "for a root, whose parent is the world", ("element removed",), "*.skel"),
+        Inert("body", "DART ignores a second element of the same name", ("element doubled",), "*.skel"),
+        Inert("joint", "DART ignores a second element for the same body", ("element doubled",), "*.skel"),
+        Inert("skeleton/body", "DART ignores a body without a joint", ("element added",), "*.skel"),
+        Inert("body@name", "for copies of one body, which are welded to it in the same place", ("swapped",), "*.skel"),
         *(Inert(site, NAMED, (), "*.skel") for site in ("world@name", "skel@version", "joint@name")),
         Inert("body/visualization_shape", SEEN, ("element added",), "*.skel"),
         Inert("normal/text()", "DART normalises it", ("scaled",), "*.skel"),
         Inert("color*", SEEN, (), "*.skel"),
-        Inert("transformation/text()", "a turn of what is round", (), "*.skel"),
+        Inert("transformation/text()", "a rotation within a shape's symmetry", (), "*.skel"),
         *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.skel") for site in STRANGE),
-        Inert("joint@actuator", "of a joint without coordinates, or as it is: force", ("attribute added",), "*.skel"),
-        Inert("joint/init_acc", "of the first instant, and set to zero", ("element added",), "*.skel"),
-        Inert("joint/init_force", "of the first instant, and set to zero", ("element added",), "*.skel"),
+        Inert(
+            "joint@actuator", "for a joint without coordinates, or the default, force", ("attribute added",), "*.skel"
+        ),
+        Inert("joint/init_acc", "of the first instant only, and set to zero", ("element added",), "*.skel"),
+        Inert("joint/init_force", "of the first instant only, and set to zero", ("element added",), "*.skel"),
         Inert(
             "collision_detector*",
-            "DART's own choice for what it does not know is the one that is asked for; its mesh variant is set by the API",
+            "DART's default for an unknown word is the detector in use; its mesh variant is set by the API",
             ("word", "element removed"),
             "*.skel",
         ),
-        Inert("damping/text()", "overwritten while loading, by what stands for the armature", ("moved",), "*.skel"),
-        Inert("joint/dof", "of a joint without coordinates", ("element added",), "*.skel"),
+        Inert(
+            "damping/text()", "overwritten while loading, by the value that realises the armature", ("moved",), "*.skel"
+        ),
+        Inert("joint/dof", "for a joint without coordinates", ("element added",), "*.skel"),
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),
         *(
             Inert(site, ORDER, ("swapped",), "sidecar.json")

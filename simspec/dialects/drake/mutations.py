@@ -1,4 +1,4 @@
-"""What could stand in ``world.json`` and does not, and what moves nothing, for the complete self-test (see
+"""Additions to ``world.json``, and changes declared inert, for the complete self-test (see
 ``dialects/kit/mutations.py``). The form is checked field by field, so that a field more or less is refused."""
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ ADDITIONS = (
     Addition("apart.groups", '["nobody", "nothing"]'),
 )
 
-SEEN = "only seen"
-SYMMETRIC = "the order of what is found by name, or of two that name each other"
+SEEN = "visual only"
+SYMMETRIC = "the order of elements that are found by name, or of the two names of a pair"
 
 TABLE = MutationTable(
     words={
@@ -37,20 +37,16 @@ TABLE = MutationTable(
     integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
     additions={
         WORLD: ADDITIONS,
-        "sidecar.json": (
-            Addition("", "9.81", "strength"),
-            Addition("settings", "true", "sleeping"),
-            Addition("settings", "true", "hydroelastic_faces"),
-        ),
+        "sidecar.json": (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
     },
     inert=(
         Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
-        Inert("*quaternion*", "q and −q are one rotation", ("sign",), WORLD),
-        Inert("bodies.*.joint.position.*", "q and −q are one rotation", ("sign",), WORLD),
-        Inert("bodies.*.shapes.*.pose.quaternion.*", "a turn of what is round", (), WORLD),
-        Inert("bodies.*.shapes.*.pose.position.*", "a shift of a plane within itself", (), WORLD),
-        Inert("bodies.*.shapes.*", "the order of what is seen among what is solid", ("swapped",), WORLD),
-        Inert("apart.bodies.*", "engines keep what is welded together apart themselves", ("element removed",), WORLD),
+        Inert("*quaternion*", "q and −q are the same rotation", ("sign",), WORLD),
+        Inert("bodies.*.joint.position.*", "q and −q are the same rotation", ("sign",), WORLD),
+        Inert("bodies.*.shapes.*.pose.quaternion.*", "a rotation within a shape's symmetry", (), WORLD),
+        Inert("bodies.*.shapes.*.pose.position.*", "a translation of a plane within itself", (), WORLD),
+        Inert("bodies.*.shapes.*", "the order of visual-only shapes among collision shapes", ("swapped",), WORLD),
+        Inert("apart.bodies.*", "engines never let welded bodies collide", ("element removed",), WORLD),
         Inert("bodies.*.shapes.*.colour*", SEEN, (), WORLD),
         *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
     ),

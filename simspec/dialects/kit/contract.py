@@ -95,7 +95,7 @@ def _sound(name: str, kind: Any) -> Dialect:
         raise TypeError("it is not a Dialect")
     missing = [word for word in ("NAME", "FORMAT", "SUPPORT", "SIDECAR") if not hasattr(kind, word)]
     if missing or name != kind.NAME:
-        raise ValueError(f"it does not define {', '.join(missing)}" if missing else f"it calls itself {kind.NAME!r}")
+        raise ValueError(f"it does not define {', '.join(missing)}" if missing else f"its NAME is {kind.NAME!r}")
     if kind.FORMAT not in formats():
         raise ValueError(f"its files are {kind.FORMAT!r}, which is not a format")
     return kind()

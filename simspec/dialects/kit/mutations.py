@@ -1,19 +1,19 @@
 """Every change that a compiled file can suffer, one at a time: the tools, for any XML or JSON file.
 
-What is changed is found in the file itself, so that nothing is left out: every number (scaled, moved from zero, its sign,
+The values to change are taken from the file itself, so that none is left out: every number (scaled, moved from zero, its sign,
 swapped with its neighbour, dropped from its list), every word and flag (replaced by every other), every attribute and element
-(removed, doubled), and the same for every field of the sidecar. What could stand in a file and does not is told by its
-format, in a module beside its own called ``<format>_mutations`` with a :class:`MutationTable` named ``TABLE``:
+(removed, doubled), and the same for every field of the sidecar. What could be added to a file is declared by its dialect, in a
+:class:`MutationTable` called ``TABLE`` of the module ``mutations`` beside ``dialect``:
 
-words      by site the other words that may stand there (others get every word of the same site, and an unknown one)
+words      by site the other allowed words (other sites get every word of the same site, and an unknown one)
 integers   sites whose numbers are whole: they are changed by one, not by a hundredth
-moved      by site what a zero becomes, where 0.01 would not act
-additions  by file (a pattern) :class:`Addition` rows: attributes, elements or fields that the engine knows and the emitter does
-           not write, with a value that acts. ``where`` is the tag (XML) or site (JSON) of what gets it; each such element gets
-           it, one at a time. ``{joint[0]}`` in a value is the name of the first joint of the file; rows whose names a file
-           does not have are left out of it
-inert      :class:`Inert` rows: sites (patterns) and kinds of changes that move nothing, with the reason. A row is only
-           believed for a change after which the engine moves as before (see ``proof/complete.py``)
+moved      by site what a zero becomes, where 0.01 would have no effect
+additions  by file (a pattern) :class:`Addition` rows: attributes, elements or fields that the engine supports and simspec does
+           not write, with a value that has an effect. ``where`` is the tag (XML) or site (JSON) of the element that gets it;
+           each such element gets it, one at a time. ``{joint[0]}`` in a value is the name of the first joint of the file; a row
+           whose names a file does not have is not applied to it
+inert      :class:`Inert` rows: sites (patterns) and kinds of changes that have no effect, with the reason. A row counts only
+           for a change after which the engine moves as before (see ``proof/complete.py``)
 
 A *site* is the place of a value without names and numbers: ``joint@damping``, ``mass/text()``, ``geom`` (the element itself),
 and in JSON ``settings.solver``, ``bodies.*.frame_offset.*``.

@@ -1,4 +1,4 @@
-"""What MuJoCo's schema knows beyond what simspec writes, at values that act.
+"""Attributes and elements of MuJoCo's schema that simspec does not write, with values that have an effect.
 
 A test holds ``ATTRIBUTES`` and ``ELEMENTS`` against the schema that the installed MuJoCo prints: each attribute of an element
 that simspec writes, and each element that it does not, stands here or in ``NOT_PLANTED``.
@@ -182,7 +182,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, str]] = {
 """Attributes of elements that simspec writes: each is added wherever such an element lacks it."""
 
 NOT_OF_VELOCITY = ("kp", "dampratio", "inheritrange", "timeconst")
-"""What a velocity actuator has not of a position actuator's attributes."""
+"""Attributes of a position actuator that a velocity actuator does not have."""
 SITES = '<worldbody><site name="a"/><site name="b" pos="0 0 1"/></worldbody>'
 ACTUATORS: Mapping[str, str] = {
     "general": 'gainprm="2"',
@@ -231,7 +231,7 @@ ELEMENTS: tuple[Addition, ...] = (
     Addition("mujoco", '<visual><scale com="9"/></visual>'),
     Addition("mujoco", '<visual><rgba com="1 0 0 1"/></visual>'),
     Addition("compiler", '<lengthrange mode="all"/>'),
-    # defaults of what is not there
+    # defaults for elements that the file does not have
     *(
         Addition("default", f"<{value}/>", once=True)
         for value in (
@@ -318,7 +318,7 @@ ELEMENTS: tuple[Addition, ...] = (
         )
     ),
 )
-"""Elements that simspec does not write, or not there; of several, what comes first makes the last one sound."""
+"""Elements that simspec does not write, or not in that place; of several, the first ones make the last one valid."""
 
 NOT_PLANTED: Mapping[str, str] = {
     **dict.fromkeys(("layer", "instance", "config"), "details of elements that are planted"),

@@ -1,4 +1,4 @@
-"""What may be changed in this dialect's files, for the complete self-test: words, whole numbers, additions, what is inert."""
+"""The mutation table of this dialect, for the complete self-test: words, whole numbers, additions, inert changes."""
 
 from __future__ import annotations
 

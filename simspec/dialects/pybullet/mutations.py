@@ -1,7 +1,7 @@
-"""What could stand in URDF files for PyBullet and does not, and what moves nothing, for the complete self-test.
+"""Additions to URDF files for PyBullet, and changes declared inert, for the complete self-test.
 
-The elements and attributes are those that PyBullet's reader knows (its UrdfParser), and some of plain URDF and SDF that it does
-not. See ``dialects/kit/mutations.py``.
+The elements and attributes are those that PyBullet's reader supports (its UrdfParser), and some of plain URDF and SDF that it
+does not. See ``dialects/kit/mutations.py``.
 """
 
 from __future__ import annotations
@@ -91,14 +91,14 @@ SIDECAR_ADDITIONS = (
     Addition("collision_filter.excluded", '["nobody", "nothing"]'),
 )
 
-FIRST_ONLY = "PyBullet reads the first of such elements"
-ABSENT = "what is not given is what stands there: PyBullet's own value is the same"
-NAMED = "a name; links are known by theirs, shapes, joints and models by their places"
-SEEN = "only seen: a colour, a material, or a shape that shows the collision shape, as PyBullet does of itself"
-UNKNOWN = "PyBullet's reader does not know it"
-ELSEWHERE = "overwritten while loading, by what the sidecar says"
-ORDER = "the order of what is found by name"
-DROPPED = "of a link that cannot move: PyBullet drops mass and inertia of a fixed base"
+FIRST_ONLY = "PyBullet reads only the first of repeated elements"
+ABSENT = "the value in the file is PyBullet's default"
+NAMED = "a name; only links are found by name, shapes, joints and models by their order"
+SEEN = "visual only: a colour, a material, or a visual of a collision shape, which PyBullet shows in any case"
+UNKNOWN = "PyBullet's reader ignores it"
+ELSEWHERE = "overwritten from the sidecar while loading"
+ORDER = "the order of elements that are found by name"
+DROPPED = "for a link that cannot move: PyBullet drops the mass and inertia of a fixed base"
 
 FIRST = (
     *(
@@ -151,7 +151,7 @@ STRANGE = (
     *("joint/calibration", "joint/drive", "limit@stiffness", "dynamics@spring_stiffness", "dynamics@spring_reference"),
     *("robot/gazebo", "robot/transmission", "robot/self_collision"),
 )
-"""Of URDF and SDF, unknown to PyBullet's reader."""
+"""Elements of URDF and SDF that PyBullet's reader ignores."""
 
 TABLE = MutationTable(
     words={
@@ -187,29 +187,31 @@ TABLE = MutationTable(
                 *("restitution", "rolling_friction", "spinning_friction"),
             )
         ),
-        Inert("joint@type", "PyBullet holds a floating joint below another link as a fixed one", ("word",), "*.urdf"),
-        Inert("axis*", "the axis of a joint that has none: of a fixed or ball joint", (), "*.urdf"),
+        Inert("joint@type", "PyBullet treats a floating joint below another link as fixed", ("word",), "*.urdf"),
+        Inert("axis*", "the axis of a fixed or ball joint, which uses none", (), "*.urdf"),
         *(
             Inert(site, NAMED, (), "*.urdf")
             for site in ("robot@name", "joint@name", "visual@name", "collision@name", "material@name")
         ),
-        Inert("plane@normal", "of a plane that is only seen; of others PyBullet normalises it", (), "*.urdf"),
+        Inert("plane@normal", "for a visual-only plane; for others PyBullet normalises it", (), "*.urdf"),
         Inert("color*", SEEN, (), "*.urdf"),
         Inert("material", SEEN, ("element removed",), "*.urdf"),
         Inert("material/texture", SEEN, ("element added",), "*.urdf"),
         Inert("robot/material", SEEN, ("element added",), "*.urdf"),
         Inert("visual", SEEN, ("element removed", "element doubled"), "*.urdf"),
         Inert("link/visual", SEEN, ("element added",), "*.urdf"),
-        Inert("link/audio_source", "only heard", ("element added",), "*.urdf"),
+        Inert("link/audio_source", "audio only", ("element added",), "*.urdf"),
         Inert("sphere@radius", SEEN, ("moved",), "*.urdf"),
         Inert("mass@value", DROPPED, ("moved",), "*.urdf"),
         Inert("inertia@i*", DROPPED, ("moved",), "*.urdf"),
         Inert("inertial", DROPPED, ("element removed",), "*.urdf"),
         Inert("contact/inertia_scaling", DROPPED, ("element added",), "*.urdf"),
-        Inert("origin@rpy", "a turn of what is round, or of the inertial frame of a fixed base", (), "*.urdf"),
-        Inert("contact/friction_anchor", "of a link without shapes", ("element added",), "*.urdf"),
-        Inert("limit@twist", "of ball joints alone", ("attribute added",), "*.urdf"),
-        Inert("collision@concave", "of meshes alone", ("attribute added",), "*.urdf"),
+        Inert(
+            "origin@rpy", "a rotation within a shape's symmetry, or of the inertial frame of a fixed base", (), "*.urdf"
+        ),
+        Inert("contact/friction_anchor", "for a link without shapes", ("element added",), "*.urdf"),
+        Inert("limit@twist", "for ball joints only", ("attribute added",), "*.urdf"),
+        Inert("collision@concave", "for meshes only", ("attribute added",), "*.urdf"),
         Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
         Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
         *(Inert(site, UNKNOWN, ("element added", "attribute added"), "*.urdf") for site in STRANGE),
@@ -222,13 +224,13 @@ TABLE = MutationTable(
         ),
         Inert(
             "collision_filter.classes.*.mask",
-            "a single link does not meet itself",
+            "a single link does not collide with itself",
             ("scaled",),
             "sidecar.json",
         ),
         Inert(
             "instances.*.base.quaternion.*",
-            "the opposite quaternion is the same rotation",
+            "the negated quaternion is the same rotation",
             ("sign",),
             "sidecar.json",
         ),

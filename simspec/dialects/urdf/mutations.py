@@ -1,6 +1,6 @@
-"""What could stand in plain URDF and does not, and what moves nothing, for the complete self-test.
+"""Additions to plain URDF, and changes declared inert, for the complete self-test.
 
-Engines that are told worlds in this dialect read what they like of the language: rows hold for those that obey it. See
+Engines that use this dialect may read less than the whole language; the rows hold for those that follow it. See
 ``dialects/kit/mutations.py``.
 """
 
@@ -12,7 +12,7 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 HEAVY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 BALL = '<geometry><sphere radius="0.3"/></geometry>'
 NAMED = "a name; links are known by theirs, the model's and materials' say nothing"
-SEEN = "only seen"
+SEEN = "visual only"
 
 TABLE = MutationTable(
     words={"joint@type": JOINT_TYPES},

@@ -15,13 +15,12 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
 from simspec.engines.drake.building import MOST_PLANES, import_drake
-from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, pressure_holds, stops
+from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, stops
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.drake.touching import contacts
-from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
@@ -126,11 +125,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.BALL_SPRING: via_api(_COMPUTED),
         Feature.DRY_FRICTION: never("Drake has no dry friction in joints"),
         Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
-        Feature.SHAPE_BOX: Support(
-            Level.EXACT,
-            f"with eight balls in its corners: {_ONE_POINT}; on boxes and planes by pressure with hydroelastic_faces: true",
-            refine=pressure_holds,
-        ),
+        Feature.SHAPE_BOX: Support(Level.EXACT, f"with eight balls in its corners: {_ONE_POINT}"),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
@@ -185,23 +180,6 @@ class Drake(SimulatedEngine[Simulation]):
             "e is 0.01; with 10000 a ball dropped at 8 ms rests 1.3 mm deep.",
             minimum=0.0,
             needs=("contact_approximation", ("auto", "tamsi")),
-        ),
-        "hydroelastic_faces": Setting(
-            False,
-            "Boxes touch boxes and planes by hydroelastic contact: by the pressure over the surface where they meet, in place "
-            "of points at balls in their corners. Boxes that move are compliant, what cannot move is rigid. Other pairs touch "
-            "at points all the same; cylinders too, whose mesh is a prism, on which they roll 10 % short of their way. The "
-            "contact law is as with corners (by TAMSI pushes to 0.01 % from 1 to 8 ms, stops at 1 ms). A step takes twice the "
-            "time, and TAMSI then holds towers of six boxes at 4 ms.",
-            only_with="hydroelastic_faces",
-        ),
-        "hydroelastic_modulus": Setting(
-            1e8,
-            "Of every box that moves (Pa). A box rests m g h/(2 A modulus) deep, h its smallest edge: a cube of 0.1 m and "
-            "10 kg 5 µm. It has no part in how an overlap is taken back: the common law's β by SAP, 1/dissipation by TAMSI.",
-            minimum=1.0,
-            only_with="hydroelastic_faces",
-            needs=("hydroelastic_faces", (True,)),
         ),
         "stiction_tolerance": Setting(
             1e-6,
@@ -273,7 +251,23 @@ class Drake(SimulatedEngine[Simulation]):
         return JointServos(self._simulation, v)
 
     def contacts(self) -> dict[str, np.ndarray]:
-        return contacts(self._simulation)
+        sim = self._simulation
+        held = sim.last_contacts()
+        if not held:
+            return empty_contacts()
+        bodies = sim.built.shapes
+        points = [one.point_pair() for one in held]
+        normal = np.array([one.nhat_BA_W for one in points])
+        force = np.array([one.contact_force() for one in held])  # on the second
+        return {
+            "body": np.array(
+                [[bodies[sim.shape_of[side]][0] for side in (one.id_A, one.id_B)] for one in points], dtype=np.int64
+            ),
+            "position": np.array([one.contact_point() for one in held]),
+            "normal": normal,
+            "distance": -np.array([one.depth for one in points]),
+            "normal_force": np.maximum(-np.sum(normal * force, axis=1), 0.0),
+        }
 
     def collision_units(self) -> Sequence[CollisionUnit]:
         return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]

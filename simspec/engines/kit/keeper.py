@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import json
 import os
 import resource
 import select
@@ -28,12 +29,18 @@ LOOK_EVERY = 0.5
 """s between two looks at whether the parent is still there, for where something else holds the other end of the pipe."""
 PATIENCE = 2.0
 """s for everything to be gone after it was killed."""
+USAGE = "usage.json"
+"""CPU time (s) and largest resident memory (bytes) of the worker, in the folder of the request."""
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 """Of Linux's prctl(2)."""
 
 
-def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
-    """Start the worker, or ``command``, on ``folder`` and see it through; its exit code. Ends by the signal that ended it."""
+def keep(folder: Path, seconds: float, most: int, command: list[str], ending: int | None = None) -> int:
+    """Start the worker, or ``command``, on ``folder`` and see it through; its exit code. Ends by the signal that ended it.
+
+    How it ended is also written to the descriptor ``ending``: a status as of wait(2), in four bytes, little-endian.
+    What it took (``USAGE``) is left in the folder.
+    """
     ends = time.monotonic() + seconds
     parent, keeper = os.getppid(), os.getpid()
     _prctl(PR_SET_CHILD_SUBREAPER, 1)  # what the engine starts and leaves behind becomes the keeper's
@@ -47,7 +54,7 @@ def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
     if child == 0:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-        for descriptor in (heard, told, held):
+        for descriptor in (heard, told, held, *([] if ending is None else [ending])):
             os.close(descriptor)
         _begin(keeper, alive, most)
         _work(folder, command)
@@ -56,9 +63,10 @@ def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
     status = None
     try:
         while status is None:
-            done, found = os.waitpid(child, os.WNOHANG)
+            done, found, usage = os.wait4(child, os.WNOHANG)
             if done:
                 status = found
+                _leave_usage(folder, usage)
                 break
             left = ends - time.monotonic()
             if left <= 0.0 or os.getppid() != parent:
@@ -70,6 +78,9 @@ def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
                 os.read(heard, 4096)
     finally:
         _end(child, status is not None)
+    if ending is not None:
+        told_status = status if status is not None else (128 + signal.SIGKILL) << 8
+        os.write(ending, told_status.to_bytes(4, "little"))
     if status is None:
         return 128 + signal.SIGKILL
     if os.WIFSIGNALED(status):
@@ -78,6 +89,14 @@ def keep(folder: Path, seconds: float, most: int, command: list[str]) -> int:
             signal.signal(number, signal.SIG_DFL)
         os.kill(keeper, number)
     return os.waitstatus_to_exitcode(status)
+
+
+def _leave_usage(folder: Path, usage: resource.struct_rusage) -> None:
+    """What the worker and what it waited for took, as seen from outside of it: a courtesy, as the folder may be gone."""
+    scale = 1 if sys.platform == "darwin" else 1024
+    took = {"cpu_user": usage.ru_utime, "cpu_system": usage.ru_stime, "peak_memory": usage.ru_maxrss * scale}
+    with contextlib.suppress(OSError):
+        (folder / USAGE).write_text(json.dumps(took), encoding="ascii")
 
 
 def _begin(keeper: int, alive: int, most: int) -> None:

@@ -28,9 +28,10 @@ from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.identity import demand_version, program_of
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
+from simspec.engines.kit.warm import Forked, WarmProcesses
 from simspec.errors import EngineError, clipped, visible
 from simspec.mapped import RECORDED_BYTES
-from simspec.reading import read_bytes
+from simspec.reading import NotReadableError, parse_json, read_bytes
 from simspec.scratch import scratch_folder
 
 __all__ = [
@@ -91,12 +92,14 @@ def side_by_side(count: int) -> Iterator[ThreadPoolExecutor]:
 @dataclass(frozen=True)
 class Reply:
     """All answers of one process, with versions (``engine_version``, ``python_version``, ``numpy_version``,
-    ``platform``, ``machine``), the wall time from start to end, and the engine's own output."""
+    ``platform``, ``machine``), the wall time from start to end, the engine's own output, and what the process took, measured
+    from outside of it: ``cpu_user`` and ``cpu_system`` (s), ``peak_memory`` (bytes); empty where nobody measured it."""
 
     answers: list[Answer]
     versions: dict[str, str]
     wall_seconds: float
     output: str
+    usage: dict[str, float]
 
 
 def call(
@@ -124,8 +127,12 @@ def start(
     *,
     python: str | None = None,
     deadline: float = DEADLINE,
+    warm: WarmProcesses | None = None,
 ) -> Iterator[Running]:
-    """As :func:`call`, but not waiting: several engines may work side by side. Leaving the block kills what still runs."""
+    """As :func:`call`, but not waiting: several engines may work side by side. Leaving the block kills what still runs.
+
+    With ``warm``, the process is forked from one that has imported the engine, where that is possible.
+    """
     engine_class = find_engine(engine)
     if python is None and engine_class.version() is None:
         raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
@@ -138,7 +145,7 @@ def start(
         if command is not None and python is not None:
             raise EngineError(engine, "is a separate program: --python does not apply to it")
         end_if_told()
-        running = Running(engine, folder, operations, python or sys.executable, deadline, command)
+        running = Running(engine, folder, operations, python or sys.executable, deadline, command, warm)
         _at_work.add(running)
         try:
             if _given_up.is_set():  # asked after it is on the list: one of the two sees the other
@@ -160,6 +167,7 @@ class Running:
         python: str,
         deadline: float,
         command: Sequence[str] | None = None,
+        warm: WarmProcesses | None = None,
     ):
         self.engine = engine
         self._folder = folder
@@ -169,28 +177,29 @@ class Running:
         self._deadline = deadline
         environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
         # the process itself starts in its own folder
-        words = [
-            program_of(python),
-            keeper.__file__,
-            str(folder),
-            str(deadline + GRACE),
-            str(RECORDED_BYTES),
-            *(command or ()),
-        ]
+        program = program_of(python)
+        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ())]
+        forked = None
+        if warm is not None and command is None:
+            asked = (program, deadline + GRACE, RECORDED_BYTES)
+            forked = warm.fork(find_engine(engine), folder, asked, environment)
+        self._process = forked or self._new(words, environment, python)
+        self._log = _Log(self._process.stdout)
+
+    def _new(self, words: list[str], environment: dict[str, str], python: str) -> subprocess.Popen[bytes]:
         try:
-            self._process = subprocess.Popen(
+            return subprocess.Popen(
                 words,
                 stdin=subprocess.PIPE,  # never written: it closes when this process ends, which the keeper notices
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                cwd=folder,
+                cwd=self._folder,
                 env=environment,
                 start_new_session=True,
             )
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise EngineError(engine, f"{python} cannot be started: {reason}") from None
-        self._log = _Log(self._process.stdout)
+            raise EngineError(self.engine, f"{python} cannot be started: {reason}") from None
 
     def wait(self, progress: Callable[[float], None] | None = None) -> Reply:
         """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``).
@@ -223,7 +232,18 @@ class Running:
         if refused is not None:
             raise EngineError(self.engine, clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL))
         demand_version(self.engine, versions["engine_version"])
-        return Reply(answers, versions, wall, self._log.text())
+        return Reply(answers, versions, wall, self._log.text(), self._usage())
+
+    def _usage(self) -> dict[str, float]:
+        """What the keeper says that the process took."""
+        try:
+            took = parse_json(read_bytes(self._folder / keeper.USAGE, 1000))
+        except (OSError, NotReadableError):
+            return {}
+        names = ("cpu_user", "cpu_system", "peak_memory")
+        if not isinstance(took, dict) or not all(isinstance(took.get(name), int | float) for name in names):
+            return {}
+        return {name: float(took[name]) for name in names}
 
     def _tell(self, progress: Callable[[float], None]) -> None:
         """Pass on the share that is done. It is a courtesy: what says nothing sensible says nothing."""
@@ -242,8 +262,11 @@ class Running:
         if process.poll() is None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=keeper.PATIENCE)
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        if (
+            not isinstance(process, Forked) or process.returncode is None
+        ):  # nobody holds the number of one that has ended
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         self._log.end()
 

@@ -52,9 +52,9 @@ def _offered() -> Offered:
 def _sound(name: str, kind: Any) -> Format:
     """The format, if it is one that can be used. Raises TypeError, ValueError."""
     if not (isinstance(kind, type) and issubclass(kind, Format)):
-        raise TypeError("it is no Format")
+        raise TypeError("it is not a Format")
     if not hasattr(kind, "NAME") or name != kind.NAME:
-        raise ValueError(f"it calls itself {getattr(kind, 'NAME', None)!r}")
+        raise ValueError(f"its NAME is {getattr(kind, 'NAME', None)!r}")
     return kind()
 
 

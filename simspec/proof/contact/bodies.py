@@ -35,8 +35,8 @@ def ball(
     default the pair's second; ``group``: see :class:`Trial`."""
     own = 0.4 * mass * radius * radius if inertia is None else inertia
     shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), material or law.pair.second)
-    found = _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
-    return dataclasses.replace(found, collision_group=group)
+    body = _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
+    return dataclasses.replace(body, collision_group=group)
 
 
 def box(

@@ -73,14 +73,14 @@ class Oscillator:
         root = cmath.sqrt(self.damping**2 / 4.0 - self.stiffness)
         if abs(root) < 1e-6 * self.frequency:  # the two solutions fall together; the difference vanishes as its square
             root = complex(1e-6 * self.frequency)
-        one, two = -self.damping / 2.0 + root, -self.damping / 2.0 - root
-        a = (speed + self.rest * two) / (one - two)
+        fast, slow = -self.damping / 2.0 + root, -self.damping / 2.0 - root
+        a = (speed + self.rest * slow) / (fast - slow)
         b = -self.rest - a
-        time = cmath.log(-b * two / (a * one)) / (one - two)
+        time = cmath.log(-b * slow / (a * fast)) / (fast - slow)
         if root.imag:
             half = math.pi / abs(root.imag)
             time = complex(time.real % half)
-        depth = self.rest + a * cmath.exp(one * time) + b * cmath.exp(two * time)
+        depth = self.rest + a * cmath.exp(fast * time) + b * cmath.exp(slow * time)
         return time.real, depth.real
 
 
@@ -131,13 +131,13 @@ class Compliance(Probe):
         seen = heights["arriving"][:-1]  # the last is after the rest
         measured = float(radius - np.min(seen))
         resting = float(radius - heights["resting"][-1])
-        found = [
+        cases = [
             ("ball at rest", oscillator.rest, resting, REST_DEPTH_SHARE * oscillator.rest),
             (f"arriving at {arrival:.3g} m/s, deepest", deepest, measured, DIP_STEPS * arrival * law.timestep),
         ]
         return [
             Figure(self.NAME, subject(law), case, "depth", "m", wanted, measured, tolerance)
-            for case, wanted, measured, tolerance in found
+            for case, wanted, measured, tolerance in cases
         ]
 
 

@@ -208,7 +208,7 @@ class Stick(Probe):
 
     def _force(self, law: Law) -> dict[float, np.ndarray]:
         """0.8 of what the cone holds in each direction."""
-        found = {}
+        forces = {}
         for degrees in DIRECTIONS:
             direction = _direction(degrees)
             if law.friction_cone == "elliptic":
@@ -217,8 +217,8 @@ class Stick(Probe):
                 reach = 1.0 / float(np.abs(direction).sum())
             else:
                 reach = 1.0 / float(np.abs(direction).max())
-            found[degrees] = HELD * reach * law.pair.friction * WEIGHT * direction
-        return found
+            forces[degrees] = HELD * reach * law.pair.friction * WEIGHT * direction
+        return forces
 
     def trials(self, law: Law) -> Sequence[Trial]:
         settle = max(10, math.ceil(SETTLE / law.timestep))

@@ -59,9 +59,9 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     if problems:
         raise UnsupportedError(problems)
     # files hold all settings; what does nothing beside others may not be given
-    idle = idle_settings(engine, {name: one.default for name, one in engine.SETTINGS.items()} | settings)
-    given = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
-    options = EngineOptions(engine.NAME, given, EVERYTHING)
+    idle = idle_settings(engine, {name: setting.default for name, setting in engine.SETTINGS.items()} | settings)
+    written = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
+    options = EngineOptions(engine.NAME, written, EVERYTHING)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
     return Held(contact, plan, options, timestep)
 
@@ -76,9 +76,9 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
         *((f"{name} in layer {layer}", surface) for (name, layer), surface in numbers.items()),
         *((f"{pair.first} with {pair.second}", pair) for pair in contact.pairs),
     ]
-    for where, one in surfaces:
-        hardness = one.hardness or Hardness()
-        values = {name: getattr(one, name) for name in COMBINED_QUANTITIES}
+    for where, numbers_held in surfaces:
+        hardness = numbers_held.hardness or Hardness()
+        values = {name: getattr(numbers_held, name) for name in COMBINED_QUANTITIES}
         values |= {name: getattr(hardness, name) for name in HARDNESS_NUMBERS}
         for name, value in values.items():
             if value is not None and not math.isfinite(value):
@@ -103,7 +103,7 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
 
 
 def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:
-    found = dict(plan.numbers)
+    numbers = dict(plan.numbers)
     bodies = {body.name: body for body in read.bodies}
     for body in world.bodies:
         if body.name not in bodies:
@@ -112,9 +112,9 @@ def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str,
             for layer, surface in zip(plan.layers(shape.material), other.surfaces, strict=False):
                 key = (shape.material, layer)
                 whole = _filled(surface, plan.numbers[key])
-                if _distance(whole, plan.numbers[key]) > _distance(found[key], plan.numbers[key]):
-                    found[key] = whole
-    return found
+                if _distance(whole, plan.numbers[key]) > _distance(numbers[key], plan.numbers[key]):
+                    numbers[key] = whole
+    return numbers
 
 
 def _filled(surface: Surface, wanted: Surface) -> Surface:
@@ -124,9 +124,10 @@ def _filled(surface: Surface, wanted: Surface) -> Surface:
     return dataclasses.replace(wanted, **told)
 
 
-def _distance(one: Surface, other: Surface) -> float:
+def _distance(surface: Surface, other: Surface) -> float:
     return _far(
-        one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
+        surface.hardness == other.hardness,
+        ((getattr(surface, name), getattr(other, name)) for name in COMBINED_QUANTITIES),
     )
 
 
@@ -139,7 +140,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
     """The world's laws, with those of explicit pairs as they are held."""
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
     laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
-    found = dict(laws)
+    worst = dict(laws)
     for pair in read.pairs:
         names = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
         if names not in laws:
@@ -153,9 +154,9 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             restitution=_known(surface.restitution, law.restitution),
             hardness=law.hardness if surface.hardness is None else surface.hardness,
         )
-        if _apart(told, law) > _apart(found[names], law):
-            found[names] = told
-    return tuple(found.values())
+        if _apart(told, law) > _apart(worst[names], law):
+            worst[names] = told
+    return tuple(worst.values())
 
 
 def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
@@ -173,13 +174,13 @@ def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
     )
 
 
-def _apart(one: PairContact, other: PairContact) -> float:
+def _apart(law: PairContact, other: PairContact) -> float:
     return _far(
-        one.hardness == other.hardness, ((getattr(one, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
+        law.hardness == other.hardness, ((getattr(law, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
     )
 
 
 def _far(as_hard: bool, values: Iterable[tuple[float | None, float | None]]) -> float:
     """How far apart two laws are, to find the worst one; NaN is beyond any number."""
-    numbers = sum(abs((one or 0.0) - (other or 0.0)) for one, other in values)
+    numbers = sum(abs((number or 0.0) - (other or 0.0)) for number, other in values)
     return math.inf if math.isnan(numbers) else numbers + (0.0 if as_hard else 1.0)

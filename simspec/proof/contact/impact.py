@@ -69,11 +69,11 @@ class Restitution(Probe):
     def speeds(self, law: Law) -> dict[float, float]:
         """The ratio that is expected, by approach speed."""
         threshold = law.pair.restitution_threshold
-        found = {speed: law.pair.restitution for speed in RESTITUTION_SPEEDS if speed > threshold}
+        expected = {speed: law.pair.restitution for speed in RESTITUTION_SPEEDS if speed > threshold}
         if threshold and law.pair.restitution:
-            found[BELOW_THRESHOLD * threshold] = 0.0
-            found.setdefault(2.0 * threshold, law.pair.restitution)
-        return dict(sorted(found.items()))
+            expected[BELOW_THRESHOLD * threshold] = 0.0
+            expected.setdefault(2.0 * threshold, law.pair.restitution)
+        return dict(sorted(expected.items()))
 
     def trials(self, law: Law) -> Sequence[Trial]:
         dt = law.timestep
@@ -89,7 +89,7 @@ class Restitution(Probe):
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        found = []
+        figures = []
         for row, (speed, expected) in enumerate(self.speeds(law).items()):
             ratios = [
                 bounce_ratio(motions[0].velocity[_name(row, column)][:, 2], law.timestep)
@@ -98,7 +98,7 @@ class Restitution(Probe):
             worst = int(np.argmax(np.abs(np.nan_to_num(np.array(ratios) - expected, nan=np.inf))))
             # engines without a threshold of their own declare a deviation for these figures alone
             name = self.NAME if speed in RESTITUTION_SPEEDS else THRESHOLD
-            found.append(
+            figures.append(
                 Figure(
                     name,
                     subject(law),
@@ -112,7 +112,7 @@ class Restitution(Probe):
                     worst=f"{STEP_PHASES[worst]:g} of a step",
                 )
             )
-        return found
+        return figures
 
 
 def bounce_ratio(speed: np.ndarray, timestep: float) -> float:
@@ -157,7 +157,7 @@ class Rest(Probe):
         return [Trial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        found = []
+        figures = []
         for column, case in enumerate(self.cases(law)):
             for shape in ("cube", "ball"):
                 pose, velocity = motions[0].pose[f"{shape}_{column}"][2:], motions[0].velocity[f"{shape}_{column}"][2:]
@@ -165,9 +165,11 @@ class Rest(Probe):
                 text = f"{shape} {case}"
                 deepest = float(depth[int(np.argmax(np.abs(depth)))])
                 speed = float(np.abs(velocity[:, 2]).max())
-                found.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, deepest, REST_DEPTH))
-                found.append(Figure(self.STEADY, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop(law)))
-        return found
+                figures.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, deepest, REST_DEPTH))
+                figures.append(
+                    Figure(self.STEADY, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop(law))
+                )
+        return figures
 
 
 def hop(law: Law) -> float:
@@ -208,14 +210,14 @@ class Overlap(Probe):
         return [Trial(tuple(bodies), (Phase(1),))]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        found = []
+        figures = []
         for column, overlap in enumerate(OVERLAPS):
             expected = ERROR_REDUCTION * overlap / law.timestep
             speed = float(motions[0].velocity[f"ball_{column}"][1, 2])
             tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
             text = f"overlap {overlap * 1e6:g} µm"
-            found.append(Figure(self.NAME, subject(law), text, "speed", "m/s", expected, speed, tolerance))
-        return found
+            figures.append(Figure(self.NAME, subject(law), text, "speed", "m/s", expected, speed, tolerance))
+        return figures
 
 
 def subject(law: Law) -> str:

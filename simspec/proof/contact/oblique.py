@@ -139,11 +139,11 @@ class Oblique(Probe):
     def trials(self, law: Law) -> Sequence[Trial]:
         phases = (Phase(STEPS_BEFORE + STEPS_AFTER),)
         landing = [floor(law), *(self._landing(law, case, index) for index, case in enumerate(self.landings(law)))]
-        found = [Trial(tuple(landing), phases)]
+        trials = [Trial(tuple(landing), phases)]
         if meetings := self.meetings(law):
-            balls = [one for index, case in enumerate(meetings) for one in self._meeting(law, case, index)]
-            found.append(Trial(tuple(balls), phases, meets=((STRIKER, STRUCK),)))
-        return found
+            balls = [ball for index, case in enumerate(meetings) for ball in self._meeting(law, case, index)]
+            trials.append(Trial(tuple(balls), phases, meets=((STRIKER, STRUCK),)))
+        return trials
 
     def _landing(self, law: Law, case: _Case, index: int) -> Body:
         dt, approach = law.timestep, self.approach(law)
@@ -211,7 +211,7 @@ class Oblique(Probe):
                 if worst is None or not off / size <= worst[0]:
                     worst = (off / size, size, size + sign * off, case)
             if worst is not None:
-                _, expected, found, case = worst
+                _, expected, signed, case = worst
                 # spin as what it is of a velocity, so that both are in one unit
                 yield Figure(
                     self.NAME,
@@ -220,13 +220,13 @@ class Oblique(Probe):
                     f"change of {quantity}",
                     "m/s",
                     expected,
-                    found,
+                    signed,
                     TOLERANCE * expected,
                     worst=f"{case.degrees:g}°",
                     angle=math.radians(case.degrees),
                 )
         e = law.pair.restitution
-        case, hit = max(group, key=lambda one: math.inf if math.isnan(one[1].ratio) else abs(one[1].ratio - e))
+        case, hit = max(group, key=lambda entry: math.inf if math.isnan(entry[1].ratio) else abs(entry[1].ratio - e))
         numbers = (e, hit.ratio, RESTITUTION_TOLERANCE)
         at = math.radians(case.degrees)
         yield Figure(self.SEPARATION, subject(law), text, "ratio", "", *numbers, worst=f"{case.degrees:g}°", angle=at)
@@ -249,8 +249,8 @@ class Oblique(Probe):
         return _Hit(expected, velocity[begin, :2] - velocity[end, :2], spin, ratio)
 
     def _met(self, law: Law, case: _Case, motion: Motion) -> _Hit:
-        one, other = (motion.velocity[name] for name in case.bodies)
-        relative = one[:, :3] - other[:, :3]
+        striker, other = (motion.velocity[name] for name in case.bodies)
+        relative = striker[:, :3] - other[:, :3]
         begin = impact_begins(relative, law.timestep)
         apart = motion.pose[case.bodies[1]][begin, :3] - motion.pose[case.bodies[0]][begin, :3]
         normal, axes = _frame(tuple((apart / np.linalg.norm(apart)).tolist()))
@@ -264,12 +264,14 @@ class Oblique(Probe):
         )
         velocities, spins = [], []
         # m Δv = ∓ J and (2/5) m r Δω = −n × J: what either ball shows of the one impulse, over the reduced mass
-        for body, mass, sign in ((one, MASSES[0], -1.0), (other, MASSES[1], 1.0)):
+        for body, mass, sign in ((striker, MASSES[0], -1.0), (other, MASSES[1], 1.0)):
             change = body[end] - body[begin]
             fallen = np.array([0.0, 0.0, GRAVITY * law.timestep * (end - begin)])
             velocities.append(sign * mass / reduced * axes @ (change[:3] + fallen))
             spins.append(mass / reduced * radius / SOLID * axes @ np.cross(normal, change[3:]))
-        far = [max(some, key=lambda found: float(np.linalg.norm(found - expected))) for some in (velocities, spins)]
+        far = [
+            max(some, key=lambda measured: float(np.linalg.norm(measured - expected))) for some in (velocities, spins)
+        ]
         return _Hit(expected, far[0], far[1], -float(relative[end] @ normal) / approach)
 
 

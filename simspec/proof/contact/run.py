@@ -90,21 +90,21 @@ class Measuring:
     def wait(self) -> tuple[list[Figure], list[str]]:
         """The figures, and the cache's complaints. What makes the engine fail is a figure without a number."""
         answers = self._answers()
-        found: list[Figure] = []
+        figures: list[Figure] = []
         complaints: list[str] = []
         for job in self.jobs:
             if job.known is not None:
                 raw: Sequence[Figure] = job.known
             else:
-                given = next(answers)
-                if isinstance(given, EngineError):
-                    found.append(_failed(job, given))
+                answer = next(answers)
+                if isinstance(answer, EngineError):
+                    figures.append(_failed(job, answer))
                     continue
-                raw = [_kept(figure) for figure in _figures(job, given)]
+                raw = [_kept(figure) for figure in _figures(job, answer)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"the cache {cache.folder()} is not writable"]
-            found += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
-        return found, complaints
+            figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
+        return figures, complaints
 
     def _answers(self) -> Iterator[list[Answer] | EngineError]:
         """Of each job that is not known, its answers. One process for all; when it fails, one for each, to find out which
@@ -182,15 +182,15 @@ def measure(
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
-    one = of_pair(whole, law.pair.first, law.pair.second)
+    of_two = of_pair(whole, law.pair.first, law.pair.second)
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
     operations: list[Operation] = []
     for trial in probe.trials(law):
         parts = split(trial, engine.PROBED_TOGETHER)
-        worlds.append(tuple(_world(one, law, part) for part in parts))
+        worlds.append(tuple(_world(of_two, law, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
-            compiled.append(_compiled(engine, world, one.plan, python))
+            compiled.append(_compiled(engine, world, of_two.plan, python))
             operations.append(_drive(world, part))
     name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
@@ -227,14 +227,14 @@ def _key(
     engine: type[Engine], compiled: Sequence[Compiled], operations: Sequence[Operation], law: Law | None, probe: str
 ) -> str:
     drives = [
-        [one.op, dict(one.parameters), {name: value.tolist() for name, value in one.arrays.items()}]
-        for one in operations
+        [operation.op, dict(operation.parameters), {name: value.tolist() for name, value in operation.arrays.items()}]
+        for operation in operations
     ]
     wanted = None if law is None else to_plain(law)
-    return cache.key(engine, [one.sha256 for one in compiled], drives, wanted, probe)
+    return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
 
 
-def _world(one: Held, law: Law, trial: Trial) -> World:
+def _world(held_pair: Held, law: Law, trial: Trial) -> World:
     meeting = {group for pair in trial.meets for group in pair}
     bodies = tuple(
         body
@@ -244,9 +244,9 @@ def _world(one: Held, law: Law, trial: Trial) -> World:
     )
     groups = sorted({MOVING, *meeting})
     ignored = tuple(pair for pair in itertools.combinations_with_replacement(groups, 2) if pair not in set(trial.meets))
-    contact = dataclasses.replace(one.contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
-    physics = Physics((0.0, 0.0, -GRAVITY), one.timestep, sum(phase.steps for phase in trial.phases))
-    return World("contact-probe", bodies, contact, physics, engines=(one.options,))
+    contact = dataclasses.replace(held_pair.contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
+    physics = Physics((0.0, 0.0, -GRAVITY), held_pair.timestep, sum(phase.steps for phase in trial.phases))
+    return World("contact-probe", bodies, contact, physics, engines=(held_pair.options,))
 
 
 def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
@@ -259,8 +259,8 @@ def _drive(world: World, trial: Trial) -> Operation:
     index = {body.name: number for number, body in enumerate(world.bodies)}
     effort = np.zeros((len(trial.phases), places.nv))
     for row, phase in zip(effort, trial.phases, strict=True):
-        for name, given in phase.effort.items():
-            row[places.velocity[index[name]]] = given
+        for name, values in phase.effort.items():
+            row[places.velocity[index[name]]] = values
     phases = [[phase.steps, phase.every] for phase in trial.phases]
     return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort}, world)
 
@@ -303,20 +303,20 @@ def _deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: 
     """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
     if law is None:
         return figure
-    found = [
-        (_size(one, figure), one)
-        for one in engine.CONTACT_DEVIATIONS
-        if one.probe == figure.probe and one.counts_for(law.pair, law.friction_cone, law.timestep, settings)
+    sizes = [
+        (_size(deviation, figure), deviation)
+        for deviation in engine.CONTACT_DEVIATIONS
+        if deviation.probe == figure.probe and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings)
     ]
-    wider = [entry for entry in found if entry[0] > figure.tolerance]
+    wider = [entry for entry in sizes if entry[0] > figure.tolerance]
     if not wider or figure.passed:
         return figure
-    tolerance, one = max(wider, key=lambda entry: entry[0])
-    return dataclasses.replace(figure, tolerance=tolerance, deviation=one.why)
+    tolerance, deviation = max(wider, key=lambda entry: entry[0])
+    return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why)
 
 
-def _size(one: Deviation, figure: Figure) -> float:
-    return one.size * abs(figure.expected) if one.relative else one.size
+def _size(deviation: Deviation, figure: Figure) -> float:
+    return deviation.size * abs(figure.expected) if deviation.relative else deviation.size
 
 
 def contact_checks(figures: Sequence[Figure]) -> list[Check]:
@@ -324,7 +324,7 @@ def contact_checks(figures: Sequence[Figure]) -> list[Check]:
     by_probe: dict[str, list[Figure]] = {}
     for figure in figures:
         by_probe.setdefault(figure.probe, []).append(figure)
-    found = []
+    checks = []
     for probe, some in by_probe.items():
         worst = max(some, key=_off)
         off = _off(worst)
@@ -334,8 +334,8 @@ def contact_checks(figures: Sequence[Figure]) -> list[Check]:
         )
         detail += f"; {worst.label}" + (f"; declared: {worst.deviation}" if worst.deviation else "")
         name = f"{probe}, in tolerances"
-        found.append(Check(LEVEL, name, len(some), 1.0, None if math.isinf(off) else off, worst.subject, detail))
-    return found
+        checks.append(Check(LEVEL, name, len(some), 1.0, None if math.isinf(off) else off, worst.subject, detail))
+    return checks
 
 
 def _off(figure: Figure) -> float:

@@ -212,8 +212,8 @@ def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial
         for gap in GAPS:
             q = start.copy()
             for _, _, ball, points, pose in probed:
-                one = points[min(number, len(points) - 1)]
-                off = vector3(one.point[axis] + one.normal[axis] * (BALL + gap) for axis in range(3))
+                touched = points[min(number, len(points) - 1)]
+                off = vector3(touched.point[axis] + touched.normal[axis] * (BALL + gap) for axis in range(3))
                 first = place_of[index_of[ball]].start
                 q[first : first + 3] = frames.add(pose.position, frames.rotate(pose.quaternion, off))
             states.append(q)
@@ -257,7 +257,7 @@ def _ball(name: str, material: str, position: tuple[float, float, float]) -> Bod
 def size_figures(trial: SizeTrial, touching: np.ndarray) -> list[Figure]:
     """A figure for each shape, its worst point, from the touching pairs (n, 3): state, then two bodies' indices."""
     seen = {(int(state), int(a), int(b)) for state, a, b in touching}
-    found = []
+    figures = []
     for subject, shape, ball, points in trial.shapes:
         pair = (min(shape, ball), max(shape, ball))
         errors = {}
@@ -268,8 +268,8 @@ def size_figures(trial: SizeTrial, touching: np.ndarray) -> list[Figure]:
         note = f"{trial.left_out} more shapes not probed" if trial.left_out else ""
         numbers = (0.0, errors[worst], TOLERANCE)
         case = f"{len(points)} points"
-        found.append(Figure(NAME, subject, case, "size error", "m", *numbers, worst=worst.where, note=note))
-    return found
+        figures.append(Figure(NAME, subject, case, "size error", "m", *numbers, worst=worst.where, note=note))
+    return figures
 
 
 def size_error(touched: dict[float, bool]) -> float:

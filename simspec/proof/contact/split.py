@@ -72,7 +72,7 @@ def _part(trial: Trial, names: set[str]) -> Trial:
 def joined(motions: Sequence[Motion]) -> Motion:
     """The motion of a whole trial from those of its parts. Raises ValueError where their times differ."""
     first = motions[0]
-    if any(not np.array_equal(first.time, one.time) for one in motions[1:]):
+    if any(not np.array_equal(first.time, other.time) for other in motions[1:]):
         raise ValueError("parts of a trial were seen at different times")
     pose: dict[str, np.ndarray] = {}
     velocity: dict[str, np.ndarray] = {}

@@ -101,8 +101,8 @@ class FreePairs:
         by_body: dict[str, list[int]] = {}
         for number, name in enumerate(scene.names):
             by_body.setdefault(name, []).append(number)
-        for one, other in scene.world.contact.excluded_bodies:
-            for i, j in itertools.product(by_body.get(one, ()), by_body.get(other, ())):
+        for first, other in scene.world.contact.excluded_bodies:
+            for i, j in itertools.product(by_body.get(first, ()), by_body.get(other, ())):
                 if scene.placeable(i, j):
                     yield min(i, j), max(i, j)
         named = {name for pair in scene.world.contact.ignored_groups for name in pair}
@@ -162,10 +162,10 @@ class FreePairs:
         several = len(scene.parts[mover.part]) * len(scene.parts[host.part]) > 1
         first = None
         for attempt in range(ATTEMPTS if several else 1):
-            found = self._overlaps.relative(base, mover if base is host else host, place + attempt, pose)
-            if found is None:
+            relative = self._overlaps.relative(base, mover if base is host else host, place + attempt, pose)
+            if relative is None:
                 continue
-            at = there @ (found if base is host else np.linalg.inv(found))
+            at = there @ (relative if base is host else np.linalg.inv(relative))
             root = at @ scene.from_shape[mover.number]
             if not several or self._alone(mover, root, host, frame):
                 return root, True
@@ -173,20 +173,20 @@ class FreePairs:
         return first, False
 
     def _place(self, solid: Solid, frame: np.ndarray | None) -> np.ndarray:
-        held = self._scene.in_root[solid.number]
-        place: np.ndarray = held if frame is None else frame @ held
+        in_root = self._scene.in_root[solid.number]
+        place: np.ndarray = in_root if frame is None else frame @ in_root
         return place
 
     def _alone(self, mover: Solid, root: np.ndarray, host: Solid, frame: np.ndarray | None) -> bool:
         """Whether no other shapes of the same bodies and materials overlap."""
         parts = self._scene.parts
         return all(
-            (one is mover and other is host)
-            or gap(one, self._place(one, root), other, self._place(other, frame)).distance > 0.0
-            for one, other in itertools.product(parts[mover.part], parts[host.part])
+            (solid is mover and other is host)
+            or gap(solid, self._place(solid, root), other, self._place(other, frame)).distance > 0.0
+            for solid, other in itertools.product(parts[mover.part], parts[host.part])
         )
 
 
-def _base(one: Solid, other: Solid) -> Solid:
+def _base(first: Solid, other: Solid) -> Solid:
     """The shape on whose surface the other one is put: a plane, or the larger."""
-    return max(one, other, key=lambda solid: (solid.outer, -solid.number))
+    return max(first, other, key=lambda solid: (solid.outer, -solid.number))

@@ -58,33 +58,45 @@ class Solid:
 
 def solids(world: World) -> tuple[Solid, ...]:
     """Every collision shape of a world, in its order."""
-    found: list[Solid] = []
+    solids_of_world: list[Solid] = []
     for index, body in enumerate(world.bodies):
         for shape in body.shapes:
             if shape.collision:
                 part = (index, shape.material)
                 kind = SHAPES[shape.kind]
                 inner, outer = kind.inner_radius(shape.size), kind.outer_radius(shape.size)
-                found.append(Solid(len(found), index, shape, part, inner, outer))
-    return tuple(found)
+                solids_of_world.append(Solid(len(solids_of_world), index, shape, part, inner, outer))
+    return tuple(solids_of_world)
 
 
 def transform(pose: Pose) -> np.ndarray:
     """A pose as a matrix (4, 4)."""
-    found = np.eye(4)
-    found[:3, :3], found[:3, 3] = frames.matrix(pose.quaternion), pose.position
-    return found
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = frames.matrix(pose.quaternion), pose.position
+    return matrix
 
 
 def transforms(poses: np.ndarray) -> np.ndarray:
     """Poses (n, 7) x y z w x y z as matrices (n, 4, 4)."""
     w, x, y, z = poses[:, 3:].T
-    found = np.zeros((len(poses), 4, 4))
-    found[:, 0, 0], found[:, 0, 1], found[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    found[:, 1, 0], found[:, 1, 1], found[:, 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    found[:, 2, 0], found[:, 2, 1], found[:, 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    found[:, :3, 3], found[:, 3, 3] = poses[:, :3], 1.0
-    return found
+    matrices = np.zeros((len(poses), 4, 4))
+    matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2] = (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+    )
+    matrices[:, 1, 0], matrices[:, 1, 1], matrices[:, 1, 2] = (
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+    )
+    matrices[:, 2, 0], matrices[:, 2, 1], matrices[:, 2, 2] = (
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+    matrices[:, :3, 3], matrices[:, 3, 3] = poses[:, :3], 1.0
+    return matrices
 
 
 # --- distances ----------------------------------------------------------------------------------------------------
@@ -128,29 +140,29 @@ class Gap:
     second: np.ndarray
 
 
-def gap(one: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
+def gap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
     """The gap between two shapes at poses (4, 4). Two planes are endlessly far apart: nothing can bring them together.
 
     What coal cannot tell (a distance that is no number) counts as apart: only an overlap that was seen is one.
     """
     nowhere = np.zeros(3)
-    if one.endless and other.endless:
+    if solid.endless and other.endless:
         return Gap(math.inf, nowhere, nowhere, nowhere)
     coal = _coal()
     result = coal.DistanceResult()
     first, second = (coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (at, other_at))
-    found = coal.distance(one.thing, first, other.thing, second, _request(), result)
-    if not math.isfinite(found):
+    separation = coal.distance(solid.thing, first, other.thing, second, _request(), result)
+    if not math.isfinite(separation):
         return Gap(math.inf, nowhere, nowhere, nowhere)
-    return Gap(found, result.normal, result.getNearestPoint1(), result.getNearestPoint2())
+    return Gap(separation, result.normal, result.getNearestPoint1(), result.getNearestPoint2())
 
 
-def wanted_depth(one: Solid, other: Solid) -> tuple[float, float]:
+def wanted_depth(solid: Solid, other: Solid) -> tuple[float, float]:
     """How deep two shapes should overlap, and how deep at least (m)."""
-    least = min(one.inner, other.inner)
+    least = min(solid.inner, other.inner)
     return DIP * least, ENOUGH * least
 
 
-def overlap(one: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
+def overlap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
     """Whether two shapes overlap clearly."""
-    return gap(one, at, other, other_at).distance <= -wanted_depth(one, other)[1]
+    return gap(solid, at, other, other_at).distance <= -wanted_depth(solid, other)[1]

@@ -28,12 +28,12 @@ class _Rules:
         self._known: dict[tuple[object, ...], bool] = {}
 
     def allow(self, i: int, j: int) -> bool:
-        one, other = self._solids[i], self._solids[j]
-        key = (one.body, other.body, one.shape.material, other.shape.material)
+        first, other = self._solids[i], self._solids[j]
+        key = (first.body, other.body, first.shape.material, other.shape.material)
         if key not in self._known:
             self._known[key] = self._filter.may_touch(
-                self._names[one.body], self._names[other.body]
-            ) and self._filter.may_materials_touch(one.shape.material, other.shape.material)
+                self._names[first.body], self._names[other.body]
+            ) and self._filter.may_materials_touch(first.shape.material, other.shape.material)
         return self._known[key]
 
 
@@ -48,17 +48,17 @@ def touch_checks(
     state and two units that touch in it.
     """
     rules, place = _Rules(world, meetings), {(s.body, s.name): s.number for s in meetings.solids}
-    held = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
+    solids_of = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
     wrong: dict[tuple[str, str], str] = {}
     reported: dict[tuple[int, int, int], bool] = {}  # whether the pair is told apart from others of its bodies
     by: dict[tuple[int, int, int], tuple[int, int]] = {}
-    for state, one, other in touching.tolist():
-        pairs = [(min(i, j), max(i, j)) for i, j in itertools.product(held[one], held[other])]
-        if one == other or not any(rules.allow(*pair) for pair in pairs):
-            names = tuple("/".join(units[unit][1]) or f"a shape of body {units[unit][0]}" for unit in (one, other))
+    for state, first, other in touching.tolist():
+        pairs = [(min(i, j), max(i, j)) for i, j in itertools.product(solids_of[first], solids_of[other])]
+        if first == other or not any(rules.allow(*pair) for pair in pairs):
+            names = tuple("/".join(units[unit][1]) or f"a shape of body {units[unit][0]}" for unit in (first, other))
             wrong.setdefault((min(names), max(names)), "should not touch")
         for pair in pairs:
-            if by.setdefault((state, *pair), (one, other)) != (one, other):
+            if by.setdefault((state, *pair), (first, other)) != (first, other):
                 wrong.setdefault(_names(meetings, pair), "should touch once, not by several pairs of their copies")
             reported[(state, *pair)] = reported.get((state, *pair), False) or len(pairs) == 1
     seen: dict[Pair, bool] = {}
@@ -86,8 +86,8 @@ def touch_checks(
 
 
 def _names(meetings: Meetings, pair: Pair) -> tuple[str, str]:
-    one, other = (meetings.solids[number].name for number in pair)
-    return (one, other)
+    first, other = (meetings.solids[number].name for number in pair)
+    return (first, other)
 
 
 def _list(meetings: Meetings, pairs: Sequence[Pair], count: int) -> str:

@@ -52,25 +52,25 @@ class JointPairs:
         if not pairs:
             return
         reach = Reach(scene.world, scene.poses)
-        held = []
+        pairs_left = []
         for pair in pairs:
-            (one, at), (other, other_at) = ((scene.solids[k], scene.at[k][:3, 3]) for k in pair)
-            if (one.endless and other.endless) or reach.apart(one, at, other, other_at):
+            (solid, at), (other, other_at) = ((scene.solids[k], scene.at[k][:3, 3]) for k in pair)
+            if (solid.endless and other.endless) or reach.apart(solid, at, other, other_at):
                 self.apart.append(pair)
             else:
-                held.append(pair)
-        if not held:
+                pairs_left.append(pair)
+        if not pairs_left:
             return
         samples = random_states(scene.world, SAMPLES)[0]
         poses = [scene.solid_poses(transforms(scene.oracle.body_poses(q))) for q in samples]
         solids = scene.solids
-        starts, least = nearest(poses, [solids[i] for i, _ in held], [solids[j] for _, j in held], STARTS)
+        starts, least = nearest(poses, [solids[i] for i, _ in pairs_left], [solids[j] for _, j in pairs_left], STARTS)
         ranks = [
             (not scene.named(*pair), gap > 0.0, gap, number)
-            for number, (pair, gap) in enumerate(zip(held, least.tolist(), strict=True))
+            for number, (pair, gap) in enumerate(zip(pairs_left, least.tolist(), strict=True))
         ]
         for *_, number in sorted(ranks):
-            pair, order = held[number], starts[number]
+            pair, order = pairs_left[number], starts[number]
             if self._looks <= 0:
                 self.untried += 1
                 self.left.append(pair)
@@ -91,23 +91,23 @@ class JointPairs:
     def _search(self, states: States, pair: Pair, starts: list[np.ndarray]) -> bool:
         """Descend from every start until there are states enough; whether there is one."""
         scene = self._scene
-        one, other = (scene.solids[number] for number in pair)
+        solid, other = (scene.solids[number] for number in pair)
         names = (scene.names[pair[0]], scene.names[pair[1]])
         trees = tuple(sorted({scene.tree[pair[0]], scene.tree[pair[1]]}))
         mechanism = self._mechanism(trees)
-        wanted = POSES if scene.may_touch(*pair) and not easy(one, other) else 1
-        found = 0
+        wanted = POSES if scene.may_touch(*pair) and not easy(solid, other) else 1
+        count = 0
         for start in starts:
-            _, q, looks = mechanism.descend(mechanism.ours(start), one, other, names)
+            _, q, looks = mechanism.descend(mechanism.ours(start), solid, other, names)
             self._looks -= looks
-            deep = -mechanism.between(q, one, other, names).distance
-            if not mechanism.holds(q) or deep < wanted_depth(one, other)[1]:
+            deep = -mechanism.between(q, solid, other, names).distance
+            if not mechanism.holds(q) or deep < wanted_depth(solid, other)[1]:
                 continue
             self._keep(states, mechanism, trees, pair, q)
-            found += 1
-            if found == wanted:
+            count += 1
+            if count == wanted:
                 break
-        return found > 0
+        return count > 0
 
     def _mechanism(self, trees: tuple[int, ...]) -> Mechanism:
         if trees not in self._mechanisms:
@@ -136,9 +136,9 @@ class JointPairs:
     def _alone(self, mechanism: Mechanism, pair: Pair, q: np.ndarray) -> bool:
         """Whether no other shapes of the same bodies and materials overlap."""
         scene = self._scene
-        one, other = (scene.solids[number] for number in pair)
+        solid, other = (scene.solids[number] for number in pair)
         return all(
-            (a is one and b is other)
+            (a is solid and b is other)
             or mechanism.between(q, a, b, (scene.names[a.number], scene.names[b.number])).distance > 0.0
-            for a, b in itertools.product(scene.parts[one.part], scene.parts[other.part])
+            for a, b in itertools.product(scene.parts[solid.part], scene.parts[other.part])
         )

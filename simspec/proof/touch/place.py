@@ -24,9 +24,9 @@ GRID = 24
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
-def easy(one: Solid, other: Solid) -> bool:
+def easy(solid: Solid, other: Solid) -> bool:
     """Whether one pose of the two is enough."""
-    return one.shape.kind in EASY and other.shape.kind in EASY
+    return solid.shape.kind in EASY and other.shape.kind in EASY
 
 
 class Overlaps:
@@ -55,20 +55,20 @@ class Overlaps:
     def _find(self, base: Solid, other: Solid, place: int, pose: int) -> np.ndarray | None:
         point, normal = self._anchor(base, place, pose)
         wanted, enough = wanted_depth(base, other)
-        found, still = np.eye(4), np.eye(4)
-        found[:3, :3] = _rotation(7 * place + pose)
+        placed, still = np.eye(4), np.eye(4)
+        placed[:3, :3] = _rotation(7 * place + pose)
 
         def depth(along: float) -> float:
-            found[:3, 3] = point + along * normal
-            return -gap(base, still, other, found).distance
+            placed[:3, 3] = point + along * normal
+            return -gap(base, still, other, placed).distance
 
         if pose == POSES - 1:  # as deep again
-            return found if depth(-wanted) >= enough else None
+            return placed if depth(-wanted) >= enough else None
         low, high = -min(base.inner, other.inner), other.outer
         for _ in range(40):
             middle = (low + high) / 2.0
             low, high = (middle, high) if depth(middle) >= wanted else (low, middle)
-        return found if depth(low) >= enough else None
+        return placed if depth(low) >= enough else None
 
     def _grid(self, base: Solid) -> list[tuple[float, float]]:
         """Places on a plane, or on the largest face of a box, in that face's own axes."""

@@ -59,8 +59,10 @@ def nothing_to_try(world: World) -> str:
     carrying = {root: bodies[0].joint.kind for root, bodies in trees(world).items() if any(b in solid for b in bodies)}
     if len(carrying) > 1 and "free" in carrying.values():
         return ""
-    found = plan(world, Oracle(world))
-    return "" if len(found.tried) else f"the joints bring no two of {found.pairs} pairs of collision shapes together"
+    planned = plan(world, Oracle(world))
+    return (
+        "" if len(planned.tried) else f"the joints bring no two of {planned.pairs} pairs of collision shapes together"
+    )
 
 
 def plan(world: World, oracle: Oracle) -> Meetings:
@@ -97,9 +99,9 @@ def _as_built(scene: Scene, states: States) -> int:
     centres = scene.at[:, :3, 3]
     apart = 0
     for numbers in members.values():
-        held = np.array(numbers)
+        own_numbers = np.array(numbers)
         for place, i in enumerate(numbers[:-1]):
-            others = held[place + 1 :]
+            others = own_numbers[place + 1 :]
             others = others[body[others] != body[i]]
             near = others[np.linalg.norm(centres[others] - centres[i], axis=1) < outer[others] + outer[i]]
             met = [j for j in near.tolist() if overlap(scene.solids[i], scene.at[i], scene.solids[j], scene.at[j])]

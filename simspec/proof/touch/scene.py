@@ -122,8 +122,8 @@ class Scene:
 
     def placeable(self, i: int, j: int) -> bool:
         """Whether one of two shapes is in a free tree that the other is not in."""
-        one, other = self.tree[i], self.tree[j]
-        return one != other and (self.free[one] or self.free[other])
+        first, other = self.tree[i], self.tree[j]
+        return first != other and (self.free[first] or self.free[other])
 
     def may_touch(self, i: int, j: int) -> bool:
         """Whether the world's rules let two shapes touch."""
@@ -132,12 +132,12 @@ class Scene:
 
     def named(self, i: int, j: int) -> bool:
         """Whether the world names the two shapes' bodies as a pair that does not touch."""
-        one, other = self.names[i], self.names[j]
-        return (min(one, other), max(one, other)) in self._excluded
+        first, other = self.names[i], self.names[j]
+        return (min(first, other), max(first, other)) in self._excluded
 
 
 def frame_at(x: float, y: float, z: float) -> np.ndarray:
     """The pose (4, 4) of an unturned frame at a place."""
-    found = np.eye(4)
-    found[:3, 3] = x, y, z
-    return found
+    frame = np.eye(4)
+    frame[:3, 3] = x, y, z
+    return frame

@@ -73,16 +73,16 @@ class Mechanism:
         pose: np.ndarray = self._data.oMi[self._joint[name]].homogeneous @ self._placement[name] @ solid.pose
         return pose
 
-    def between(self, q: np.ndarray, one: Solid, other: Solid, names: tuple[str, str]) -> Gap:
+    def between(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> Gap:
         """The gap of two shapes of the bodies ``names`` in a state of Pinocchio's."""
         self._pin.forwardKinematics(self._model, self._data, q)
-        return gap(one, self._pose(one, names[0]), other, self._pose(other, names[1]))
+        return gap(solid, self._pose(solid, names[0]), other, self._pose(other, names[1]))
 
-    def look(self, q: np.ndarray, one: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray]:
+    def look(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray]:
         """The signed distance of two shapes, and its slope (nv,): what moves a point of the second along the normal, less
         what moves the first's."""
         self._pin.computeJointJacobians(self._model, self._data, q)
-        between = gap(one, self._pose(one, names[0]), other, self._pose(other, names[1]))
+        between = gap(solid, self._pose(solid, names[0]), other, self._pose(other, names[1]))
         slope = np.zeros(self._model.nv)
         jacobian = np.reshape(self._data.J, (6, -1))  # of one coordinate Pinocchio gives a vector
         for name, point, sign in zip(names, (between.first, between.second), (-1.0, 1.0), strict=True):
@@ -91,12 +91,14 @@ class Mechanism:
             slope[columns] += sign * (between.normal @ jacobian[:3, columns] + np.cross(point, between.normal) @ spin)
         return between.distance, slope
 
-    def descend(self, q: np.ndarray, one: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray, int]:
+    def descend(
+        self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]
+    ) -> tuple[float, np.ndarray, int]:
         """From a state of Pinocchio's down to an overlap as deep as wanted, or as far as the distance falls: the distance, the
         state, and how often was looked."""
-        wanted, _ = wanted_depth(one, other)
+        wanted, _ = wanted_depth(solid, other)
         q = self._clipped(q)
-        distance, slope = self.look(q, one, other, names)
+        distance, slope = self.look(q, solid, other, names)
         looks = 1
         for _ in range(STEPS):
             if distance <= -wanted or not math.isfinite(distance):
@@ -110,7 +112,7 @@ class Mechanism:
             step *= min(1.0, TURN / widest) if widest else 1.0
             for _ in range(HALVINGS):
                 trial = self._clipped(self._pin.integrate(self._model, q, step))
-                deeper, trial_slope = self.look(trial, one, other, names)
+                deeper, trial_slope = self.look(trial, solid, other, names)
                 looks += 1
                 if deeper < distance:
                     break
@@ -153,18 +155,18 @@ class Reach:
             self._above.append((*above, number) if body.joint.kind != "fixed" else above)
         self._slides = {number for number, body in enumerate(world.bodies) if body.joint.kind == "slide"}
 
-    def apart(self, one: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
+    def apart(self, solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> bool:
         """Whether the polygon from centre to centre over the hinges between can't close. Slides change lengths: not told.
         ``at`` and ``other_at``: where the centres (3,) are in that state."""
-        first, second = self._above[one.body], self._above[other.body]
+        first, second = self._above[solid.body], self._above[other.body]
         shared = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False)))
         between = [*reversed(first[shared:]), *second[shared:]]
-        if not self._slides.isdisjoint(between) or math.isinf(one.outer + other.outer):
+        if not self._slides.isdisjoint(between) or math.isinf(solid.outer + other.outer):
             return False
         points = [at, *(self._poses[number][:3, 3] for number in between), other_at]
         lengths = [float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(points)]
         longest = max(lengths)
-        return longest - (sum(lengths) - longest) > one.outer + other.outer
+        return longest - (sum(lengths) - longest) > solid.outer + other.outer
 
 
 def nearest(

@@ -15,7 +15,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.proof.verify import verify
-from simspec.testing.driving import chain, native, told, wheel
+from simspec.testing.driving import chain, native, wheel, with_targets
 from tests import worlds
 from tests.engines.natively import at_work
 
@@ -30,7 +30,7 @@ WRONG = {
 
 
 def driven(kp=200.0, kd=2.0, limit=100.0):
-    return told(native(chain(), kp=kp, kd=kd, limit=limit), [0.1] * 4)
+    return with_targets(native(chain(), kp=kp, kd=kd, limit=limit), [0.1] * 4)
 
 
 def changed(world, change):
@@ -74,7 +74,7 @@ def test_a_negative_gain_is_refused(load_files):
 
 
 def test_a_file_without_the_controller_is_refused_when_a_run_begins(load_files):
-    world = told(native(wheel()), [0.5])
+    world = with_targets(native(wheel()), [0.5])
     engine = load_files(Drake, changed(world, lambda bodies: bodies[0]["joint"].pop("servo")))
     with pytest.raises(EngineError, match="no controller of joint 'wheel_joint'"):
         at_work(engine, world)
@@ -82,7 +82,7 @@ def test_a_file_without_the_controller_is_refused_when_a_run_begins(load_files):
 
 def test_the_effort_limit_of_a_controller_is_not_the_joints(load_files):
     """Each is held by an actuator of its own, and read back as what it is."""
-    world = told(native(wheel(), limit=0.4), [0.5])
+    world = with_targets(native(wheel(), limit=0.4), [0.5])
     (body,) = world.bodies
     joint = dataclasses.replace(body.joint, effort_limit=7.0, armature=0.01)
     world = dataclasses.replace(world, bodies=(dataclasses.replace(body, joint=joint),))
@@ -108,7 +108,7 @@ def test_only_driven_joints_are_driven(load_files):
         native(world, kp=500.0, kd=20.0).controllers[0],
         joints=(last,), kp=(500.0,), kd=(20.0,), effort_limits=(None,),
     )  # fmt: skip
-    world = told(dataclasses.replace(world, controllers=(one,)), [bodies[-1].joint.position[0]])
+    world = with_targets(dataclasses.replace(world, controllers=(one,)), [bodies[-1].joint.position[0]])
     engine = load_files(Drake, compile_world(world, ["drake"])["drake"].files)
     start, _ = engine.get_state()
     advance, _ = at_work(engine, world)

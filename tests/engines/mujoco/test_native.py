@@ -10,7 +10,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import EngineError
 from simspec.proof.verify import verify
-from simspec.testing.driving import chain, native, told, wheel
+from simspec.testing.driving import chain, native, wheel, with_targets
 from tests.dialects.mujoco.saying import emit
 from tests.engines.natively import at_work
 
@@ -27,7 +27,7 @@ WRONG = {
 def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, tmp_path):
     engine = "mujoco"
     text, other, check = WRONG[key]
-    world = told(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4)
+    world = with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4)
     files = dict(compile_world(world, [engine])[engine].files)
     assert text in files["model.xml"]
     files["model.xml"] = files["model.xml"].replace(text, other, 1)
@@ -43,7 +43,7 @@ def test_a_wrong_gain_in_the_file_is_noticed_in_the_text_and_by_the_engine(key, 
 )
 def test_an_actuator_of_another_kind_is_refused_by_both_readers(text, other, tmp_path):
     engine = "mujoco"
-    world = told(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4)
+    world = with_targets(native(chain(), kp=200.0, kd=2.0, limit=100.0), [0.1] * 4)
     files = dict(compile_world(world, [engine])[engine].files)
     files["model.xml"] = files["model.xml"].replace(text, other, 1)
     write_folder(files, tmp_path / engine)
@@ -52,7 +52,7 @@ def test_an_actuator_of_another_kind_is_refused_by_both_readers(text, other, tmp
 
 
 def test_a_file_without_actuators_is_refused_when_a_run_begins(load_files):
-    world = told(native(wheel()), [0.5])
+    world = with_targets(native(wheel()), [0.5])
     engine = load_files(MuJoCo, emit(dataclasses.replace(world, controllers=())))
     with pytest.raises(EngineError, match="no actuator for wheel_joint"):
         at_work(engine, world)

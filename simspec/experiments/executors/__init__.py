@@ -1,0 +1,1 @@
+"""Who does the runs of a sweep: ``contract.py`` is what every executor is, ``local.py`` this machine."""

@@ -1,0 +1,88 @@
+"""Runs on this machine, several side by side, or one at a time where timing counts."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from pathlib import Path
+from typing import Any
+
+from simspec.engines.kit.process import side_by_side
+from simspec.errors import EngineError
+from simspec.experiments.executors.contract import Publish, Supplies, Task
+from simspec.experiments.result import TaskResult, result_of
+from simspec.runner.case import Case
+from simspec.runner.execution import failed_run, run_case
+from simspec.runner.run import Run
+
+DoRun = Callable[[Case, Path, Task], Run]
+"""How one run is done. Raises EngineError where the engine gave no result."""
+
+
+class _EndingError(Exception):
+    """The sweep is being ended: what a killed engine came to is no result."""
+
+
+class LocalExecutor:
+    """``jobs`` runs at a time, each by a thread that waits for an engine's process; ``do_run``: how, by default in a process
+    of its own (``pythons``: interpreters by label)."""
+
+    def __init__(
+        self, supplies: Supplies, jobs: int, pythons: Mapping[str, str] | None = None, do_run: DoRun | None = None
+    ):
+        if jobs < 1:
+            raise ValueError(f"{jobs} jobs")
+        self._supplies, self._jobs, self._pythons = supplies, jobs, dict(pythons or {})
+        self._do_run = do_run or self._in_a_process
+        self._ending = threading.Event()
+
+    def run(self, tasks: Iterable[Task], publish: Publish) -> None:
+        """As of :class:`simspec.experiments.executors.contract.Executor`."""
+        with side_by_side(self._jobs) as pool:
+            try:
+                pending: set[Future[None]] = set()
+                for task in tasks:
+                    pending.add(pool.submit(self._one, task, publish))
+                    # alone: the next task is made, and perhaps compiled and proven, when nothing runs
+                    while len(pending) > (self._jobs if self._jobs > 1 else 0):
+                        pending = _collect(pending)
+                while pending:
+                    pending = _collect(pending)
+            except BaseException:
+                self._ending.set()  # before engines are killed: their end is no result
+                raise
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _one(self, task: Task, publish: Publish) -> None:
+        try:
+            run = self._do_run(self._supplies.case(task), self._supplies.folder(task), task)
+        except EngineError as error:
+            if self._ending.is_set():
+                raise _EndingError from error
+            run = failed_run(self._supplies.case(task).resolved, task.engine, error)
+        publish(task, packed(task, run))
+
+    def _in_a_process(self, case: Case, folder: Path, task: Task) -> Run:
+        return run_case(
+            case,
+            artifacts=folder,
+            python=self._pythons.get(task.engine),
+            deadline=task.deadline,
+            source=task.source,
+        )
+
+
+def packed(task: Task, run: Run, more: Mapping[str, Any] | None = None) -> TaskResult:
+    """What is stored of a task's run; ``more``: further circumstances of it."""
+    return result_of(run, task.key, repeat=task.repeat, cell=task.cell, more=more)
+
+
+def _collect(pending: set[Future[None]]) -> set[Future[None]]:
+    """Wait for one; what is still pending. Raises what one raised."""
+    done, left = wait(pending, return_when=FIRST_COMPLETED)
+    for one in done:
+        one.result()
+    return left

@@ -1,0 +1,305 @@
+"""The store of sweeps: every run once, under the key of its case.
+
+    STORE/store.json                      version of the store's form
+    STORE/lock                            held by the one sweep that writes
+    STORE/worlds/SHA256.json.gz           each world once
+    STORE/runs/KK/KEY/                    run.json and Parquet tables; what is there is done
+    STORE/certificates/SHA256.json        proofs, by what was proven
+    STORE/index.parquet, cells.parquet    derived from the rest (``index.py``)
+    STORE/tmp/, STORE/damaged/            what is being written; what was not what its name said
+
+A run is there, whole, or it is not: there is no state between. See :mod:`simspec.outputs.collection`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import hashlib
+import json
+import os
+import platform
+import re
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from simspec.errors import Problem, SpecError
+from simspec.experiments.result import TaskResult, shared_world, whole_world
+from simspec.outputs.collection import Collection, open_collection
+from simspec.outputs.marker import STORE, read_marker
+from simspec.outputs.reading import open_regular, read_bytes
+from simspec.outputs.writing import put
+from simspec.runner.run import SCHEMA as RUN_SCHEMA
+from simspec.runner.run import Run
+from simspec.runner.store import LARGEST_FACTS, LARGEST_WORLD, digest, load_tables
+from simspec.runner.tables import LARGEST_TABLE
+from simspec.stored import StoreFacts, SweptRun, parse, read_as
+from simspec.world.canonical import canonical_json, from_plain, sha256
+from simspec.world.types import World
+
+SCHEMA = 1
+"""Version of the store's form, and of the runs in it."""
+STORE_FILE, RUN_FILE = "store.json", "run.json"
+RUNS, WORLDS, CERTIFICATES = "runs", "worlds", "certificates"
+KEY = re.compile(r"[0-9a-f]{64}")
+LARGEST_STORE_FILE = 65536
+
+
+def place_of(key: str) -> str:
+    """Where a run is, below the store."""
+    return f"{RUNS}/{key[:2]}/{key}"
+
+
+class Store:
+    """A store that is there. Reading takes no lock; whoever writes holds :meth:`writing`."""
+
+    def __init__(self, collection: Collection):
+        self.path = collection.path
+        self.told = collection.told
+        self._collection = collection
+
+    @classmethod
+    def open(cls, folder: Path, create: bool = False) -> Store:
+        """The store in ``folder``, made there with ``create``.
+
+        Raises SpecError for a folder that is no store, of somebody else, or of a newer simspec.
+        """
+        if create:
+            facts = {"simspec_store": SCHEMA, "made_by": version("simspec")}
+            collection = open_collection(folder, STORE, {STORE_FILE: json.dumps(facts) + "\n"})
+        else:
+            marker = read_marker(folder) if folder.is_dir() else None
+            if marker is None or marker.kind != STORE:
+                raise SpecError([Problem(f"{folder} is not a store of sweeps", hint="simspec sweep SPEC makes one")])
+            collection = Collection(folder.resolve(), folder)
+        store = cls(collection)
+        store._check_schema()
+        return store
+
+    def _check_schema(self) -> None:
+        path = self.told / STORE_FILE
+        try:
+            content = read_bytes(self.path / STORE_FILE, LARGEST_STORE_FILE, self.path)
+        except FileNotFoundError:
+            raise SpecError([Problem(f"{path} is missing: the store is damaged", hint="use a new --store")]) from None
+        plain = parse(content, str(path))
+        schema = plain.get("simspec_store") if isinstance(plain, dict) else None
+        if schema != SCHEMA:
+            newer = "a newer simspec wrote it: " if isinstance(schema, int) and schema > SCHEMA else ""
+            message = f"{path}: {newer}schema {schema!r}, this simspec reads {SCHEMA}"
+            raise SpecError([Problem(message, hint="use the simspec that wrote it, or a new --store")])
+        read_as(StoreFacts, content, str(path))
+
+    @contextlib.contextmanager
+    def writing(self, wait: bool = False) -> Iterator[None]:
+        """Be the one that writes. Raises SpecError when another process does, unless ``wait``."""
+        with self._collection.alone(f"process {os.getpid()} on {platform.node()}", wait):
+            yield
+
+    # --- runs -----------------------------------------------------------------------------------------------------------
+
+    def has(self, key: str) -> bool:
+        """Whether the run is there."""
+        return self._collection.has(place_of(key))
+
+    def keys(self) -> Iterator[str]:
+        """The keys of all runs, sorted. Names that are no keys are nobody's business here."""
+        root = self.path / RUNS
+        for part in _names(root):
+            yield from (name for name in _names(root / part) if KEY.fullmatch(name) and name[:2] == part)
+
+    def publish(self, result: TaskResult, world: World) -> bool:
+        """Store a run, and its world before it; False where it is there already. Raises OSError, which names the store, where
+        the disk is full: nothing of the run is there then."""
+        if result.result["world"] != self.put_world(world):
+            raise ValueError("the result is of another world")
+        return self._collection.place(place_of(result.key), lambda fresh: _write(result, fresh))
+
+    def facts(self, key: str) -> SweptRun:
+        """``run.json`` of a run. Raises SpecError, which names it, where it is missing, damaged, or of another key."""
+        path = self.path / place_of(key) / RUN_FILE
+        try:
+            content = read_bytes(path, LARGEST_FACTS, self.path)
+        except (FileNotFoundError, NotADirectoryError):
+            raise SpecError([Problem(f"{path} is missing")]) from None
+        plain = parse(content, str(path))
+        schema = plain.get("schema") if isinstance(plain, dict) else None
+        if schema != SCHEMA:
+            raise SpecError([Problem(f"{path}: schema {schema!r}, this simspec reads {SCHEMA}")])
+        facts = read_as(SweptRun, content, str(path))
+        whole = {name: value for name, value in plain.items() if name != "sha256"}
+        if facts.sha256 != sha256(whole) or facts.result_sha256 != sha256(plain["result"]):
+            raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its hash")])
+        if facts.key != key:
+            raise SpecError([Problem(f"{path}: is the run of another key, {facts.key[:16]}…")])
+        return facts
+
+    def check(self, key: str) -> SweptRun:
+        """The facts of a run, all of whose files are those of their hashes. Raises SpecError, which names the file."""
+        facts = self.facts(key)
+        folder = self.path / place_of(key)
+        strange = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in facts.result.tables)}
+        if strange:
+            raise SpecError([Problem(f"{folder / min(strange)}: is not a file of this run")])
+        for name, table in facts.result.tables.items():
+            path = folder / f"{name}.parquet"
+            try:
+                with os.fdopen(open_regular(path, LARGEST_TABLE, self.path), "rb") as file:
+                    same = digest(file) == table.sha256
+            except FileNotFoundError:
+                raise SpecError([Problem(f"{path} is missing")]) from None
+            if not same:
+                raise SpecError([Problem(f"{path}: was edited or is damaged: its hash is not that of {RUN_FILE}")])
+        return facts
+
+    def fingerprint(self, key: str) -> str:
+        """What changes when a file of a run is touched: names, sizes and times of its files. Cheap: nothing is read."""
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError), os.scandir(self.path / place_of(key)) as found:
+            lines = sorted(f"{entry.name} {_stamp(entry.stat(follow_symlinks=False))}" for entry in found)
+            return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+        return ""
+
+    def world_stamp(self, key: str) -> str:
+        """The same for a world; empty where it is missing."""
+        try:
+            return _stamp(os.lstat(self.path / WORLDS / f"{key}.json.gz"))
+        except (FileNotFoundError, NotADirectoryError):
+            return ""
+
+    def size(self, key: str) -> int:
+        """Bytes of a run's files."""
+        with os.scandir(self.path / place_of(key)) as entries:
+            return sum(entry.stat(follow_symlinks=False).st_size for entry in entries)
+
+    def set_aside(self, key: str) -> Path:
+        """Move a run below ``damaged/``; its new path."""
+        return self._collection.set_aside(place_of(key))
+
+    def drop(self, key: str) -> None:
+        """Remove a run, which is done again."""
+        self._collection.drop(place_of(key))
+
+    def load(self, key: str) -> Run:
+        """The run of a key, every array bit for bit. Raises SpecError, which names the file, where something is damaged."""
+        facts = self.facts(key)
+        asked = facts.asked
+        plain = asked.model_dump()
+        path = self.path / place_of(key) / RUN_FILE
+        try:
+            world = whole_world(self.world(facts.result.world), plain)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise SpecError([Problem(f"{path} does not describe a world: {str(error)[:200]}")]) from None
+        if sha256(world) != asked.world_sha256:
+            raise SpecError([Problem(f"{path}: its world is not the one that was run")])
+        result, told = facts.result, facts.result.provenance
+        provenance = {
+            **told,
+            **facts.circumstances,
+            "schema": RUN_SCHEMA,
+            "engine": result.engine,
+            "case": key,
+            "spec": asked.spec,
+            "world_sha256": asked.world_sha256,
+        }
+        if asked.artifacts_sha256 is not None:
+            provenance["artifacts_sha256"] = asked.artifacts_sha256
+        joints = list((told.get("control") or {}).get("joints", ()))
+        arrays = load_tables(self.path / place_of(key), world, result.tables, joints)
+        if not arrays and result.failed is None:
+            raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])
+        return Run(world, result.engine, arrays, provenance, facts.circumstances.get("error", result.failed))
+
+    # --- worlds and proofs ----------------------------------------------------------------------------------------------
+
+    def world(self, key: str) -> World:
+        """A stored world. Raises SpecError, which names its file, where it is missing or damaged."""
+        path = self.path / WORLDS / f"{key}.json.gz"
+        try:
+            with gzip.GzipFile(fileobj=BytesIO(read_bytes(path, LARGEST_WORLD, self.path))) as file:
+                content = file.read(LARGEST_WORLD + 1)
+        except FileNotFoundError:
+            raise SpecError([Problem(f"{path} is missing")]) from None
+        except (OSError, EOFError, ValueError) as error:
+            raise SpecError([Problem(f"{path} cannot be read: {str(error)[:200]}")]) from None
+        if len(content) > LARGEST_WORLD:
+            raise SpecError([Problem(f"{path}: a world of more than {LARGEST_WORLD:,} bytes")])
+        try:
+            world: World = from_plain(World, parse(content, str(path)))
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise SpecError([Problem(f"{path} is not a world: {str(error)[:200]}")]) from None
+        if sha256(world) != key:
+            raise SpecError([Problem(f"{path}: was edited or is damaged: its content does not match its name")])
+        return world
+
+    def put_world(self, world: World) -> str:
+        """Store what the runs of ``world`` share (:func:`shared_world`), once; its hash."""
+        shared = shared_world(world)
+        key = sha256(shared)
+        name = f"{WORLDS}/{key}.json.gz"
+        if not self._collection.has(name):
+            self._collection.place_file(name, gzip.compress(canonical_json(shared).encode(), mtime=0))
+        return key
+
+    def set_world_aside(self, key: str) -> Path:
+        """Move a damaged world below ``damaged/``; its new path."""
+        return self._collection.set_aside(f"{WORLDS}/{key}.json.gz")
+
+    def certificate_text(self, key: str) -> str | None:
+        """The text of the proof that is stored under ``key``; None where there is none."""
+        path = self.path / CERTIFICATES / f"{key}.json"
+        try:
+            return read_bytes(path, root=self.path).decode(errors="replace")
+        except FileNotFoundError:
+            return None
+
+    def put_certificate(self, key: str, text: str) -> None:
+        """Store a proof; one that is there is replaced."""
+        self._collection.replace_file(f"{CERTIFICATES}/{key}.json", text)
+
+    # --- what is derived ------------------------------------------------------------------------------------------------
+
+    def put_derived(self, name: str, content: Any) -> None:
+        """Write a file that follows from the rest of the store."""
+        self._collection.replace_file(name, content)
+
+    def drop_damaged(self, name: str) -> Path:
+        """Move such a file aside."""
+        return self._collection.set_aside(name)
+
+
+def _write(result: TaskResult, fresh: Path) -> None:
+    tables: dict[str, Mapping[str, Any]] = {}
+    for name, write in result.tables.items():
+        rows: list[int] = []
+        path = fresh / f"{name}.parquet"
+        put(path, lambda file, write=write, rows=rows: rows.append(write(file)))  # type: ignore[misc]
+        with open(path, "rb") as file:
+            tables[name] = {"sha256": digest(file), "rows": rows[0]}
+    stored = {**result.result, "tables": tables}
+    facts = {
+        "schema": SCHEMA,
+        "key": result.key,
+        "result": stored,
+        "asked": dict(result.asked),
+        "circumstances": dict(result.circumstances),
+        "result_sha256": sha256(stored),
+    }
+    facts["sha256"] = sha256(facts)
+    put(fresh / RUN_FILE, json.dumps(facts, indent=1, sort_keys=True, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _stamp(status: os.stat_result) -> str:
+    return f"{status.st_mode} {status.st_size} {status.st_mtime_ns} {status.st_ino}"
+
+
+def _names(folder: Path) -> list[str]:
+    """The names in a folder, sorted; none where there is no folder, or only a link to one."""
+    try:
+        if folder.is_symlink():
+            return []
+        return sorted(os.listdir(folder))
+    except (FileNotFoundError, NotADirectoryError):
+        return []

@@ -1,0 +1,222 @@
+"""Folders that grow: finished folders and files are placed in a marked folder one by one, under names that say what they are.
+
+What has a name is whole. It is written below ``tmp/`` on the same disk, synced, and renamed; a name that is taken is not
+written again. So a process may end at any moment: all that it leaves is below ``tmp/``, and the next one that holds the lock
+removes that. The lock is the system's, on an open file: it ends with the process, however the process ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import secrets
+import shutil
+import stat
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+
+from simspec.errors import Problem, SpecError
+from simspec.outputs.marker import check_names
+from simspec.outputs.staging import sync_folder
+from simspec.outputs.targets import check_folder
+from simspec.outputs.writing import Content, named_errors, put, sync, update_folder
+from simspec.reading import kind as kind_of
+
+TEMPORARY = "tmp"
+"""What is being written, below the collection: the rename stays on one disk."""
+LOCK_FILE = "lock"
+ASIDE = "damaged"
+"""Where what is not what its name says is moved to: it may still be of use to somebody."""
+LOOK_EVERY = 0.2
+"""s between two looks at a lock that another process has."""
+MOST_HOLDER = 200
+"""Characters of what a lock's file says of its holder."""
+_TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
+
+
+def open_collection(folder: Path, kind: str, files: Mapping[str, Content]) -> Collection:
+    """The collection in ``folder``, made with ``files`` where there is none. Raises SpecError when the folder is somebody
+    else's, or a folder of another kind (:mod:`simspec.outputs.targets`)."""
+    place, marker = check_folder(folder, kind)
+    if marker is None:
+        update_folder(lambda there: files if there is None else None, folder, kind)
+    return Collection(place.path, folder)
+
+
+class Collection:
+    """A marked folder: ``path`` is its real path, ``told`` the one that messages name."""
+
+    def __init__(self, path: Path, told: Path):
+        self.path = path
+        self.told = told
+
+    @contextlib.contextmanager
+    def alone(self, holder: str, wait: bool = False) -> Iterator[None]:
+        """Hold the lock, and remove what dead holders left below ``tmp/``.
+
+        ``holder``: who holds it, for the message of the next one. Raises SpecError when another process has it, unless
+        ``wait``.
+        """
+        lock = self._locked(wait)
+        try:
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, holder.encode()[:MOST_HOLDER], 0)
+            self._empty_temporary()
+            yield
+        finally:
+            os.close(lock)
+
+    def _locked(self, wait: bool) -> int:
+        while True:
+            lock = self._open_lock()
+            try:
+                if _take(lock, self.path / LOCK_FILE):
+                    return lock
+                holder = os.pread(lock, MOST_HOLDER, 0).decode(errors="replace")
+            except OSError as error:
+                os.close(lock)
+                raise self._error(f"{self.told / LOCK_FILE} cannot be locked: {error.strerror}") from None
+            except BaseException:
+                os.close(lock)
+                raise
+            os.close(lock)
+            if not wait:
+                raise self._error(
+                    f"{self.told}: another process is writing here{f' ({holder})' if holder else ''}",
+                    "wait until it has ended (--wait), or use another folder",
+                )
+            time.sleep(LOOK_EVERY)
+
+    def _open_lock(self) -> int:
+        path = self.path / LOCK_FILE
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        try:
+            lock = os.open(path, flags, 0o644)
+        except OSError as error:
+            raise self._error(f"{self.told / LOCK_FILE} cannot be opened: {error.strerror}") from None
+        mode = os.fstat(lock).st_mode
+        if not stat.S_ISREG(mode):
+            os.close(lock)
+            raise self._error(f"{self.told / LOCK_FILE} is {kind_of(mode)}, not a regular file")
+        return lock
+
+    def _empty_temporary(self) -> None:
+        path = self._folder(TEMPORARY)
+        for entry in os.scandir(path):
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path)
+            else:
+                os.unlink(entry.path)
+
+    def has(self, name: str) -> bool:
+        """Whether something was placed under this name."""
+        return os.path.lexists(self.path / name)
+
+    def place(self, name: str, build: Callable[[Path], None]) -> bool:
+        """Place a folder whose files ``build`` writes into the one that it is given. False, and nothing is written, where the
+        name is taken. The lock must be held. Raises OSError, which names the collection, where the disk is full."""
+        return self._place(name, build, os.mkdir)
+
+    def place_file(self, name: str, content: Content) -> bool:
+        """The same for a file."""
+        return self._place(name, lambda fresh: put(fresh, content), None)
+
+    def replace_file(self, name: str, content: Content) -> None:
+        """Write a file over the one of this name, whole or not at all."""
+        check_names([name], self.told)
+        with named_errors(self.told), self._fresh() as fresh:
+            put(fresh, content)
+            sync(fresh)
+            parent = self._folder(str(PurePosixPath(name).parent))
+            os.replace(fresh, parent / PurePosixPath(name).name)
+            sync_folder(parent)
+
+    def set_aside(self, name: str) -> Path:
+        """Move what has this name below ``damaged/``; its new path."""
+        aside = self._folder(ASIDE)
+        base = PurePosixPath(name).name
+        place, count = aside / base, 1
+        while os.path.lexists(place):
+            count += 1
+            place = aside / f"{base}-{count}"
+        os.rename(self.path / name, place)
+        sync_folder(aside)
+        sync_folder((self.path / name).parent)
+        return place
+
+    def drop(self, name: str) -> None:
+        """Remove a folder: at once from its place, then what is in it."""
+        with self._fresh() as fresh:
+            os.rename(self.path / name, fresh)
+            sync_folder((self.path / name).parent)
+
+    def _place(self, name: str, build: Callable[[Path], None], make: Callable[[Path], None] | None) -> bool:
+        check_names([name], self.told)
+        if self.has(name):
+            return False
+        with named_errors(self.told), self._fresh() as fresh:
+            if make is not None:
+                make(fresh)
+            build(fresh)
+            _sync_all(fresh)
+            parent = self._folder(str(PurePosixPath(name).parent))
+            target = parent / PurePosixPath(name).name
+            try:
+                os.rename(fresh, target)
+            except OSError as error:
+                if error.errno not in _TAKEN:
+                    raise
+                return False  # somebody was first
+            sync_folder(parent)
+        return True
+
+    @contextlib.contextmanager
+    def _fresh(self) -> Iterator[Path]:
+        """A new path below ``tmp/``; nothing is left of it afterwards."""
+        fresh = self._folder(TEMPORARY) / secrets.token_hex(8)
+        try:
+            yield fresh
+        finally:
+            if fresh.is_dir():
+                shutil.rmtree(fresh)
+            elif os.path.lexists(fresh):
+                os.unlink(fresh)
+
+    def _folder(self, name: str) -> Path:
+        """A folder below the collection, made where it is missing; never one that a link leads to."""
+        place = self.path
+        for part in PurePosixPath(name).parts:
+            above, place = place, place / part
+            try:
+                os.mkdir(place)
+                sync_folder(above)
+            except FileExistsError:
+                mode = os.lstat(place).st_mode
+                if not stat.S_ISDIR(mode):
+                    raise self._error(f"{place} is {kind_of(mode)}, not a folder") from None
+        return place
+
+    def _error(self, why: str, hint: str | None = None) -> SpecError:
+        return SpecError([Problem(why, hint=hint)])
+
+
+def _take(lock: int, path: Path) -> bool:
+    """Lock an open file; False where another process has it, or where ``path`` is another file by now."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return os.path.samestat(os.fstat(lock), os.lstat(path))
+    except (BlockingIOError, FileNotFoundError):
+        return False
+
+
+def _sync_all(path: Path) -> None:
+    if path.is_dir():
+        for base, _, files in os.walk(path, topdown=False):
+            for name in files:
+                sync(Path(base, name))
+            sync(Path(base))
+    else:
+        sync(path)
