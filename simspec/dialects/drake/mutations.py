@@ -37,7 +37,11 @@ TABLE = MutationTable(
     integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
     additions={
         WORLD: ADDITIONS,
-        "sidecar.json": (Addition("", "9.81", "strength"), Addition("settings", "true", "sleeping")),
+        "sidecar.json": (
+            Addition("", "9.81", "strength"),
+            Addition("settings", "true", "sleeping"),
+            Addition("settings", "true", "hydroelastic_faces"),
+        ),
     },
     inert=(
         Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),

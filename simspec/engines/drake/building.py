@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from simspec.engines.drake.corners import corners
+from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, corners, hydroelastic
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
 from simspec.world.types import Pose
@@ -116,6 +116,8 @@ class Geometry:
     material: str
     layer: int
     part: str
+    kind: str
+    """Of the shape."""
 
 
 @dataclass
@@ -148,7 +150,8 @@ def build(document: Document, settings: Mapping[str, Any]) -> Built:
         plant.SetUseSampledOutputPorts(False)
         plant.set_adjacent_bodies_collision_filters(False)
         plant.mutable_gravity_field().set_gravity_vector(document.gravity)
-        plant.set_contact_model(drake.plant.ContactModel.kPoint)
+        models = drake.plant.ContactModel
+        plant.set_contact_model(models.kHydroelasticWithFallback if hydroelastic(settings) else models.kPoint)
         kinds = drake.plant.DiscreteContactApproximation
         plant.set_discrete_contact_approximation(
             {"sap": kinds.kSap, "tamsi": kinds.kTamsi}[settings["contact_approximation"]]
@@ -165,7 +168,7 @@ def build(document: Document, settings: Mapping[str, Any]) -> Built:
                 built.places[body.name] = built.places[body.joint.parent].multiply(drake.place(body.joint.origin))
             for shape in body.shapes:
                 _shape(built, index, shape, document.timestep, settings)
-        _filter(built, document)
+        _filter(built, document, settings)
         plant.Finalize()
         plant.set_stiction_tolerance(settings["stiction_tolerance"])
         built.diagram = builder.Build()
@@ -267,6 +270,7 @@ def _shape(built: Built, index: int, shape: Shape, timestep: float, settings: Ma
     drake, number = built.drake, len(built.shapes)
     place = drake.place(shape.pose)
     body = built.bodies[index]
+    still = told_name(body)[1] in built.places
     if shape.kind == "plane" and shape.copies:
         name = told_name(body)[1]
         if name not in built.places:
@@ -290,12 +294,24 @@ def _shape(built: Built, index: int, shape: Shape, timestep: float, settings: Ma
             drake.geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
             # Drake adds the relaxation times of two shapes
             properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(timestep))
+            if part == "shape" and shape.kind in FACED and hydroelastic(settings):
+                _by_pressure(drake, still, settings, properties)
             held = built.plant.RegisterCollisionGeometry(body, pose, kind, name, properties)
-            built.geometries.append(Geometry(held, index, number, shape.material, copy.layer, part))
+            built.geometries.append(Geometry(held, index, number, shape.material, copy.layer, part, shape.kind))
 
 
-def _filter(built: Built, document: Document) -> None:
-    """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, and corners."""
+def _by_pressure(drake: Drake, still: bool, settings: Mapping[str, Any], properties: Any) -> None:
+    """Hydroelastic contact of a shape: rigid where its body cannot move, so that its size does not matter; two of those never
+    meet, of which Drake computes no contact."""
+    if still:
+        drake.geometry.AddRigidHydroelasticProperties(ANY_RESOLUTION, properties)
+    else:
+        drake.geometry.AddCompliantHydroelasticProperties(ANY_RESOLUTION, settings["hydroelastic_modulus"], properties)
+
+
+def _filter(built: Built, document: Document, settings: Mapping[str, Any]) -> None:
+    """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, corners, and
+    corners of shapes whose faces touch by hydroelastic contact from such faces."""
     declared = built.drake.geometry.CollisionFilterDeclaration()
     bodies: dict[str, list[Any]] = {}
     groups: dict[str, list[Any]] = {}
@@ -318,6 +334,10 @@ def _filter(built: Built, document: Document) -> None:
             between.append((classes[one, layer], classes[other, other_layer]))
     if small:
         between.append((small, small))
+    faced = [one for one in built.geometries if hydroelastic(settings) and one.kind in FACED]
+    faces, at_faces = ([one.id for one in faced if (one.part == "shape") is whole] for whole in (True, False))
+    if at_faces:
+        between.append((faces, at_faces))
     sets = built.drake.geometry.GeometrySet
     for ids, other_ids in between:
         if ids is other_ids:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 RADIUS = 1e-4
 """Of the balls (m), where the shape is not smaller: how far points of contact are inside the edges."""
@@ -18,6 +19,12 @@ SHARE = 0.05
 """Of the shape's smallest size, at most."""
 RIM = 8
 """Balls on each rim of a cylinder."""
+
+FACED = ("box", "plane")
+"""Kinds of shapes that touch each other by hydroelastic contact, where that is asked for. Cylinders do not: their meshes are
+prisms, on which they roll 10 % short of a circle's way with 64 edges and 12 % with 256, and 40 times slower (measured)."""
+ANY_RESOLUTION = 1.0
+"""Drake's resolution hint (m) of boxes and planes, whose meshes do not depend on it."""
 
 Part = tuple[str, tuple[float, ...], tuple[float, float, float]]
 """The kind, size and centre, in the shape's frame and along its axes."""
@@ -39,3 +46,8 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
     if kind == "capsule":
         return [("sphere", (size[0],), (0.0, 0.0, z)) for z in (-size[1] / 2.0, size[1] / 2.0)]
     return []
+
+
+def hydroelastic(settings: Mapping[str, Any]) -> bool:
+    """Whether faces touch by hydroelastic contact, not by what is put into shapes; the setting is left out where it is off."""
+    return bool(settings.get("hydroelastic_faces", False))

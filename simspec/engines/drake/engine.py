@@ -20,7 +20,8 @@ from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
+from simspec.engines.drake.touching import contacts
+from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
@@ -181,6 +182,18 @@ class Drake(SimulatedEngine[Simulation]):
             minimum=0.0,
             needs=("contact_approximation", ("auto", "tamsi")),
         ),
+        "hydroelastic_faces": Setting(
+            False,
+            "TODO",
+            only_with="hydroelastic_faces",
+        ),
+        "hydroelastic_modulus": Setting(
+            1e8,
+            "TODO",
+            minimum=1.0,
+            only_with="hydroelastic_faces",
+            needs=("hydroelastic_faces", (True,)),
+        ),
         "stiction_tolerance": Setting(
             1e-6,
             "Slip (m/s) below which TAMSI's friction is less than μ N: what is held below the limit creeps slower than that "
@@ -251,23 +264,7 @@ class Drake(SimulatedEngine[Simulation]):
         return JointServos(self._simulation, v)
 
     def contacts(self) -> dict[str, np.ndarray]:
-        sim = self._simulation
-        held = sim.last_contacts()
-        if not held:
-            return empty_contacts()
-        bodies = sim.built.shapes
-        points = [one.point_pair() for one in held]
-        normal = np.array([one.nhat_BA_W for one in points])
-        force = np.array([one.contact_force() for one in held])  # on the second
-        return {
-            "body": np.array(
-                [[bodies[sim.shape_of[side]][0] for side in (one.id_A, one.id_B)] for one in points], dtype=np.int64
-            ),
-            "position": np.array([one.contact_point() for one in held]),
-            "normal": normal,
-            "distance": -np.array([one.depth for one in points]),
-            "normal_force": np.maximum(-np.sum(normal * force, axis=1), 0.0),
-        }
+        return contacts(self._simulation)
 
     def collision_units(self) -> Sequence[CollisionUnit]:
         return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]

@@ -12,7 +12,7 @@ from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.control.native import natives
 from simspec.engines.drake.building import ERROR_REDUCTION
-from simspec.engines.drake.corners import Part, corners
+from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, Part, corners, hydroelastic
 from simspec.engines.drake.inventory import finite
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed, named_set
 from simspec.formats.kit.passes import recentre_free_roots
@@ -26,7 +26,7 @@ PROPERTIES = {
     "material.hunt_crossley_dissipation",
     "material.point_contact_stiffness",
     "material.relaxation_time",
-    # which the scene's defaults add to every geometry, and point contact does not use
+    # which the scene's defaults add to every geometry; point contact does not use them
     "hydroelastic.compliance_type",
     "hydroelastic.hydroelastic_modulus",
     "hydroelastic.resolution_hint",
@@ -53,7 +53,7 @@ def expected(
         for joint, kp, kd in zip(one.joints, one.kp, one.kd, strict=True)
     }
     found |= {
-        "contact.model": "kPoint",
+        "contact.model": "kHydroelasticWithFallback" if hydroelastic(settings) else "kPoint",
         "contact.approximation": APPROXIMATIONS[chosen],
         "contact.solver": APPROXIMATIONS[chosen],
         "contact.near_rigid_threshold": 0.0,
@@ -85,6 +85,9 @@ def expected(
                 carriers.append(Carrier(name, body.name, shape.material, layer))
                 friction = float(plan.numbers[shape.material, layer].friction or 0.0)
                 found |= _surface(name, shape, balls_of, friction, settings, world.physics.timestep)
+                by_pressure = hydroelastic(settings) and shape.kind in FACED
+                still = groups[body.name] == "world"
+                found |= _pressure(name, shape, len(balls_of), by_pressure, still, settings, neutral)
                 count, small = count + 1 + len(balls_of), small + len(balls_of)
     found["count.geometries"] = count
     found |= {"apart.corners": small, "apart.odd_corners": ""}
@@ -164,3 +167,25 @@ def _surface(
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
         found[f"surface.{name}.corner{index}"] = (kind, *place, *size)
     return found
+
+
+def _pressure(
+    name: str,
+    shape: Shape,
+    balls: int,
+    by_pressure: bool,
+    still: bool,
+    settings: Settings,
+    neutral: Mapping[str, HeldValue],
+) -> dict[str, HeldValue]:
+    """The numbers of hydroelastic contact: Drake's own in the corners and in shapes without it. Planes have no mesh."""
+    modulus, hint = (float(neutral[f"scene.{word}"]) for word in ("hydroelastic_modulus", "resolution_hint"))  # type: ignore[arg-type]
+    mesh = "NoneType"
+    first = modulus, hint, mesh
+    if by_pressure:
+        solid = "TriangleSurfaceMesh" if still else "VolumeMesh"
+        own = modulus if still else float(settings["hydroelastic_modulus"])
+        first = own, ANY_RESOLUTION, mesh if shape.kind == "plane" else solid
+    words = ("hydroelastic_modulus", "resolution_hint", "hydroelastic_mesh")
+    columns = zip(first, *[(modulus, hint, mesh)] * balls, strict=True)
+    return {f"surface.{name}.{word}": column for word, column in zip(words, columns, strict=True)}

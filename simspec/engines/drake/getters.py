@@ -85,13 +85,13 @@ GETTERS: Mapping[str, Mapping[str, str]] = {
     },
     "CoulombFriction": {INVENTORY: "dynamic_friction static_friction"},
     "SceneGraphInspector": {
-        INVENTORY: "CollisionFiltered GetProximityProperties GetPoseInFrame GetShape num_sources "
+        INVENTORY: "CollisionFiltered GetProximityProperties GetPoseInFrame GetShape num_sources maybe_get_hydroelastic_mesh "
         "GetAllDeformableGeometryIds",
         READ_BACK: "GetIllustrationProperties GetName",
         DERIVED: "GetCollisionCandidates GetConvexHull GetFrameGroup GetObbInGeometryFrame GetProperties "
         "IsDeformableGeometry NumAnchoredGeometries NumDeformableGeometriesWithRole NumDynamicGeometries "
         "NumFramesForSource NumGeometriesForFrame NumGeometriesForFrameWithRole NumGeometriesWithRole num_frames "
-        "num_geometries geometry_version maybe_get_hydroelastic_mesh",
+        "num_geometries geometry_version",
         WAY: "FramesForSource GetAllFrameIds GetAllGeometryIds GetAllSourceIds GetFrameId GetGeometries "
         "GetGeometryIdByName GetGeometryIds world_frame_id CloneGeometryInstance",
         LABEL: "BelongsToSource GetOwningSourceName SourceIsRegistered",

@@ -10,6 +10,7 @@ import itertools
 from typing import Any
 
 from simspec.engines.drake.building import told_name
+from simspec.engines.drake.corners import FACED
 from simspec.engines.drake.readback import (
     SHAPE,
     SIZES,
@@ -144,7 +145,10 @@ def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
 def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, HeldValue]:
     """The numbers of a copy of a shape, which its corners have too, and where these are."""
     inspector = sim.query().inspector()
-    numbers = {part: surface(sim, one) for part, one in parts.items()}
+    numbers: dict[str, dict[str, float | str]] = {part: {**surface(sim, one)} for part, one in parts.items()}
+    for part, one in parts.items():
+        # Python cannot read the compliance type: the mesh that was made of it tells, which planes do not have
+        numbers[part]["hydroelastic_mesh"] = type(inspector.maybe_get_hydroelastic_mesh(one)).__name__
     found: dict[str, HeldValue] = {
         f"surface.{name}.{key}": tuple(held[key] for held in numbers.values()) for key in numbers[SHAPE]
     }
@@ -160,7 +164,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
 
 def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, HeldValue]:
     """For every copy of a shape the others that it does not touch, itself not counted; and whether its corners are kept from
-    touching the same, and each other."""
+    touching the same, each other, and what its faces touch by hydroelastic contact."""
     filtered = sim.query().inspector().CollisionFiltered
     apart: dict[str, set[str]] = {name: set() for name in groups}
     for (one, parts), (other, others) in itertools.combinations(groups.items(), 2):
@@ -169,11 +173,12 @@ def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, Hel
             apart[other].add(one)
     found: dict[str, HeldValue] = {f"apart.{name}": named_set(names) for name, names in apart.items()}
     small = [(name, part, one) for name, parts in groups.items() for part, one in parts.items() if part != SHAPE]
+    by_pressure = {name for name, parts in groups.items() if _by_pressure(sim, parts[SHAPE])}
     odd = [
         f"{name}.{part} {other}"
         for name, part, one in small
         for other, parts in groups.items()
-        if filtered(one, parts[SHAPE]) != (other in apart[name] or other == name)
+        if filtered(one, parts[SHAPE]) != (other in apart[name] or other == name or {name, other} <= by_pressure)
     ]
     odd += [
         f"{a}.{part} {b}.{other}"
@@ -181,3 +186,9 @@ def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, Hel
         if not filtered(one, two)
     ]
     return found | {"apart.corners": len(small), "apart.odd_corners": listed(odd)}
+
+
+def _by_pressure(sim: Simulation, geometry: Any) -> bool:
+    """Whether a shape touches others of its sort by hydroelastic contact."""
+    kind, _ = SIZES[type(sim.query().inspector().GetShape(geometry)).__name__]
+    return kind in FACED and sim.plant.get_contact_model().name == "kHydroelasticWithFallback"

@@ -182,6 +182,7 @@ def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
         "static_friction": float(friction.static_friction()),
         "dynamic_friction": float(friction.dynamic_friction()),
         **{name: float(held.GetProperty("material", name)) for name in names},
+        **{name: float(held.GetProperty("hydroelastic", name)) for name in ("hydroelastic_modulus", "resolution_hint")},
     }
 
 

@@ -228,12 +228,9 @@ class Simulation:
 
     # --- contact ----------------------------------------------------------------------------------------------
 
-    def last_contacts(self) -> list[Any]:
-        """The points of contact that the last step used, with their forces."""
-        results = self._results
-        if results is None:
-            return []
-        return [results.point_pair_contact_info(index) for index in range(results.num_point_pair_contacts())]
+    def last_contacts(self) -> Any:
+        """Drake's contacts of the last step, with their forces; None before the first, and where nothing is solid."""
+        return self._results
 
     def query(self) -> Any:
         """Drake's answers on geometry at the present state."""
