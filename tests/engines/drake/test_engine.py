@@ -23,16 +23,11 @@ from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.bench import state_error
 from simspec.world import frames
 from simspec.world.kinematics import initial_state
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
+from simspec.world.types import Pose, Shape
 from tests import worlds
+from tests.engines.drake.scenes import boxes, told
 
-FREE = (1.0, 0.0, 0.0, 0.0)
 REFUSED = ("rolling", "bouncing", "dry friction")
-
-
-def told(world, **settings):
-    accept = ("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")
-    return worlds.with_options(world, "drake", accept=accept, settings=tuple(sorted(settings.items())))
 
 
 @pytest.fixture
@@ -46,31 +41,6 @@ def load(load_files):
         return load_files(Drake, files | {WORLD: json_text(content)})
 
     return of
-
-
-def boxes(count, timestep=0.001, friction=0.5, tower=True, kind="box", floor="box"):
-    """A floor, and boxes on one another or in a row."""
-    solid = {"box": (5.0, 5.0, 1.0), "plane": ()}[floor]
-    below = Pose((0.0, 0.0, -0.5)) if floor == "box" else Pose()
-    bodies = [
-        Body(
-            "floor",
-            "floor",
-            Inertial(1.0),
-            Joint("floor_joint", "fixed"),
-            (Shape("floor_0", floor, solid, below, "a"),),
-        )
-    ]
-    size = {"box": (0.1, 0.1, 0.1), "cylinder": (0.05, 0.1), "sphere": (0.05,)}[kind]
-    for index in range(count):
-        at = (0.0, 0.0, 0.05 + 0.1 * index) if tower else (0.2 * index, 0.0, 0.05)
-        joint = Joint(f"j{index}", "free", position=(*at, *FREE), velocity=(0.0,) * 6)
-        inertial = Inertial(1.0, inertia=(0.00166, 0.00166, 0.00166, 0.0, 0.0, 0.0))
-        bodies.append(
-            Body(f"b{index}", f"b{index}", inertial, joint, (Shape(f"b{index}_0", kind, size, material="a"),))
-        )
-    contact = Contact("elliptic", (Material("a", friction),), (PairContact("a", "a", friction, 0.0),))
-    return World("boxes", tuple(bodies), contact, Physics(timestep=timestep, steps=1000))
 
 
 @pytest.mark.parametrize("name", [name for name in WORLDS if name not in REFUSED])
