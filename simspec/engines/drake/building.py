@@ -19,9 +19,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, corners, hydroelastic
+from simspec.engines.drake.memory import too_large
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
-from simspec.world.types import Pose
+from simspec.world.types import VELOCITY_SIZE, Pose
 
 NAME = "drake"
 ERROR_REDUCTION = 0.01
@@ -187,6 +188,14 @@ def _check(document: Document, settings: Mapping[str, Any]) -> None:
     planes = sum(len(shape.copies) for body in document.bodies for shape in body.shapes if shape.kind == "plane")
     if planes > MOST_PLANES:
         raise EngineError(NAME, f"does not support more than {MOST_PLANES} planes, copies included; here are {planes}")
+    geometries = (
+        len(shape.copies) * (1 + len(corners(shape.kind, shape.size)))
+        for body in document.bodies
+        for shape in body.shapes
+    )
+    large = too_large(sum(geometries), sum(VELOCITY_SIZE[body.joint.kind] for body in document.bodies))
+    if large is not None:
+        raise EngineError(NAME, large)
     for body in document.bodies:
         if isinstance(body.joint, AxisJoint) and body.joint.dry_friction:
             raise EngineError(NAME, f"does not support dry friction, which joint {body.joint.name!r} has")

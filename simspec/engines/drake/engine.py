@@ -16,8 +16,10 @@ from simspec.control.native import Servos
 from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, pressure_holds, stops
+from simspec.engines.drake.corners import corners
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.inventory import inventory, neutral
+from simspec.engines.drake.memory import MOST_GIGABYTES, too_large
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.drake.touching import contacts
@@ -45,7 +47,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import VELOCITY_SIZE, HeldValue, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
@@ -81,6 +83,17 @@ def _planes_that_crash(world: World) -> str | None:
     return None
 
 
+def memory_covered(world: World) -> Refinement | None:
+    """Not supported where Drake needs too much memory."""
+    plan = contact_plan(world, Drake.RULES, Drake.LAYERS)
+    parts = (
+        len(plan.layers(shape.material)) * (1 + len(corners(shape.kind, shape.size)))
+        for body in world.bodies
+        for shape in solid_shapes(body)
+    )
+    return not_here(too_large(sum(parts), sum(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)))
+
+
 class Drake(SimulatedEngine[Simulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
@@ -101,7 +114,7 @@ class Drake(SimulatedEngine[Simulation]):
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),
             *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             Feature.FRICTION,
             Feature.HARDNESS_COMMON,
@@ -109,6 +122,11 @@ class Drake(SimulatedEngine[Simulation]):
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
+        Feature.INERTIA: Support(
+            Level.EXACT,
+            f"in worlds that need at most {MOST_GIGABYTES:g} GB: Drake keeps every pair of geometries, and a dense mass matrix",
+            refine=memory_covered,
+        ),
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(
             Level.EXACT,
