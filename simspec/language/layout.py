@@ -20,6 +20,7 @@ BLOCK_FIELDS = frozenset(
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
         *("models", "positions", "velocities", "model", "control", "expect", "engines"),
         *("grasps", "open", "closed", "forces", "trajectory", "points", "program"),
+        *("sweep", "over", "together", "cases", "at_timestep"),
     )
 )
 """Fields that are always written over several lines, one entry each."""

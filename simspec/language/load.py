@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,11 @@ from simspec.language.amounts import too_much
 from simspec.language.checks import check
 from simspec.language.document import Document, read
 from simspec.language.models import VERSION, File
-from simspec.language.overrides import apply
+from simspec.language.overrides import Override, apply, overridden, without_effect
 from simspec.language.problems import in_order
 from simspec.language.sources import Collector, Source, project_folder, validate
 from simspec.language.strict import bounded_suggestions
+from simspec.language.swept import check_sweep
 
 if TYPE_CHECKING:
     from simspec.world.types import World
@@ -27,12 +28,14 @@ class Spec:
     ``source`` the file with its line numbers and the model files that it uses.
     """
 
-    def __init__(self, source: Source, path: Path | None = None):
+    def __init__(self, source: Source, path: Path | None = None, collector: Collector | None = None):
         if source.file is None:
             raise ValueError("a spec needs a file without errors")
         self.source = source
         self.path = path
         self.data: File = source.file
+        self._place = path or source.folder / "<data>"
+        self._collector = collector or Collector(project_folder(self._place))
 
     @property
     def name(self) -> str:
@@ -48,7 +51,7 @@ class Spec:
     ) -> Spec:
         """A spec from the language's models or from plain data as a YAML file would hold (``simspec: 1`` may be left
         out). ``use`` paths are relative to ``folder``. Raises SpecError with every problem."""
-        plain = data.model_dump(exclude_unset=True) if isinstance(data, File) else _plain(data)
+        plain = _plain(data)
         if isinstance(plain, dict):
             plain = {"simspec": VERSION, **plain}
         folder = Path(folder)
@@ -60,6 +63,23 @@ class Spec:
         from simspec.language.locate import locate
 
         return locate(self.source, path)
+
+    def with_overrides(self, overrides: Sequence[Override]) -> Spec:
+        """This spec with values put into it, validated and checked as a whole; this one stays as it is. Model files that it
+        uses already are not read again. Raises SpecError with every problem, located where the overrides were written."""
+        document, problems = overridden(self.source.document, overrides)
+        changed = {one.path for one in overrides}
+        return _validated(
+            document, self.source.folder, self.path, self._place, self._collector.again(), problems, changed
+        )
+
+    def sources_with(self, overrides: Sequence[Override]) -> tuple[Source, list[Problem]]:
+        """The files that the spec would use with values put into it, and the problems of finding and reading them. Nothing is
+        validated."""
+        document, problems = overridden(self.source.document, overrides)
+        source, collector = Source(document, self.source.folder), self._collector.again()
+        collector.collect(source, (self._place.resolve(),))
+        return source, [*problems, *collector.problems]
 
     def resolve(self) -> World:
         """The world: frozen, SI, every default filled. Raises SpecError with every problem found."""
@@ -96,24 +116,44 @@ def _checked(
 ) -> Spec:
     with bounded_suggestions():
         problems = apply(document, sets) if isinstance(document.data, dict) else []
+    collector = Collector(None if allow_outside else project_folder(place))
+    changed = {text.partition("=")[0].strip() for text in sets}
+    return _validated(document, folder, path, place, collector, problems, changed)
+
+
+def _validated(
+    document: Document,
+    folder: Path,
+    path: Path | None,
+    place: Path,
+    collector: Collector,
+    problems: Sequence[Problem],
+    changed: Set[str],
+) -> Spec:
+    """The spec of a document. ``place``: the file that it stands for; ``problems``: those of putting values at the paths
+    ``changed``."""
+    with bounded_suggestions():
         file, more = validate(document)
-        problems += [*document.problems, *more]
+        problems = [*problems, *document.problems, *more]
         source = Source(document, folder, file)
-        collector = Collector(None if allow_outside else project_folder(place))
         collector.collect(source, (place.resolve(),))
         # what is looked at for each model that holds it is looked at only where that has an end
         problems += [*collector.problems, *(too_much(source) or check(source))]
+        if file is not None:
+            problems += [*check_sweep(document, file.sweep), *without_effect(document, file, changed)]
     if problems:
         raise SpecError(in_order(problems))
-    return Spec(source, path)
+    return Spec(source, path, collector)
 
 
 def _plain(value: Any) -> Any:
-    """Nested mappings, sequences and models as dicts and lists."""
+    """Nested mappings, sequences, arrays and models as dicts and lists."""
     from pydantic import BaseModel
 
     if isinstance(value, BaseModel):
-        return value.model_dump(exclude_unset=True)
+        return _plain(value.model_dump(exclude_unset=True))
+    if hasattr(value, "tolist"):  # an array of numpy
+        return value.tolist()
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -62,10 +62,24 @@ def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
             yield from _of_rotor(source, steps[1])
     if steps[:2] == ("contact", "pairs") and len(steps) > 4:
         yield from _of_pair(source, steps[2], steps[3], steps[4:])
+    if steps[0] == "engines" and len(steps) == 4 and steps[2] == "settings":
+        yield from _of_setting(source, steps[1], steps[3])
     yield source.document, steps
     if steps[0] == "contact":
         for member in source.all():
             yield member.document, steps
+
+
+def _of_setting(source: Source, engine: str, name: str) -> Iterator[Candidate]:
+    """Where a setting comes from that follows from the timestep."""
+    file = source.file
+    if file is None or engine not in file.engines:
+        return
+    options = file.engines[engine]
+    for entry in reversed(options.holding(file.physics.timestep)):
+        if name in entry.settings:
+            index = options.at_timestep.index(entry)
+            yield source.document, ("engines", engine, "at_timestep", str(index), "settings", name)
 
 
 def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:

@@ -21,6 +21,7 @@ from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, show
+from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS, TREE_JOINTS
 from simspec.language.words import FileName, Name, Setting, Text, Word
@@ -248,14 +249,57 @@ class Record(Strict):
     )
 
 
+class SettingsAtTimestep(Strict):
+    """Solver settings of runs whose timestep is above a bound."""
+
+    above: Annotated[float, Number("time", 0, above=True)] = Field(
+        ..., description="The settings hold at every timestep above this one; at this one itself they do not"
+    )
+    settings: dict[NameOf, Annotated[Any, Setting()]] = Field(..., description="Solver settings, by the engine's names")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if data.get("settings") == {}:
+            yield Fault(("settings",), "no settings", "{}", "{NAME: value}")
+
+
 class EngineOptions(Strict):
     """What a scenario says to one engine. Nothing here may change the model."""
 
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    at_timestep: list[SettingsAtTimestep] = Field(
+        [],
+        description="Settings that follow from the timestep, in order of rising `above`; later ones replace earlier ones",
+    )
     accept: list[Annotated[str, Text()]] = Field([], description="Features that may be approximate in this engine")
     outside: list[Annotated[str, Text()]] = Field(
         [], description="Features computed outside this engine, which does not support them"
     )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        entries = data.get("at_timestep")
+        before: float | None = None
+        for index, entry in enumerate(entries if isinstance(entries, (list, tuple)) else ()):
+            given = entry.get("above") if isinstance(entry, Mapping) else getattr(entry, "above", None)
+            try:
+                above = Number("time", 0, above=True).read(given)
+            except Faults:
+                continue  # reported where it is read
+            if before is not None and above <= before:
+                yield Fault(("at_timestep", index, "above"), "bounds must rise", f"{above:g} s after {before:g} s")
+            before = above
+
+    def settings_at(self, timestep: float) -> dict[str, Any]:
+        """The settings at a timestep (s): ``settings``, replaced by those of every entry of ``at_timestep`` that holds."""
+        found = dict(self.settings)
+        for entry in self.holding(timestep):
+            found.update(entry.settings)
+        return found
+
+    def holding(self, timestep: float) -> list[SettingsAtTimestep]:
+        """The entries of ``at_timestep`` that hold at a timestep (s); one that equals a bound up to round-off does not."""
+        return [entry for entry in self.at_timestep if timestep > entry.above * (1.0 + WHOLE)]
 
 
 class File(Strict):
@@ -276,6 +320,7 @@ class File(Strict):
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
+    sweep: Sweep = Field(ABSENT, description="Many runs of this scenario; changes nothing in the scenario itself")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -283,6 +328,8 @@ class File(Strict):
             if "model" in data and key in data:
                 message = f"model and {key} exclude each other: a file is a model or a scenario"
                 yield Fault((key,), message, None, "model, or bodies and models")
+        if "model" in data and "sweep" in data:
+            yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
         contact = data.get("contact")
         if "model" in data and isinstance(contact, Mapping):
             for key in ("friction_cone", "combine", "pairs"):

@@ -1,77 +1,141 @@
-"""``--set path=value``: values put into the tree before it is validated."""
+"""Values put into a spec's tree before it is validated, by dotted path: ``--set path=value``, and what a sweep changes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import copy
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language import walk
-from simspec.language.document import Document, Mark, parse
+from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
+from simspec.language.quantities import Vector
 from simspec.language.strict import near, show
 
 FILE = "--set"
 """What stands for the file in the location of an override's value; the line is the override's number."""
 
 
+class Override(NamedTuple):
+    """A plain value and the dotted path that it is put at. ``place``: where somebody wrote the path, ``value_place``: the
+    value; None for a spec that was made in Python."""
+
+    path: str
+    value: Any
+    place: Location | None
+    value_place: Location | None
+
+
 def apply(document: Document, sets: Sequence[str]) -> list[Problem]:
     """Put every ``path=value`` into the document; returns what is wrong with them."""
     problems: list[Problem] = []
     for number, text in enumerate(sets, start=1):
-        problems.extend(_apply(document, text, number))
+        override, wrong = _read(text, number)
+        problems += wrong
+        if override is not None and (problem := put(document, override)) is not None:
+            problems.append(problem)
     return problems
 
 
-def _apply(document: Document, text: str, number: int) -> list[Problem]:
+def _read(text: str, number: int) -> tuple[Override | None, list[Problem]]:
     path, equals, value = text.partition("=")
     place = Location(FILE, number, 1)
     if not equals or not path.strip():
-        return [Problem("expected path=value", location=place, found=show(text), hint="physics.timestep=2ms")]
-    start = len(path) + 2
+        return None, [Problem("expected path=value", location=place, found=show(text), hint="physics.timestep=2ms")]
+    value_place = Location(FILE, number, len(path) + 2)
     try:
         read = parse(value, FILE)
     except SpecError as error:
-        return [
-            Problem(problem.message, path, Location(FILE, number, start), found=show(value))
-            for problem in error.problems
-        ]
-    steps = path.strip().split(".")
-    problems = [
-        Problem(misread.message, path, Location(FILE, number, start), misread.found, misread.allowed, misread.hint)
-        for misread in read.problems
-    ]
-    holder: Any = document.data
-    mark, kind, last = document.mark, File, steps[-1]
+        return None, [Problem(problem.message, path, value_place, found=show(value)) for problem in error.problems]
+    problems = [Problem(one.message, path, value_place, one.found, one.allowed, one.hint) for one in read.problems]
+    return Override(path.strip(), read.data, place, value_place), problems
+
+
+def overridden(document: Document, overrides: Iterable[Override]) -> tuple[Document, list[Problem]]:
+    """A document as another one, with values put into it, and what is wrong with them. The other one stays as it is; the two
+    share what is equal."""
+    changed = Document(document.file, document.data, document.mark, list(document.problems))
+    return changed, [problem for one in overrides if (problem := put(changed, one)) is not None]
+
+
+def put(document: Document, override: Override) -> Problem | None:
+    """Put a value into a document, in copies of all that is on the way to it; returns what is wrong with the path."""
+    path, place = override.path, override.place
+    steps = path.split(".")
+    document.data, document.mark = copy.copy(document.data), _copied(document.mark)
+    holder, mark, kind = document.data, document.mark, File
     for index, step in enumerate(steps[:-1]):
-        entered = _enter(holder, mark, kind, step, ".".join(steps[: index + 1]), place)
-        if isinstance(entered, Problem):
-            return [*problems, entered]
-        holder, mark, kind = entered
-    problem = _put(holder, mark, kind, last, read.data, number, start, path)
-    return [*problems, problem] if problem else problems
+        below = _enter(holder, mark, kind, step, ".".join(steps[: index + 1]), place)
+        if isinstance(below, Problem):
+            return below
+        holder, mark, kind = below
+    return _put(holder, mark, kind, steps[-1], override)
 
 
-def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, place: Location) -> Any:
+def kind_at(document: Document, path: str, place: Location | None) -> Any:
+    """The type that the language has at the path of an override (see :func:`simspec.language.walk.at`), or the problem of a
+    path that nothing can be put at. The document stays as it is."""
+    _, problems = overridden(document, [Override(path, None, place, place)])
+    if problems:
+        return problems[0]
+    kind: Any = File
+    for step in path.split("."):
+        # a list of numbers is one type of the language: its elements have none of their own
+        kind = kind.item if isinstance(kind, Vector) else walk.child(kind, step)
+    return kind
+
+
+def without_effect(document: Document, file: File, changed: Iterable[str]) -> Iterator[Problem]:
+    """The problems of solver settings that somebody puts in and that `at_timestep` replaces at this timestep."""
+    for path in changed:
+        steps = path.split(".")
+        if len(steps) != 4 or (steps[0], steps[2]) != ("engines", "settings") or steps[1] not in file.engines:
+            continue
+        options, name = file.engines[steps[1]], steps[3]
+        holding = [entry for entry in options.holding(file.physics.timestep) if name in entry.settings]
+        if holding:
+            index = options.at_timestep.index(holding[-1])
+            yield document.problem(
+                steps,
+                f"no effect: at_timestep sets {name} at this timestep",
+                found=f"{holding[-1].settings[name]} above {holding[-1].above:g} s, at {file.physics.timestep:g} s",
+                hint=f"engines.{steps[1]}.at_timestep.{index}.settings.{name}",
+            )
+
+
+def _copied(mark: Mark | None) -> Mark | None:
+    if mark is None:
+        return None
+    keys = None if mark.keys is None else dict(mark.keys)
+    return Mark(mark.line, mark.column, keys, None if mark.items is None else dict(mark.items), mark.file)
+
+
+def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, place: Location | None) -> Any:
+    key: Key = step
     if isinstance(holder, list):
         index = _index(step, len(holder))
         if index is None:
             return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
-        return holder[index], mark.items.get(index) if mark and mark.items else None, walk.child(kind, index)
-    if not isinstance(holder, dict):
+        key = index
+    elif not isinstance(holder, dict):
         return Problem("this value has no elements", path, place, found=show(holder))
-    if step not in holder:
+    elif step not in holder:
         if unknown := _unknown(holder, kind, step, path, place):
             return unknown
         holder[step] = [] if isinstance(walk.child(kind, step), list) else {}
-        if mark is not None and mark.items is not None and mark.keys is not None:
-            mark.items[step] = Mark(place.line, place.column, {}, {}, FILE)
+        if place is not None and mark is not None and mark.items is not None and mark.keys is not None:
+            mark.items[step] = Mark(place.line, place.column, {}, {}, place.file)
             mark.keys[step] = (place.line, place.column)
-    return holder[step], mark.items.get(step) if mark and mark.items else None, walk.child(kind, step)
+    holder[key] = copy.copy(holder[key])
+    below = None
+    if mark is not None and mark.items is not None and key in mark.items:
+        below = mark.items[key] = _copied(mark.items[key])  # type: ignore[assignment]
+    return holder[key], below, walk.child(kind, key)
 
 
-def _unknown(holder: dict[str, Any], kind: Any, step: str, path: str, place: Location) -> Problem | None:
+def _unknown(holder: dict[str, Any], kind: Any, step: str, path: str, place: Location | None) -> Problem | None:
     """A problem unless a key may be made: names of the user's must exist, words of the language must be in it."""
     if walk.is_model(kind):
         words = walk.keys(kind)
@@ -90,15 +154,14 @@ def _index(step: str, length: int) -> int | None:
     return int(step) if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < length else None
 
 
-def _put(
-    holder: Any, mark: Mark | None, kind: Any, step: str, value: Any, number: int, column: int, path: str
-) -> Problem | None:
-    place = Location(FILE, number, 1)
-    key: Any = step
+def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Override) -> Problem | None:
+    path, place, value_place = override.path, override.place, override.value_place
+    key: Key = step
     if isinstance(holder, list):
-        key = _index(step, len(holder))
-        if key is None:
+        index = _index(step, len(holder))
+        if index is None:
             return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
+        key = index
     elif not isinstance(holder, dict):
         return Problem("this value has no elements", path, place, found=show(holder))
     elif step not in holder:
@@ -106,9 +169,9 @@ def _put(
         unknown = None if plain_values else _unknown(holder, kind, step, path, place)
         if unknown is not None:
             return unknown
-    holder[key] = value
-    if mark is not None and mark.items is not None:
-        mark.items[key] = Mark(number, column, file=FILE)
+    holder[key] = override.value
+    if value_place is not None and mark is not None and mark.items is not None:
+        mark.items[key] = Mark(value_place.line, value_place.column, file=value_place.file)
         if mark.keys is not None:
-            mark.keys.setdefault(step, (number, column))
+            mark.keys.setdefault(step, (value_place.line, value_place.column))
     return None

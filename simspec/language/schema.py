@@ -13,8 +13,8 @@ from simspec.language.models import File
 from simspec.language.reader import Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
+from simspec.language.sweep_values import Range
 from simspec.language.vocabulary import COMBINATIONS, SCALAR_JOINTS
-from simspec.language.words import NAME
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"
@@ -22,9 +22,14 @@ TITLE = "simspec: a scenario or a model for every physics engine"
 
 def json_schema() -> dict[str, Any]:
     """The schema of a spec: units are allowed where numbers are, unknown keys nowhere."""
-    models: dict[str, type[Strict]] = {**walk.models(File), Orientation.__name__: Orientation}
+    models = {**walk.models(File), **beside()}
     definitions = {name: _model(model) for name, model in sorted(models.items())}
     return {"$schema": DIALECT, "title": TITLE, **definitions.pop(File.__name__), "definitions": definitions}
+
+
+def beside() -> dict[str, type[Strict]]:
+    """Models that stand inside values that readers read, by name."""
+    return {model.__name__: model for model in (Orientation, Range)}
 
 
 def schema_text() -> str:
@@ -73,7 +78,7 @@ def _kind(kind: Any) -> dict[str, Any]:
     if isinstance(kind, walk.Free):
         return {
             "type": "object",
-            "propertyNames": {"pattern": f"^{NAME.pattern}$"},
+            "propertyNames": {"pattern": kind.key.schema()["pattern"]},
             "additionalProperties": _kind(kind.item),
         }
     if isinstance(kind, list):

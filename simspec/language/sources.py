@@ -97,6 +97,12 @@ class Collector:
         self.problems: list[Problem] = []
         self._read: dict[Path, Source | None] = {}
 
+    def again(self) -> Collector:
+        """A collector for the same spec with other values: what this one has read, it does not read again."""
+        other = Collector(self.project)
+        other._read = {path: source for path, source in self._read.items() if source is not None}
+        return other
+
     def collect(self, source: Source, chain: tuple[Path, ...]) -> None:
         """Read what ``source`` uses; ``chain`` holds the files that led here, this one last."""
         for path, text in uses(source.document.data):

@@ -116,6 +116,8 @@ def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
             context = item["ctx"]
             more = (context["message"], context["found"], context["allowed"], context["hint"], item["type"] == REPORTED)
             faults.append(Fault(item["loc"], *more))
+        elif item["type"] == "missing":
+            faults.append(Fault(item["loc"][:-1], f"{item['loc'][-1]} is missing"))
         else:
             word = str(item["loc"][-1]) if item["loc"] else ""
             faults.append(Fault(item["loc"], f"unknown key {word!r}", None, ", ".join(fields), near(word, fields)))

@@ -172,6 +172,31 @@ def _factor(expression: str) -> tuple[Fraction, Exponents]:
     return factor, tuple(exponents)  # type: ignore[return-value]
 
 
+def split(text: str) -> tuple[Fraction, str]:
+    """The exact number of a quantity written as text, and its unit ("" for none), of whatever dimension. Raises UnitError."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
+    shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
+    if match is None:
+        raise UnitError("expected a number, with or without a unit", shown, "a number, or one with a unit")
+    number, unit = match.groups()
+    if unit:
+        _known_factor(unit, shown, "a number, or one with a unit")
+    value = Fraction(number)
+    if abs(value) > LARGEST:
+        raise UnitError("too large a number", shown, f"magnitudes up to {LARGEST:g}")
+    return value, unit
+
+
+def _known_factor(unit: str, shown: str, allowed: str) -> tuple[Fraction, Exponents]:
+    """As :func:`_factor`. Raises UnitError with the nearest unit there is."""
+    try:
+        return _factor(unit)
+    except ValueError as error:
+        near = difflib.get_close_matches(str(error), unit_names(), 1)
+        hint = f"did you mean {near[0]!r}?" if near else None
+        raise UnitError(f"unknown unit {str(error)!r}", shown, allowed, hint) from None
+
+
 def dimension_name(exponents: Exponents) -> str:
     """The name of a dimension given by its powers of the base units, or the powers themselves."""
     for dimension in DIMENSIONS.values():
@@ -198,12 +223,7 @@ def parse(text: str, dimension: str) -> float:
     number, unit = match.groups()
     factor = Fraction(1)
     if unit:
-        try:
-            factor, exponents = _factor(unit)
-        except ValueError as error:
-            near = difflib.get_close_matches(str(error), unit_names(), 1)
-            hint = f"did you mean {near[0]!r}?" if near else None
-            raise UnitError(f"unknown unit {str(error)!r}", shown, allowed, hint) from None
+        factor, exponents = _known_factor(unit, shown, allowed)
         if exponents not in wanted.accepted:
             raise UnitError(
                 f"wrong unit: expected {article(dimension)} ({wanted.unit}), found {unit!r}",

@@ -14,10 +14,10 @@ from simspec.language.strict import Strict
 
 
 class Free:
-    """A mapping with keys of the user's choice; ``item`` is the type of its values."""
+    """A mapping with keys of the user's choice; ``item`` is the type of its values, ``key`` reads its keys."""
 
-    def __init__(self, item: Any):
-        self.item = item
+    def __init__(self, item: Any, key: Reader):
+        self.item, self.key = item, key
 
 
 @functools.cache
@@ -35,7 +35,8 @@ def _plain(annotation: Any, metadata: Sequence[Any] = ()) -> Any:
         base, *extra = typing.get_args(annotation)
         return _plain(base, extra)
     if origin is dict:
-        return Free(_plain(typing.get_args(annotation)[1]))
+        key, item = typing.get_args(annotation)
+        return Free(_plain(item), _plain(key))
     if origin is list:
         return [_plain(typing.get_args(annotation)[0])]
     return annotation

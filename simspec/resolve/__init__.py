@@ -51,7 +51,7 @@ def resolve(spec: Spec) -> World:
         physics=time,
         record=recorded,
         expectations=expected,
-        engines=engines(spec.data.engines),
+        engines=engines(spec.data.engines, time.timestep),
         controllers=driven.controllers,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)

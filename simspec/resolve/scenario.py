@@ -84,12 +84,12 @@ def too_much(source: Source, world: World) -> list[Problem]:
     ]
 
 
-def engines(written: Mapping[str, SpecOptions]) -> tuple[EngineOptions, ...]:
-    """Options by engine, sorted."""
+def engines(written: Mapping[str, SpecOptions], timestep: float) -> tuple[EngineOptions, ...]:
+    """Options by engine, sorted, with the settings that hold at a timestep (s)."""
     return tuple(
         EngineOptions(
             name,
-            tuple(sorted(options.settings.items())),
+            tuple(sorted(options.settings_at(timestep).items())),
             tuple(sorted(set(options.accept))),
             tuple(sorted(set(options.outside))),
         )

@@ -1,0 +1,107 @@
+"""From a cell of a plan to the case that is run: values are put into the spec, which is then validated and resolved."""
+
+from __future__ import annotations
+
+import weakref
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from simspec.errors import Problem, SpecError
+from simspec.experiments.asked import digest
+from simspec.experiments.plan import Cell, Plan
+from simspec.language.document import Key
+from simspec.language.load import Spec
+from simspec.language.overrides import Override
+from simspec.runner.case import Case
+from simspec.world.types import World
+
+MOST_KEPT = 16
+"""Worlds of one plan that are kept: engines, repetitions and perturbations of one world follow each other in a plan. A world of
+the library takes up to 10 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """What came of a set of values: a spec and its world, or the problems."""
+
+    spec: Spec | None
+    world: World | None
+    problems: tuple[Problem, ...] = ()
+
+
+_KEPT: weakref.WeakKeyDictionary[Plan, OrderedDict[bytes, _Made]] = weakref.WeakKeyDictionary()
+"""The latest worlds of each plan, by the digest of the values."""
+
+
+def case_of(plan: Plan, cell: Cell) -> Case:
+    """The case of a cell. Raises SpecError, located where the sweep says the values, when they make the spec invalid."""
+    return Case(world_of(plan, cell), cell.engine, perturb=cell.perturb, seed=cell.seed)
+
+
+def world_of(plan: Plan, cell: Cell) -> World:
+    """The world of a cell; cells with the same values share it while it is kept. Raises SpecError as :func:`case_of`."""
+    world = _made(plan, cell).world
+    assert world is not None, "what has no problems has a world"
+    return world
+
+
+def spec_of(plan: Plan, cell: Cell) -> Spec:
+    """The spec of a cell, which locates what is wrong with its world. Raises SpecError as :func:`case_of`."""
+    spec = _made(plan, cell).spec
+    assert spec is not None, "what has no problems has a spec"
+    return spec
+
+
+def _made(plan: Plan, cell: Cell) -> _Made:
+    kept = _KEPT.setdefault(plan, OrderedDict())
+    name = digest(cell.overrides)
+    made = kept.get(name)
+    if made is None:
+        made = kept[name] = _make(plan, cell)
+        if len(kept) > MOST_KEPT:
+            kept.popitem(last=False)
+    kept.move_to_end(name)
+    if made.problems:
+        raise SpecError(made.problems)
+    return made
+
+
+def _make(plan: Plan, cell: Cell) -> _Made:
+    try:
+        spec = plan.spec.with_overrides(list(_located(plan, cell))) if cell.overrides else plan.spec
+        return _Made(spec, spec.resolve())
+    except SpecError as error:
+        return _Made(None, None, error.problems)
+
+
+def _located(plan: Plan, cell: Cell) -> Iterator[Override]:
+    """The values that a cell puts in, with the places where the sweep says them."""
+    document = plan.spec.source.document
+    for path, value in cell.overrides:
+        place = _place(plan, cell, path)
+        below = _below(document.data, place, value)
+        yield Override(path, value, document.locate(place, key=True), document.locate((*place, *below)))
+
+
+def _place(plan: Plan, cell: Cell, path: str) -> tuple[Key, ...]:
+    """Where the sweep says the values of a path in a cell."""
+    sweep = plan.sweep
+    if cell.case is not None and path in sweep.cases[cell.case]:
+        return ("sweep", "cases", cell.case, path)
+    if path in sweep.over:
+        return ("sweep", "over", path)
+    for row, entry in enumerate(sweep.together):
+        if path in entry:
+            return ("sweep", "together", row, path)
+    return ("sweep", "samples", "values", path)
+
+
+def _below(data: Any, place: tuple[Key, ...], value: Any) -> tuple[Key, ...]:
+    """The place of one value in the list of all values of a path; none where they are worked out."""
+    for step in place:
+        data = data[step]
+    if place[1] == "cases" or not isinstance(data, (list, tuple)):
+        return ()
+    return next(((index,) for index, one in enumerate(data) if one == value), ())

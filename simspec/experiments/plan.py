@@ -1,0 +1,238 @@
+"""The plan of a sweep: which runs it asks for, in the order in which they are taken. Nothing is resolved for it, and cells are
+made while one goes through them, so that a plan of a million runs takes seconds and little memory."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import EngineError, Problem, SpecError
+from simspec.experiments.asked import Asked, key_of
+from simspec.language.load import Spec
+from simspec.language.sweep import MOST_CELLS, Sweep, combinations
+from simspec.language.sweep_values import Amount, Distribution, amount_of, rounded
+
+OverrideList = tuple[tuple[str, Any], ...]
+"""Dotted paths and the plain values that are put at them, in the order in which they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One run that a sweep asks for; nothing is resolved yet.
+
+    index      its place in the plan
+    engine     label of the engine
+    case       named case of the sweep, None for the scenario without one
+    overrides  (dotted path, plain value), in the order in which they are put in: case, over, together, samples
+    sample     number of its sample from 0, None where the sweep has no samples
+    repeat     number of the repetition from 0
+    perturb    largest relative change of the initial state, 0.0 for none (:class:`simspec.runner.case.Case`)
+    seed       seed of the perturbation, None for none
+    key        SHA-256 of what is asked: see :mod:`simspec.experiments.asked`
+    """
+
+    index: int
+    engine: str
+    case: str | None
+    overrides: OverrideList
+    sample: int | None
+    repeat: int
+    perturb: float
+    seed: int | None
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """One value of an axis: a case's name, what it puts in, and the digests of that by the engine's name; what concerns another
+    engine alone has none."""
+
+    case: str | None
+    overrides: OverrideList
+    digests: Mapping[str, tuple[bytes, ...]]
+
+
+class Plan:
+    """Every run of a sweep, with a length that is known without going through them.
+
+    ``spec``: the scenario with its sweep; one without ``sweep`` is run once in each engine. ``engines``: labels, in the order
+    in which they take turns. ``versions``: by label, what is at work, as :meth:`simspec.runner.case.Case.key` takes it.
+
+    The order: samples, cases, the grid of ``over``, ``together``, perturbations, repetitions, and engines innermost
+    (A B C A B C), so that what disturbs a machine for a while disturbs all engines alike.
+    """
+
+    def __init__(self, spec: Spec, engines: Sequence[str], versions: Mapping[str, Mapping[str, str]]):
+        self.spec, self.engines, self.versions = spec, tuple(engines), versions
+        self.sweep = spec.data.sweep or Sweep()
+        self._names = tuple(dict.fromkeys(map(engine_name, self.engines)))
+        self._asked = Asked(spec, self._names)
+
+    def __repr__(self) -> str:
+        return f"<Plan of {self.spec.name!r}: {len(self):,} runs in {', '.join(self.engines)}>"
+
+    def __len__(self) -> int:
+        counts = (combinations(self.sweep), self.samples or 1, self.members, self.sweep.repeat, len(self.engines))
+        return math.prod(counts)
+
+    @property
+    def samples(self) -> int:
+        """How many samples are drawn; 0 where the sweep has none."""
+        return 0 if self.sweep.samples is None else self.sweep.samples.count
+
+    @property
+    def members(self) -> int:
+        """How many initial states each world is run from: its own and the perturbed ones."""
+        return 1 if self.sweep.perturb is None else 1 + self.sweep.perturb.seeds
+
+    @property
+    def worlds(self) -> int:
+        """How many different sets of values are put in; some may make equal worlds."""
+        return combinations(self.sweep) * (self.samples or 1)
+
+    @property
+    def measure(self) -> str:
+        """``physics`` or ``speed``."""
+        return self.sweep.measure
+
+    def describe(self) -> dict[str, Any]:
+        """What the plan is made of, as plain data: counts, engines, axes."""
+        sweep = self.sweep
+        return {
+            "spec": self.spec.name,
+            "runs": len(self),
+            "worlds": self.worlds,
+            "engines": list(self.engines),
+            "cases": [*([] if sweep.only_cases else [None]), *sweep.cases],
+            "over": {path: len(values) for path, values in sweep.over.items()},
+            "together": [{path: len(values) for path, values in entry.items()} for entry in sweep.together],
+            "samples": self.samples,
+            "perturbed": self.members - 1,
+            "repeat": sweep.repeat,
+            "measure": sweep.measure,
+        }
+
+    def __iter__(self) -> Iterator[Cell]:
+        index = 0
+        names = [(label, engine_name(label)) for label in self.engines]
+        bases = [(label, name, self._asked.base(label, name, self.versions[label])) for label, name in names]
+        axes = self._axes()
+        for sample, drawn in self._samples():
+            for choices in itertools.product(*axes):
+                case = choices[0].case
+                overrides = tuple(itertools.chain.from_iterable(one.overrides for one in (*choices, drawn)))
+                begun = [
+                    (label, key_of(base, itertools.chain.from_iterable(one.digests[name] for one in (*choices, drawn))))
+                    for label, name, base in bases
+                ]
+                for perturb, seed, repeat, tail in self._tails():
+                    for label, hashed in begun:
+                        whole = hashed.copy()
+                        whole.update(tail)
+                        yield Cell(index, label, case, overrides, sample, repeat, perturb, seed, whole.hexdigest())
+                        index += 1
+
+    def _tails(self) -> Iterator[tuple[float, int | None, int, bytes]]:
+        """Perturbation, seed, repetition, and what of them is hashed."""
+        perturb = self.sweep.perturb
+        seeds: Iterable[int] = () if perturb is None else range(1, perturb.seeds + 1)
+        moved = ((perturb.amount, seed) for seed in seeds) if perturb is not None else ()
+        for amount, seed in itertools.chain(((0.0, None),), moved):
+            for repeat in range(self.sweep.repeat):
+                yield amount, seed, repeat, f"{amount!r} {seed} {repeat}".encode()
+
+    def _choice(self, case: str | None, overrides: OverrideList) -> _Choice:
+        return _Choice(case, overrides, self._asked.digests(overrides))
+
+    def _axes(self) -> list[list[_Choice]]:
+        """Cases, then each path of the grid, then each entry of ``together``: all their values."""
+        sweep = self.sweep
+        cases = [] if sweep.only_cases else [self._choice(None, ())]
+        cases += [self._choice(name, tuple(values.items())) for name, values in sweep.cases.items()]
+        grid = [[self._choice(None, ((path, value),)) for value in values] for path, values in sweep.over.items()]
+        rows = [
+            [self._choice(None, tuple(zip(entry, row, strict=True))) for row in zip(*entry.values(), strict=True)]
+            for entry in sweep.together
+        ]
+        return [cases, *grid, *rows]
+
+    def _samples(self) -> Iterator[tuple[int | None, _Choice]]:
+        """The number of each sample, with what is drawn for it; once, with nothing, where there are no samples."""
+        given = self.sweep.samples
+        if given is None:
+            yield None, self._choice(None, ())
+            return
+        streams = {
+            path: _stream(distribution, random.Random(f"simspec sweep {given.seed} {path}"))
+            for path, distribution in given.values.items()
+        }
+        for index in range(given.count):
+            yield index, self._choice(None, tuple((path, next(stream)) for path, stream in streams.items()))
+
+
+def plan_sweep(spec: Spec, *, engines: Sequence[str] | None = None, versions: Mapping[str, Mapping[str, str]]) -> Plan:
+    """The plan of a spec's sweep.
+
+    ``engines``: labels, instead of those of the sweep; needed where it names none. ``versions``: by label, what is at work
+    (simspec, the engine, numpy, …), by name. Raises SpecError for engines that are not known (at the place where the sweep
+    names them), for none, and for too many runs; ValueError for an engine whose versions are not given.
+    """
+    named = spec.data.sweep.engines if spec.data.sweep is not None else None
+    labels = list(dict.fromkeys(engines if engines is not None else named or ()))
+    problems = []
+    for index, label in enumerate(labels):
+        try:
+            find_engine(label)
+        except EngineError as error:
+            place = spec.locate(f"sweep.engines.{index}") if engines is None else None
+            path = f"sweep.engines.{index}" if engines is None else ""
+            problems.append(Problem(str(error), path, place, found=label))
+    if not labels:
+        hint = "sweep: {engines: [...]}, or --engine NAME"
+        problems.append(Problem("the sweep names no engine", "sweep", spec.locate("sweep"), hint=hint))
+    if problems:
+        raise SpecError(problems)
+    if missing := [label for label in labels if label not in versions]:
+        raise ValueError(f"no versions given of {', '.join(missing)}")
+    plan = Plan(spec, labels, {label: dict(versions[label]) for label in labels})
+    if len(plan) > MOST_CELLS:
+        message, found = "too many runs in one sweep", f"{len(plan):,}, {len(plan) // len(labels):,} in each engine"
+        raise SpecError([Problem(message, "sweep", spec.locate("sweep"), found, f"up to {MOST_CELLS:,}")])
+    return plan
+
+
+SMALLEST_SHARE = 2.0**-54
+"""Stands for a random number of exactly 0, of which the normal distribution has no value."""
+
+
+def _stream(distribution: Distribution, generator: random.Random) -> Iterator[Any]:
+    """The values that a distribution draws; one number of the generator for each."""
+    if distribution.choice is not None:
+        choices = distribution.choice
+        while True:
+            yield choices[int(generator.random() * len(choices))]
+    worked_out = _quantile(distribution)
+    while True:
+        yield worked_out(max(generator.random(), SMALLEST_SHARE))
+
+
+def _quantile(distribution: Distribution) -> Any:
+    """From a share of (0, 1) to the value below which that share of a distribution lies."""
+    kind = next(name for name in ("uniform", "normal", "log_uniform") if getattr(distribution, name) is not None)
+    first, second = map(amount_of, getattr(distribution, kind))
+    unit = Amount(first.number, False, first.unit)
+    low, high = float(first.number), float(second.number)
+    if kind == "normal":
+        inverse = NormalDist(low, high).inv_cdf
+        return lambda share: unit.of(rounded(inverse(share)))
+    if kind == "uniform":
+        return lambda share: unit.of(rounded(low + (high - low) * share))
+    ratio = math.log(high) - math.log(low)
+    return lambda share: unit.of(rounded(low * math.exp(ratio * share)))

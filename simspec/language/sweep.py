@@ -1,0 +1,225 @@
+"""The words of ``sweep:``: many runs of one scenario, by what changes from run to run.
+
+A sweep changes neither the world nor what is compiled: it says which other worlds are run besides. How its paths and values are
+held against the rest of the spec stands in :mod:`simspec.language.swept`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from simspec.language.quantities import Number, Whole
+from simspec.language.shapes import NameOf, Switch
+from simspec.language.strict import ABSENT, Fault, Strict, show
+from simspec.language.sweep_values import Axis, Distribution, EngineLabel, PathOf, Plain, Values, same
+from simspec.language.words import Word
+
+MOST_CELLS = 10_000_000
+"""Runs of one sweep: a thousand workers, ten thousand runs each."""
+MOST_REPEATS = 100_000
+"""Repetitions of one run."""
+MEASURES = ("physics", "speed")
+
+
+class Samples(Strict):
+    """Values drawn at random, the same on every machine. Each path has a stream of random numbers of its own, from the seed and
+    the path: another path, or a larger count, changes no sample that there was."""
+
+    count: Annotated[int, Whole(1, MOST_CELLS)] = Field(..., description="How many samples; each draws all values anew")
+    seed: Annotated[int, Whole()] = Field(..., description="Seed of the generators (Python's random.Random)")
+    values: dict[PathOf, Distribution] = Field(..., description="What is drawn, by the dotted path of the value")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if isinstance(values := data.get("values"), Mapping) and not values:
+            yield Fault(("values",), "no values", "{}", "{PATH: {uniform: [..., ...]}}")
+
+
+class Perturb(Strict):
+    """An ensemble: runs whose initial states are moved a little, besides the one that is not moved. Coordinate x becomes
+    x (1 + δ), a position of exactly zero δ."""
+
+    amount: Annotated[float, Number("number", 0, 1, above=True)] = Field(
+        ..., description="Largest relative change: each coordinate's δ is drawn evenly from −amount to amount"
+    )
+    seeds: Annotated[int, Whole(1, MOST_CELLS)] = Field(
+        ..., description="How many perturbed runs; their seeds are 1, 2, …"
+    )
+
+
+class Sweep(Strict):
+    """Many runs of one scenario: their number is the product of what `cases`, `over`, `together`, `samples`, `perturb`,
+    `repeat` and `engines` say."""
+
+    engines: list[Annotated[str, EngineLabel()]] = Field(
+        ABSENT, description="Engines; default: those of the command line, else all that support the scenario"
+    )
+    over: dict[PathOf, Annotated[tuple[Any, ...], Axis()]] = Field(
+        {}, description="A grid: every combination of the values of these paths"
+    )
+    together: list[dict[PathOf, Annotated[tuple[Any, ...], Values(alike=True)]]] = Field(
+        [], description="Paths moved together: each entry has equally long lists, of which all first values go together"
+    )
+    cases: dict[NameOf, dict[PathOf, Annotated[Any, Plain()]]] = Field(
+        {}, description="Named sets of values by path; the scenario without any is one more case"
+    )
+    only_cases: Switch = Field(False, description="Whether the scenario without the values of any case is left out")
+    samples: Samples = Field(ABSENT, description="Values drawn at random")
+    perturb: Perturb = Field(ABSENT, description="Runs with initial states moved a little")
+    repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="How often each run is done")
+    measure: Annotated[str, Word(MEASURES)] = Field(
+        "physics",
+        description="physics: what happens, with runs side by side; speed: what it costs, with one run at a time",
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        for name, empty in (("engines", []), ("over", {}), ("together", []), ("cases", {})):
+            if data.get(name) == empty and name in data:
+                yield Fault((name,), f"{name} is empty", show(data[name]), None, "remove it")
+        yield from _twice_engines(data.get("engines"))
+        yield from _rows(data.get("together"))
+        cases = data.get("cases")
+        yield from _cases(cases, data.get("only_cases") is True)
+        if data.get("only_cases") is True and not cases:
+            yield Fault(("only_cases",), "only_cases without cases")
+        yield from _paths_twice(data)
+        yield from _too_many(data)
+
+
+def _twice_engines(engines: Any) -> Iterator[Fault]:
+    names = engines if isinstance(engines, list) else []
+    for index, name in enumerate(names):
+        if isinstance(name, str) and name in names[:index]:
+            yield Fault(("engines", index), f"the engine {name} is duplicated")
+
+
+def _rows(together: Any) -> Iterator[Fault]:
+    """Entries of ``together`` whose lists differ in length."""
+    for index, entry in enumerate(together if isinstance(together, list) else ()):
+        if not isinstance(entry, Mapping):
+            continue
+        if not entry:
+            yield Fault(("together", index), "no paths", "{}", "{PATH: [...], PATH: [...]}")
+        lengths = {path: len(values) for path, values in entry.items() if isinstance(values, (list, tuple))}
+        first = next(iter(lengths), None)
+        for path, length in lengths.items():
+            if length != lengths[first]:
+                message = "values that are moved together are equally many"
+                yield Fault(("together", index, path), message, f"{length}", f"{lengths[first]}, as {first} has")
+        if len(lengths) == len(entry) and len(set(lengths.values())) == 1:
+            yield from _equal_rows(("together", index), entry)
+
+
+def _equal_rows(loc: tuple[str | int, ...], entry: Mapping[str, Sequence[Any]]) -> Iterator[Fault]:
+    first: dict[str, int] = {}
+    path = next(iter(entry))
+    for row, values in enumerate(zip(*entry.values(), strict=True)):
+        if (before := first.setdefault(same(list(values)), row)) != row:
+            yield Fault((*loc, path, row), "this row is duplicated", f"row {row + 1}, as row {before + 1}")
+
+
+def _cases(cases: Any, only: bool) -> Iterator[Fault]:
+    """Cases that say the same."""
+    seen = {} if only else {same({}): "the scenario without a case"}
+    for name, values in cases.items() if isinstance(cases, Mapping) else ():
+        if isinstance(values, Mapping):
+            text = same(values)
+            if text in seen:
+                hint = "only_cases: true leaves the scenario without a case out" if not values else None
+                yield Fault(("cases", name), f"the case {name} is the same as {seen[text]}", show(values), None, hint)
+            seen.setdefault(text, name)
+
+
+def _paths_twice(data: Mapping[str, Any]) -> Iterator[Fault]:
+    """Paths that two parts of a sweep change, one of them perhaps as a part of what the other one replaces."""
+    taken: dict[tuple[str, ...], str] = {}
+    above: dict[tuple[str, ...], str] = {}
+
+    def twice(path: Any, taken: Mapping[tuple[str, ...], str], above: Mapping[tuple[str, ...], str]) -> str | None:
+        steps = tuple(path.split("."))
+        inside = (taken[steps[:length]] for length in range(1, len(steps) + 1) if steps[:length] in taken)
+        return next(inside, above.get(steps))
+
+    def take(path: str, taken: dict[tuple[str, ...], str], above: dict[tuple[str, ...], str]) -> None:
+        steps = tuple(path.split("."))
+        taken.setdefault(steps, path)
+        for length in range(1, len(steps)):
+            above.setdefault(steps[:length], path)
+
+    for loc, path in _moved(data):
+        if (other := twice(path, taken, above)) is not None:
+            yield Fault(loc, *_TWICE, f"{path}, and {other}")
+        take(path, taken, above)
+    cases = data.get("cases")
+    for name, values in cases.items() if isinstance(cases, Mapping) else ():
+        own: dict[tuple[str, ...], str] = {}
+        own_above: dict[tuple[str, ...], str] = {}
+        for path in values if isinstance(values, Mapping) else ():
+            if isinstance(path, str):
+                other = twice(path, taken, above) or twice(path, own, own_above)
+                if other is not None:
+                    yield Fault(("cases", name, path), *_TWICE, f"{path}, and {other}")
+                take(path, own, own_above)
+
+
+_TWICE = ("a sweep changes this value twice",)
+
+
+def _moved(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Every path of ``over``, ``together`` and ``samples``, with its place."""
+    together, samples = data.get("together"), data.get("samples")
+    parts: list[tuple[tuple[str | int, ...], Any]] = [(("over",), data.get("over"))]
+    parts += [
+        (("together", index), entry) for index, entry in enumerate(together if isinstance(together, list) else ())
+    ]
+    parts.append((("samples", "values"), samples.get("values") if isinstance(samples, Mapping) else None))
+    for loc, entry in parts:
+        for path in entry if isinstance(entry, Mapping) else ():
+            if isinstance(path, str):
+                yield (*loc, path), path
+
+
+def _too_many(data: Mapping[str, Any]) -> Iterator[Fault]:
+    """The fault of a sweep of too many runs; of one engine where it names none."""
+    over, together, cases, engines = (data.get(name) for name in ("over", "together", "cases", "engines"))
+    counts = {
+        "cases": len(cases) + (data.get("only_cases") is not True) if isinstance(cases, Mapping) else 1,
+        "over": math.prod(map(_length, over.values())) if isinstance(over, Mapping) else 1,
+        "together": math.prod(_length(next(iter(entry.values()), ())) for entry in _mappings(together)),
+        "samples": _whole(data.get("samples"), "count"),
+        "perturb": 1 + _whole(data["perturb"], "seeds") if "perturb" in data else 1,
+        "repeat": _whole(data, "repeat"),
+        "engines": len(engines) if isinstance(engines, list) and engines else 1,
+    }
+    if (cells := math.prod(counts.values())) > MOST_CELLS:
+        shown = " × ".join(f"{count:,} ({name})" for name, count in counts.items() if count > 1)
+        yield Fault((), "too many runs in one sweep", f"{cells:,} = {shown}", f"up to {MOST_CELLS:,}")
+
+
+def _mappings(entries: Any) -> Iterable[Mapping[str, Any]]:
+    return [entry for entry in entries if isinstance(entry, Mapping)] if isinstance(entries, list) else []
+
+
+def _length(axis: Any) -> int:
+    if isinstance(axis, Mapping):
+        return _whole(axis, "count")
+    return max(1, len(axis)) if isinstance(axis, (list, tuple)) else 1
+
+
+def _whole(holder: Any, name: str) -> int:
+    """A whole number of data as they were written; 1 where there is none."""
+    value = holder.get(name) if isinstance(holder, Mapping) else None
+    return value if type(value) is int and value > 0 else 1
+
+
+def combinations(sweep: Sweep) -> int:
+    """How many different sets of values a sweep puts in, samples aside."""
+    cases = len(sweep.cases) + (not sweep.only_cases)
+    rows = (len(next(iter(entry.values()))) for entry in sweep.together)
+    return math.prod(itertools.chain((cases,), map(len, sweep.over.values()), rows))

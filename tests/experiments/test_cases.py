@@ -1,0 +1,107 @@
+"""From a cell of a plan to its case."""
+
+from __future__ import annotations
+
+import math
+
+import simspec
+from simspec.errors import SpecError
+from simspec.experiments import cases
+from simspec.experiments.cases import case_of, world_of
+from simspec.experiments.plan import plan_sweep
+from simspec.runner.case import Case
+from simspec.world.canonical import sha256
+
+from .swept import ENGINES, SWEEP, VERSIONS, spec
+
+
+def plan(sweep, engines=ENGINES, **more):
+    return plan_sweep(spec(sweep, **more), engines=engines, versions=VERSIONS)
+
+
+def test_the_case_of_a_cell_is_that_of_the_same_values_set_by_hand(tmp_path):
+    made = plan(SWEEP)
+    path = tmp_path / "rod.yaml"
+    path.write_text(made.spec.to_yaml(), encoding="utf-8")
+    for cell in list(made)[::97]:
+        sets = [f"{name}={value}" for name, value in cell.overrides]
+        world = simspec.load(path, sets=sets).resolve()
+        assert case_of(made, cell) == Case(world, cell.engine, perturb=cell.perturb, seed=cell.seed)
+
+
+def test_the_sweep_changes_neither_the_world_nor_its_hash():
+    plain = spec().resolve()
+    swept = spec(SWEEP).resolve()
+    assert swept == plain
+    assert sha256(swept) == sha256(plain)
+    assert world_of(plan(SWEEP), next(iter(plan(SWEEP)))).bodies[0].joint == plain.bodies[0].joint
+
+
+def test_cells_with_the_same_values_share_a_world_and_few_are_kept(monkeypatch):
+    monkeypatch.setattr(cases, "MOST_KEPT", 2)
+    made = plan({"over": {"bodies.rod.mass": [1, 2, 3]}, "repeat": 2})
+    cells = list(made)
+    worlds = [world_of(made, cell) for cell in cells]
+    assert len({id(world) for world in worlds}) == 3
+    assert all(worlds[0] is world for world in worlds[:4])
+    assert world_of(made, cells[0]) is not worlds[0], "the oldest is made anew"
+    assert world_of(made, cells[0]) == worlds[0]
+
+
+def test_ranges_mean_what_they_say():
+    made = plan(
+        {
+            "over": {
+                "bodies.rod.joint.position": {"from": "0 deg", "to": "90 deg", "count": 4},
+                "bodies.rod.joint.damping": {"from": 0.001, "to": 1, "count": 4, "spacing": "logarithmic"},
+            }
+        },
+        ["dart"],
+    )
+    joints = [world_of(made, cell).bodies[0].joint for cell in made]
+    assert [joint.position[0] for joint in joints[::4]] == [0.0, math.pi / 6, math.pi / 3, math.pi / 2]
+    assert [joint.damping for joint in joints[:4]] == [0.001, 0.01, 0.1, 1.0]
+
+
+YAML = """\
+simspec: 1
+name: rod
+physics: {timestep: 1 ms, duration: 20 ms}
+bodies:
+  rod: {mass: 2, inertia: {principal: [0.04, 0.04, 0.001]}}
+sweep:
+  over:
+    physics.timestep: [1 ms, 3 ms]
+  together:
+    - {bodies.rod.mass: [1, 2], bodies.rod.inertia.principal: [[1, 1, 1], [1, 1, 3]]}
+  cases:
+    wrong: {physics.duration: 21 ms}
+"""
+
+
+def test_values_that_do_not_go_together_are_located_where_the_sweep_says_them(tmp_path):
+    path = tmp_path / "rod.yaml"
+    path.write_text(YAML, encoding="utf-8")
+    made = plan_sweep(simspec.load(path), engines=["dart"], versions=VERSIONS)
+    told = {}
+    for cell in made:
+        try:
+            case_of(made, cell)
+        except SpecError as error:
+            told[cell.index] = {(one.location.line, one.location.column, one.path) for one in error.problems}
+    # cells: case, timestep, row
+    assert len(made) == 8
+    too_long = (10, 75, "bodies.rod.inertia.principal")
+    assert {index for index, places in told.items() if too_long in places} == {1, 3, 5, 7}
+    duration = {index: [place for place in places if place[2] == "physics.duration"] for index, places in told.items()}
+    assert duration[2] == duration[3] == [(3, 37, "physics.duration")], "the spec's own duration"
+    assert 4 not in told, "21 ms are a whole number of 1 ms"
+    assert 6 not in told, "and of 3 ms"
+
+
+def test_the_spec_itself_stays_as_it_is():
+    made = plan(SWEEP)
+    before = made.spec.to_yaml()
+    for cell in list(made)[:100:7]:
+        case_of(made, cell)
+    assert made.spec.to_yaml() == before
