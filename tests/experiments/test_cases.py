@@ -11,8 +11,7 @@ from simspec.experiments.cases import case_of, world_of
 from simspec.experiments.plan import plan_sweep
 from simspec.runner.case import Case
 from simspec.world.canonical import sha256
-
-from .swept import ENGINES, SWEEP, VERSIONS, spec
+from tests.experiments.swept import ENGINES, SWEEP, VERSIONS, spec
 
 
 def plan(sweep, engines=ENGINES, **more):

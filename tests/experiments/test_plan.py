@@ -9,8 +9,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.experiments.plan import plan_sweep
-
-from .swept import ENGINES, SWEEP, VERSIONS, spec
+from tests.experiments.swept import ENGINES, SWEEP, VERSIONS, spec
 
 
 def plan(sweep=None, engines=ENGINES, versions=VERSIONS, **more):
