@@ -123,7 +123,7 @@ class _Server:
 class WarmProcesses:
     """Warm processes, started when they are first asked for and ended with the block.
 
-    >>> with WarmProcesses() as warm, start("mujoco", folder, operations, warm=warm) as running:  # doctest: +SKIP
+    >>> with WarmProcesses() as warm, start(engine, folder, operations, warm=warm) as running:  # doctest: +SKIP
     ...     reply = running.wait()
     """
 
