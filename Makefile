@@ -11,7 +11,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 JOBS ?= 2
-# Tests start some two thousand interpreters. Where this is set, each would compile all of simspec anew: a quarter of their time
+# Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills page-bundle clean
