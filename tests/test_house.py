@@ -102,6 +102,8 @@ WRITERS = {
     "outputs": "the one part that writes what a user named",
     "scratch.py": "temporary folders of simspec's own",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
+    "engines/kit/keeper.py": "what the engine's process took, into that process's own temporary folder",
+    "engines/kit/warm.py": "an end of a pipe to an engine's keeper",
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/kit/request.py": "requests and artifacts into the temporary folder of an engine's process",
     "engines/kit/recorder.py": "in an engine's process: progress into the process's own temporary folder",
