@@ -22,6 +22,7 @@ from simspec.arguments import (
     SpecNames,
     Strict,
 )
+from simspec.cli_experiments import add_experiments
 from simspec.commands.guard import command
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK
@@ -49,6 +50,7 @@ def simspec_command() -> None:
       simspec run pendulum.yaml --all-engines  compile, verify, run, compare
       simspec run spheres-216 --all-engines    a scenario of the library, by name
       simspec verify pendulum.yaml             prove that every engine has the spec's model
+      simspec sweep pendulum.yaml              all runs that its `sweep` asks for
       simspec diff runs/pendulum/ENGINE1 runs/pendulum/ENGINE2
       simspec engines                          the names of the engines
 
@@ -357,6 +359,9 @@ def run_command(
         page=report,
         as_json=as_json,
     )
+
+
+add_experiments(app)
 
 
 @app.command("report")

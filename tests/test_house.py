@@ -43,6 +43,7 @@ ORDER = (
     "report",
     "arguments",
     "commands",
+    "cli_experiments",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,9 +34,11 @@ class Prepared:
 
 
 class LocalSupplies:
-    """Worlds in memory, compiled files in temporary folders. ``close`` removes all of them."""
+    """Worlds in memory, compiled files in temporary folders. ``close`` removes all of them. ``pythons``: interpreters by
+    label."""
 
-    def __init__(self) -> None:
+    def __init__(self, pythons: Mapping[str, str] | None = None) -> None:
+        self._pythons = dict(pythons or {})
         self._kept: OrderedDict[tuple[str, str], Prepared] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -47,7 +50,7 @@ class LocalSupplies:
             if prepared is not None:
                 self._kept.move_to_end(name)
                 return prepared
-        compiled = compile_world(case.resolved, [case.engine])[case.engine]
+        compiled = compile_world(case.resolved, [case.engine], pythons=self._pythons)[case.engine]
         with contextlib.ExitStack() as stack:
             folder = stack.enter_context(scratch_folder("sweep")) / "compiled"
             compiled.artifacts.write(folder)

@@ -27,16 +27,20 @@ class Progress(Protocol):
 
 
 class Told:
-    """The last that was told, as a line: ``running x: 45 %, about 20 s left``. ``clock`` gives seconds."""
+    """The last that was told, as a line: ``running x: 45 %, about 20 s left``. ``clock`` gives seconds.
+
+    Another text is another work, unless the share goes on growing: ``3 of 40 runs`` and ``4 of 40 runs`` are one.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._text, self._share, self._since = "", 0.0, clock()
 
     def __call__(self, text: str, share: float | None = None, /) -> None:
-        if text != self._text:
-            self._text, self._since = text, self._clock()
-        self._share = share or 0.0
+        goes_on = bool(share and self._share and share >= self._share)
+        if text != self._text and not goes_on:
+            self._since = self._clock()
+        self._text, self._share = text, share or 0.0
 
     def line(self) -> str:
         """What to show now."""

@@ -14,6 +14,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import IO
 
+import numpy as np
+
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out
@@ -32,8 +34,12 @@ try:
     version = importlib.metadata.version(sys.argv[1])
 except importlib.metadata.PackageNotFoundError:
     version = None
+try:
+    numpy = importlib.metadata.version("numpy")
+except importlib.metadata.PackageNotFoundError:
+    numpy = None
 print()
-print(json.dumps({"version": version}))
+print(json.dumps({"version": version, "numpy": numpy}))
 """
 
 
@@ -44,7 +50,7 @@ class NoVersionError(ValueError):
 @dataclass(frozen=True)
 class Instance:
     """An engine by ``label``. ``version``: None where it cannot be used, for the reason ``problem``; ``python``: its
-    interpreter, None for this one."""
+    interpreter, None for this one; ``numpy``: the version of numpy beside it, None where there is none."""
 
     label: str
     engine: str
@@ -53,6 +59,7 @@ class Instance:
     dialect: str
     format: str
     problem: str | None = None
+    numpy: str | None = None
 
 
 def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> list[Instance]:
@@ -76,9 +83,9 @@ def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> li
 
 def _instance(label: str, python: str | None, asked: _Asked | None, ends: float) -> Instance:
     engine = find_engine(label)
-    version, problem = None, None
+    version, numpy, problem = None, None, None
     try:
-        version = engine.version() if asked is None else _answer(asked, ends)
+        version, numpy = (engine.version(), np.__version__) if asked is None else _answer(asked, ends)
     except NoVersionError as error:
         problem = f"{python} {error}"
     else:
@@ -86,7 +93,7 @@ def _instance(label: str, python: str | None, asked: _Asked | None, ends: float)
             problem = _how_to_install(engine) if asked is None else f"{python} does not have {engine.DISTRIBUTION}"
         else:
             problem = other_version(label, version)
-    return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem)
+    return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
 
 
 @functools.cache
@@ -135,8 +142,8 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
             process.stdout.close()
 
 
-def _answer(asked: _Asked, ends: float) -> str | None:
-    """The version that an interpreter gives; None: it does not have the engine. Raises NoVersionError."""
+def _answer(asked: _Asked, ends: float) -> tuple[str | None, str | None]:
+    """The versions of the engine and of numpy that an interpreter gives; None: it does not have it. Raises NoVersionError."""
     if isinstance(asked, NoVersionError):
         raise asked
     if asked.stdout is None:
@@ -154,7 +161,8 @@ def _answer(asked: _Asked, ends: float) -> str | None:
     if code or not isinstance(answer, dict) or not (version is None or isinstance(version, str)):
         said = f": {clipped(visible(lines[-1]), MOST_REASON)}" if lines[-1] else ""
         raise NoVersionError(f"gave no version, exit code {code}{said}")
-    return version
+    numpy = answer.get("numpy")
+    return version, numpy if isinstance(numpy, str) else None
 
 
 def _output(pipe: IO[bytes], ends: float) -> bytes:

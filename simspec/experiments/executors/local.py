@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.process import side_by_side
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError
 from simspec.experiments.executors.contract import Publish, Supplies, Task
 from simspec.experiments.result import TaskResult, result_of
@@ -26,14 +27,22 @@ class _EndingError(Exception):
 
 class LocalExecutor:
     """``jobs`` runs at a time, each by a thread that waits for an engine's process; ``do_run``: how, by default in a process
-    of its own (``pythons``: interpreters by label)."""
+    of its own (``pythons``: interpreters by label), forked from one that has imported the engine where there is
+    ``warm``."""
 
     def __init__(
-        self, supplies: Supplies, jobs: int, pythons: Mapping[str, str] | None = None, do_run: DoRun | None = None
+        self,
+        supplies: Supplies,
+        jobs: int,
+        pythons: Mapping[str, str] | None = None,
+        *,
+        warm: WarmProcesses | None = None,
+        do_run: DoRun | None = None,
     ):
         if jobs < 1:
             raise ValueError(f"{jobs} jobs")
         self._supplies, self._jobs, self._pythons = supplies, jobs, dict(pythons or {})
+        self._warm = warm
         self._do_run = do_run or self._in_a_process
         self._ending = threading.Event()
 
@@ -54,7 +63,9 @@ class LocalExecutor:
                 raise
 
     def close(self) -> None:
-        """Nothing is held."""
+        """End the processes that runs were forked from."""
+        if self._warm is not None:
+            self._warm.close()
 
     def _one(self, task: Task, publish: Publish) -> None:
         try:
@@ -72,6 +83,7 @@ class LocalExecutor:
             python=self._pythons.get(task.engine),
             deadline=task.deadline,
             source=task.source,
+            warm=self._warm,
         )
 
 

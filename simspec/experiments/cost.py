@@ -1,0 +1,100 @@
+"""What runs will cost, from what runs in the store took: for each engine a time to start and end, and a time for each step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+from simspec.experiments.index import Row
+from simspec.experiments.plan import Cell, Plan
+from simspec.language.units import UnitError, parse
+
+USUAL_START = 0.5
+"""s that a run is taken to need besides its steps where nothing was measured: a process that imports an engine."""
+USUAL_STEP = 2e-5
+"""s for each step there: a small world. Both weigh the progress shown, and are told to nobody."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Seconds of wall time that an engine's runs took: ``start`` besides the steps, and ``step`` for each; ``runs``:
+    measured."""
+
+    start: float
+    step: float
+    runs: int
+
+    def seconds(self, steps: int) -> float:
+        """What a run of so many steps takes."""
+        return self.start + self.step * steps
+
+
+def costs(rows: Iterable[Row], name: str) -> dict[str, Cost]:
+    """By engine, what runs of the spec ``name`` took (medians); of other specs where there are none of it."""
+    whole = [row for row in rows if row.failed is None and row.steps and row.step_seconds and row.process_seconds]
+    found = {}
+    for engine in dict.fromkeys(row.engine for row in whole):
+        of_engine = [row for row in whole if row.engine == engine]
+        used = [row for row in of_engine if row.name == name] or of_engine
+        start = median((row.process_seconds or 0.0) - (row.step_seconds or 0.0) for row in used)
+        step = median((row.step_seconds or 0.0) / row.steps for row in used)
+        found[engine] = Cost(start, step, len(used))
+    return found
+
+
+USUAL = Cost(USUAL_START, USUAL_STEP, 0)
+
+
+class Steps:
+    """How many steps the cells of a plan take, told from their values without resolving them."""
+
+    def __init__(self, plan: Plan):
+        physics = plan.spec.data.physics
+        self._usual = {"physics.timestep": physics.timestep, "physics.duration": physics.duration}
+        self._known: dict[Any, float] = {}
+
+    def of(self, cell: Cell) -> int:
+        """The steps of one cell."""
+        times = {**self._usual, **{path: self._time(value) for path, value in cell.overrides if path in self._usual}}
+        return round(times["physics.duration"] / times["physics.timestep"]) if times["physics.timestep"] > 0.0 else 0
+
+    def _time(self, value: Any) -> float:
+        """A time (s); 0 for what is none: the cell is an error where it is resolved."""
+        if value not in self._known:
+            try:
+                self._known[value] = parse(value, "time") if isinstance(value, str) else float(value)
+            except (UnitError, ValueError, TypeError):
+                self._known[value] = 0.0
+        return self._known[value]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What is left to do: runs, steps, and seconds of wall time one after the other, by engine. Seconds are None for an
+    engine of which nothing was measured."""
+
+    runs: Mapping[str, int]
+    steps: Mapping[str, int]
+    seconds: Mapping[str, float | None]
+
+    @property
+    def total(self) -> float | None:
+        """Seconds of all engines; None where one is not known."""
+        known = [one for name, one in self.seconds.items() if self.runs[name]]
+        return None if None in known else sum(one for one in known if one is not None)
+
+
+def estimate(plan: Plan, to_do: Iterable[Cell], measured: Mapping[str, Cost]) -> Estimate:
+    """What the cells ``to_do`` will take."""
+    steps_of = Steps(plan)
+    runs, steps = dict.fromkeys(plan.engines, 0), dict.fromkeys(plan.engines, 0)
+    for cell in to_do:
+        runs[cell.engine] += 1
+        steps[cell.engine] += steps_of.of(cell)
+    seconds = {
+        name: measured[name].start * runs[name] + measured[name].step * steps[name] if name in measured else None
+        for name in plan.engines
+    }
+    return Estimate(runs, steps, seconds)

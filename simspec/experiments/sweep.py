@@ -1,0 +1,357 @@
+"""The driver of a sweep: what is in the store is skipped, the rest is compiled, proven, run and stored, each as soon as it is
+there. It may be ended at any moment: the next call does what is left."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from simspec.errors import (
+    EXIT_ENGINE,
+    EXIT_FAILED,
+    EXIT_OK,
+    EXIT_WRONG,
+    EngineError,
+    Problem,
+    SpecError,
+    UnsupportedError,
+)
+from simspec.experiments.cases import case_of
+from simspec.experiments.certify import Certifier
+from simspec.experiments.cost import USUAL, Steps, costs
+from simspec.experiments.executors.contract import Executor, Task
+from simspec.experiments.executors.local import packed
+from simspec.experiments.index import Index, Row, refresh, row_of
+from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.result import TaskResult
+from simspec.experiments.store import Store
+from simspec.experiments.supplies import LocalSupplies, Prepared
+from simspec.runner.case import Case
+from simspec.runner.execution import failed_run
+from simspec.stored import SweptRun
+from simspec.world.canonical import sha256
+from simspec.world.types import World
+
+MOST_DEATHS = 5
+"""Runs of an engine that gave no result, and none that did, after which it is stopped: the others go on."""
+SAVE_EVERY = 500
+"""Runs after which the index is written: what a killed sweep has not written is found again, but not for nothing."""
+MOST_INVALID = 20
+"""Cells that are told one by one which make the spec invalid; the others are counted."""
+
+Progress = Callable[[str, float | None], None]
+Start = Callable[[LocalSupplies], Executor]
+
+
+@dataclass
+class Outcome:
+    """What a call of :func:`sweep` came to.
+
+    ``done``: cells that were there before; ``ran``: runs that were made now; ``skipped``: cells of an engine that was stopped;
+    ``stopped``: why, by engine; ``invalid``: problems of cells whose values make the spec invalid, and ``invalid_count`` of
+    them; ``unproven``: why, by engine and model, the proof failed; ``proofs``: models that were verified now.
+    """
+
+    plan: Plan
+    index: Index
+    done: int = 0
+    ran: int = 0
+    skipped: int = 0
+    stopped: dict[str, str] = field(default_factory=dict)
+    invalid: list[Problem] = field(default_factory=list)
+    invalid_count: int = 0
+    unproven: dict[str, str] = field(default_factory=dict)
+    proofs: int = 0
+    verified: bool = True
+    notes: list[str] = field(default_factory=list)
+
+    def rows(self) -> Iterator[tuple[Cell, Row | None]]:
+        """Every cell of the plan, with its run where there is one."""
+        for cell in self.plan:
+            yield cell, self.index.done(cell.key)
+
+    def exit_code(self, failed: int, unfulfilled: int) -> int:
+        """What the command ends with; ``failed``: runs that did, ``unfulfilled``: expectations that are not."""
+        if self.invalid_count:
+            return EXIT_WRONG
+        if self.stopped or failed:
+            return EXIT_ENGINE
+        return EXIT_FAILED if self.unproven or unfulfilled else EXIT_OK
+
+
+def stored_key(case: Case, cell: Cell, versions: Mapping[str, str]) -> str:
+    """Under which key the run of a cell is stored: equal for cells that ask for the same in different ways."""
+    return sha256({"case": case.key(versions), "repeat": cell.repeat})
+
+
+def cell_data(cell: Cell) -> dict[str, Any]:
+    """Who asks, as plain data: the key of the cell, and what it changes in the spec."""
+    overrides = [[path, value] for path, value in cell.overrides]
+    return {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
+
+
+def sweep(
+    plan: Plan,
+    store: Store,
+    start: Start,
+    *,
+    verify: bool = True,
+    retry_failed: bool = False,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float,
+    source: Mapping[str, Any] | None = None,
+    progress: Progress = lambda text, share: None,
+    wait: bool = False,
+) -> Outcome:
+    """Do what ``plan`` asks for and ``store`` does not have.
+
+    start         makes the executor, for the supplies that it is given
+    verify        whether each model that an engine is given is proven first
+    retry_failed  whether runs that failed are done again
+    pythons       interpreters by label
+    deadline      s that the engine's process of one run may take
+    source        where the spec came from
+    wait          whether to wait for another sweep that writes to the store
+
+    Raises SpecError when another sweep writes to the store, OSError when the disk is full: what is stored then is whole.
+    """
+    with store.writing(wait):
+        index = refresh(store, repair=True, tell=progress)
+        outcome = Outcome(plan, index, verified=verify, notes=list(index.notes))
+        supplies = LocalSupplies(pythons)
+        driver = _Driver(
+            outcome, store, supplies, verify, retry_failed, dict(pythons or {}), deadline, source, progress
+        )
+        try:
+            executor = start(supplies)
+            try:
+                executor.run(driver.tasks(), driver.publish)
+            finally:
+                executor.close()
+        finally:
+            supplies.close()
+            driver.finish()
+    return outcome
+
+
+class _Driver:
+    """One sweep at work. ``tasks`` is gone through by one thread; ``publish`` may be called by any."""
+
+    def __init__(
+        self,
+        outcome: Outcome,
+        store: Store,
+        supplies: LocalSupplies,
+        verify: bool,
+        retry_failed: bool,
+        pythons: dict[str, str],
+        deadline: float,
+        source: Mapping[str, Any] | None,
+        progress: Progress,
+    ):
+        self._outcome, self._store, self._supplies = outcome, store, supplies
+        self._plan, self._index = outcome.plan, outcome.index
+        self._verify, self._retry = verify, retry_failed
+        self._deadline, self._source, self._progress = deadline, dict(source or {}), progress
+        self._lock = threading.RLock()
+        self._asked: set[str] = set()
+        """Keys of runs that are at work, or were made by this call."""
+        self._lived: set[str] = set()
+        self._deaths: dict[str, int] = {}
+        self._certifier = Certifier(store, pythons, deadline, lambda text: self._tell(text), verify)
+        self._steps, self._costs = Steps(self._plan), costs(self._index.rows.values(), self._plan.spec.name)
+        self._to_do = self._weight_done = 0.0
+        self._count = 0
+        self._weights: dict[str, float] = {}
+
+    # --- what is to be done ---------------------------------------------------------------------------------------------
+
+    def tasks(self) -> Iterator[Task]:
+        """What is not there yet, in the order of the plan, compiled and proven."""
+        for cell in self._plan:
+            if not self._settled(cell):
+                self._to_do += self._weight(cell)
+                self._count += 1
+        self._tell("starting")
+        for cell in self._plan:
+            row = self._settled(cell)
+            if row is not None:
+                self._pass_over(row)
+            elif cell.engine in self._outcome.stopped:
+                self._outcome.skipped += 1
+                self._advance(self._weight(cell))
+            else:
+                yield from self._task(cell)
+
+    def _settled(self, cell: Cell) -> Row | None:
+        """The run of a cell that needs nothing more: neither a run nor a proof."""
+        row = self._index.done(cell.key)
+        if row is None or (self._retry and row.failed is not None and row.key not in self._asked):
+            return None
+        certificate = self._index.certificates.get(cell.key)
+        if self._verify and row.failed is None and (certificate is None or not self._certifier.known(certificate)):
+            return None
+        if self._verify and certificate is not None and self._certifier.known(certificate):
+            self._judge(cell, certificate)
+        return row
+
+    def _pass_over(self, row: Row) -> None:
+        """A cell whose run is there."""
+        if row.key not in self._asked:
+            self._outcome.done += 1
+            self._note_life(row.engine, row.failed, row.steps)
+
+    def _task(self, cell: Cell) -> Iterator[Task]:
+        try:
+            case = case_of(self._plan, cell)
+        except SpecError as error:
+            self._outcome.invalid_count += 1
+            left = MOST_INVALID - len(self._outcome.invalid)
+            self._outcome.invalid += [one for one in error.problems if one not in self._outcome.invalid][: max(0, left)]
+            self._advance(self._weight(cell))
+            return
+        versions = self._plan.versions[cell.engine]
+        key = stored_key(case, cell, versions)
+        with self._lock:
+            self._index.know(cell.key, key)
+            there = self._index.rows.get(key)
+            again = self._retry and there is not None and there.failed is not None and key not in self._asked
+            wanted = key not in self._asked and (there is None or again)
+        if again:
+            self._forget(key)
+        if self._store.has(key) and wanted and not again:
+            self._restore(key, case.resolved)  # only its world was lost
+            wanted = False
+        try:
+            prepared = self._supplies.prepare(case)
+        except UnsupportedError as error:
+            if wanted:
+                self._refused(cell, key, case, error)
+            self._advance(0.0 if wanted else self._weight(cell))
+            return
+        if self._verify:
+            self._prove(cell, case.resolved, prepared, versions)
+        if not wanted:
+            if there is not None and key not in self._asked:
+                self._pass_over(there)
+            self._advance(self._weight(cell))
+            return
+        with self._lock:
+            self._asked.add(key)
+            self._weights[key] = self._weight(cell)
+        yield self._supplies.hold(
+            Task(
+                key,
+                cell.engine,
+                sha256(case.resolved),
+                prepared.compiled.sha256,
+                cell.perturb,
+                cell.seed,
+                cell.repeat,
+                self._deadline,
+                cell_data(cell),
+                self._source,
+            )
+        )
+
+    def _prove(self, cell: Cell, world: World, prepared: Prepared, versions: Mapping[str, str]) -> None:
+        certificate = self._certifier.demand(world, prepared, versions)
+        with self._lock:
+            self._index.certify(cell.key, certificate)
+        self._judge(cell, certificate)
+
+    def _judge(self, cell: Cell, certificate: str) -> None:
+        why = self._certifier.verdicts.get(certificate)
+        if why is not None:
+            self._outcome.unproven.setdefault(certificate, f"{cell.engine}: {why}")
+
+    def _refused(self, cell: Cell, key: str, case: Case, error: UnsupportedError) -> None:
+        """An engine that does not support a world: that is its result."""
+        first, more = error.problems[0], len(error.problems) - 1
+        told = f"does not support this world: {first.message}" + (f"; and {more} more problems" if more else "")
+        run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, told))
+        with self._lock:
+            self._asked.add(key)
+            self._weights[key] = self._weight(cell)
+        task = Task(
+            key, cell.engine, sha256(case.resolved), "", cell.perturb, cell.seed, cell.repeat, self._deadline,
+            cell_data(cell), self._source,
+        )  # fmt: skip
+        self._store_result(task, packed(task, run), case.resolved, refused=True)
+
+    def _forget(self, key: str) -> None:
+        """Drop a failed run that is done again."""
+        with self._lock:
+            self._store.drop(key)
+            self._index.rows.pop(key, None)
+            self._index.changed = True
+
+    def _restore(self, key: str, world: World) -> None:
+        """Store a world again that was lost or damaged; its runs are whole."""
+        with self._lock:
+            self._store.put_world(world)
+            self._index.add(row_of(self._store, key, self._store.check(key), world.physics.timestep))
+            self._outcome.done += 1
+
+    # --- what came ------------------------------------------------------------------------------------------------------
+
+    def publish(self, task: Task, result: TaskResult) -> None:
+        """Store a result."""
+        world = self._supplies.case(task).resolved
+        self._demand_versions(task, result)
+        self._store_result(task, result, world)
+        self._supplies.release(task)
+
+    def _store_result(self, task: Task, result: TaskResult, world: World, refused: bool = False) -> None:
+        self._store.publish(result, world)
+        facts: SweptRun = self._store.facts(task.key)
+        with self._lock:
+            row = row_of(self._store, task.key, facts, world.physics.timestep)
+            self._index.add(row)
+            self._outcome.ran += 1
+            if not refused:
+                self._note_life(row.engine, row.failed, row.steps)
+            self._advance(self._weights.pop(task.key, 0.0))
+            if self._outcome.ran % SAVE_EVERY == 0:
+                self._index.save(self._store)
+
+    def _demand_versions(self, task: Task, result: TaskResult) -> None:
+        """Raise EngineError where an engine was not at work in the versions that its runs are stored under."""
+        told = {**result.result["provenance"], **result.circumstances}
+        for name, wanted in self._plan.versions[task.engine].items():
+            if told.get(name, wanted) != wanted and result.result["failed"] is None:
+                raise EngineError(task.engine, f"{name} is {told[name]}, and was {wanted} when the sweep began")
+
+    def _note_life(self, engine: str, failed: str | None, steps: int) -> None:
+        """Count what an engine came to: one that never gives a result is stopped. A state that stops being finite is one."""
+        with self._lock:
+            if failed is None or steps:
+                self._lived.add(engine)
+            elif engine not in self._lived:
+                self._deaths[engine] = self._deaths.get(engine, 0) + 1
+                if self._deaths[engine] >= MOST_DEATHS and engine not in self._outcome.stopped:
+                    self._outcome.stopped[engine] = (
+                        f"none of its first {self._deaths[engine]} runs gave a result: {failed}"
+                    )
+
+    def finish(self) -> None:
+        """Write what follows from the store."""
+        with self._lock:
+            self._outcome.proofs = self._certifier.made
+            self._outcome.notes += self._certifier.notes
+            self._index.save(self._store)
+
+    # --- how far it is --------------------------------------------------------------------------------------------------
+
+    def _weight(self, cell: Cell) -> float:
+        return self._costs.get(cell.engine, USUAL).seconds(self._steps.of(cell))
+
+    def _advance(self, weight: float) -> None:
+        with self._lock:
+            self._weight_done += weight
+            self._tell(f"{self._outcome.ran:,} of {self._count:,} runs")
+
+    def _tell(self, text: str) -> None:
+        self._progress(text, min(1.0, self._weight_done / self._to_do) if self._to_do else None)

@@ -1,0 +1,26 @@
+"""What is at work in each engine of a sweep: parts of the key under which its runs are stored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+
+from simspec.engines.kit.installed import instances
+from simspec.errors import EngineError
+
+
+def versions_of(labels: Iterable[str], pythons: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """By label: the versions of simspec, of the engine, and of the numpy beside it, by the names that a run's provenance gives
+    them. Raises EngineError for an engine that is not there."""
+    labels = list(labels)
+    used = {label: python for label, python in pythons.items() if label in labels}
+    known = {one.label: one for one in instances(used, labels)}
+    versions = {}
+    for label in labels:
+        one = known[label]
+        if one.version is None or one.problem is not None:
+            raise EngineError(label, one.problem or "not installed")
+        versions[label] = {"simspec": version("simspec"), "engine_version": one.version}
+        if one.numpy is not None:
+            versions[label]["numpy_version"] = one.numpy
+    return versions

@@ -1,0 +1,288 @@
+"""What a sweep came to, for people and for programs: a table of groups of runs, lines of CSV, plain data."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from simspec.experiments.cost import Estimate
+from simspec.experiments.index import Row
+from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.sweep import Outcome
+from simspec.report.kit import length, number, table
+from simspec.report.progress import duration
+from simspec.report.screen import console
+
+MOST_ROWS = 60
+"""Rows of a table on a terminal; a file of CSV has all."""
+MOST_REASONS = 8
+"""Reasons of failures that are told; runs that failed for the same one are counted."""
+CSV_FIRST = ("index", "engine", "engine_version", "case")
+CSV_LAST = (
+    *("sample", "perturb", "seed", "repeat", "key", "failed", "passed", "expected", "steps", "timestep"),
+    *("step_seconds", "cpu_seconds", "process_seconds", "bytes"),
+)
+SHOWN = (
+    ("deepest penetration", "deepest", "m"),
+    ("spread at the end", "spread", "m"),
+    ("energy at the end", "energy", "J"),
+)
+"""Quantities of a run that the table has where they are not zero in all rows, with the head of their column and their unit."""
+
+
+@dataclass
+class Group:
+    """The runs of one engine with the same case and values: samples, perturbations and repetitions of it.
+
+    ``asked``: cells; ``rows``: the runs that are there.
+    """
+
+    engine: str
+    case: str | None
+    values: tuple[tuple[str, Any], ...]
+    asked: int = 0
+    rows: list[Row] = field(default_factory=list)
+
+    @property
+    def whole(self) -> list[Row]:
+        """The runs that did not fail."""
+        return [row for row in self.rows if row.failed is None]
+
+    def real_time_factor(self) -> float | None:
+        """Simulated time over the wall time of the steps: the median."""
+        return _median(row.steps * row.timestep / row.step_seconds for row in self.whole if row.step_seconds)
+
+    def quantity(self, name: str) -> tuple[float | None, float | None]:
+        """The median and the range (largest less smallest) of a quantity at the end; None where no run has it."""
+        values = [value for row in self.whole if (value := row.quantities.get(name)) is not None]
+        return _median(values), (max(values) - min(values) if len(values) > 1 else None)
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data."""
+        names = dict.fromkeys(name for row in self.whole for name in row.quantities)
+        return {
+            "engine": self.engine,
+            "case": self.case,
+            "values": dict(self.values),
+            "asked": self.asked,
+            "runs": len(self.rows),
+            "failed": len(self.rows) - len(self.whole),
+            "expectations": {
+                "passed": sum(row.passed for row in self.rows),
+                "of": sum(row.expected for row in self.rows),
+            },
+            "real_time_factor": self.real_time_factor(),
+            "quantities": {name: dict(zip(("median", "range"), self.quantity(name), strict=True)) for name in names},
+        }
+
+
+def _median(values: Iterable[float]) -> float | None:
+    known = [value for value in values if not math.isnan(value)]
+    return median(known) if known else None
+
+
+def groups(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> list[Group]:
+    """The runs of a plan, by case, values (those of samples aside) and engine, in the order of the plan."""
+    drawn = set(plan.sweep.samples.values) if plan.sweep.samples is not None else set()
+    found: dict[tuple[str, str | None, str], Group] = {}
+    for cell, row in rows:
+        values = tuple((path, value) for path, value in cell.overrides if path not in drawn)
+        name = (cell.engine, cell.case, repr(values))
+        group = found.setdefault(name, Group(cell.engine, cell.case, values))
+        group.asked += 1
+        if row is not None:
+            group.rows.append(row)
+    return list(found.values())
+
+
+def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: str) -> None:
+    """Print what a sweep would do."""
+    screen = console()
+    screen.print(f"{plan.spec.name}: {len(plan):,} runs of {plan.worlds:,} sets of values in {', '.join(plan.engines)}")
+    for line in axes(plan):
+        screen.print(f"  {line}", soft_wrap=True)
+    shown = table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
+    for engine in plan.engines:
+        seconds = left.seconds[engine]
+        told = "not measured yet" if seconds is None else f"about {duration(seconds)}"
+        shown.add_row(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", told if left.runs[engine] else "–")
+    screen.print(shown)
+    to_do = sum(left.runs.values())
+    screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}; {proofs}")
+    if to_do and left.total is not None:
+        together = f", {duration(left.total / jobs)} at {jobs} side by side" if jobs > 1 else ""
+        screen.print(
+            f"runs: about {duration(left.total)}{together}, from what such runs took in this store", soft_wrap=True
+        )
+    elif to_do:
+        screen.print("no run of some engine has been measured in this store: its time is not known", soft_wrap=True)
+
+
+def axes(plan: Plan) -> list[str]:
+    """What the plan goes through, a line each."""
+    told = plan.describe()
+    lines = [f"over {path}: {count} values" for path, count in told["over"].items()]
+    lines += [f"together {', '.join(entry)}: {next(iter(entry.values()))} rows" for entry in told["together"]]
+    if plan.sweep.cases:
+        lines.append(f"cases: {', '.join(name or '(none)' for name in told['cases'])}")
+    if told["samples"]:
+        lines.append(f"samples: {told['samples']}")
+    if told["perturbed"]:
+        lines.append(f"perturbed initial states: {told['perturbed']}")
+    if told["repeat"] > 1:
+        lines.append(f"repetitions: {told['repeat']}")
+    return lines
+
+
+def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
+    """Print what a sweep came to."""
+    screen = console()
+    for note in outcome.notes:
+        screen.print(f"note: {note}", soft_wrap=True)
+    screen.print(results_table(found))
+    if len(found) > MOST_ROWS:
+        screen.print(f"{len(found) - MOST_ROWS:,} more rows: --csv FILE has all", soft_wrap=True)
+    said = f"{outcome.ran:,} runs now, {outcome.done:,} before"
+    missing = sum(group.asked - len(group.rows) for group in found)
+    said += f", {missing:,} not run" if missing else ""
+    screen.print(said)
+    if outcome.verified:
+        bad = len(outcome.unproven)
+        verdict = f"FAILED for {bad:,} models" if bad else "valid for all models"
+        screen.print(f"proof: {verdict} ({outcome.proofs:,} verified now)")
+    else:
+        screen.print("proof: not asked for (--no-verify)")
+    errors = console(error=True)
+    for why in list(outcome.unproven.values())[:MOST_REASONS]:
+        errors.print(f"not proven: {why}", soft_wrap=True, style="bold red")
+    for engine, why in outcome.stopped.items():
+        hint = "--retry-failed tries again"
+        errors.print(f"{engine} was stopped: {why} ({hint})", soft_wrap=True, style="bold red")
+    for why, rows in _failures(found)[:MOST_REASONS]:
+        errors.print(f"{len(rows):,} failed: {rows[0].engine}: {why}", soft_wrap=True, style="bold red")
+
+
+def _failures(found: Sequence[Group]) -> list[tuple[str, list[Row]]]:
+    """The runs that failed, by engine and reason, most first."""
+    reasons: dict[tuple[str, str], list[Row]] = {}
+    for group in found:
+        for row in group.rows:
+            if row.failed is not None:
+                reasons.setdefault((row.engine, row.failed), []).append(row)
+    ordered = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    return [(why, rows) for (_, why), rows in ordered]
+
+
+def results_table(found: Sequence[Group]) -> Table:
+    """A row for each group."""
+    paths = list(dict.fromkeys(path for group in found for path, _ in group.values))
+    heads = short_names(paths)
+    cased = any(group.case is not None for group in found)
+    columns = (["case"] if cased else []) + [heads[path] for path in paths] + ["engine", "runs", "real time"]
+    shown = [one for one in SHOWN if any(group.quantity(one[0])[0] for group in found)]
+    columns += [head for _, head, _ in shown] + ["expected"]
+    count = len(columns)
+    made = table("Sweep: medians, ± half of the range", *columns, right=range(count - 3 - len(shown), count))
+    for group in found[:MOST_ROWS]:
+        values = dict(group.values)
+        cells: list[str | Text] = [group.case or "–"] if cased else []
+        cells += [str(values.get(path, "–")) for path in paths]
+        failed = len(group.rows) - len(group.whole)
+        runs = f"{len(group.rows)}" if len(group.rows) == group.asked else f"{len(group.rows)} of {group.asked}"
+        cells += [group.engine, Text(f"{runs}, {failed} failed", style="bold red") if failed else runs]
+        factor = group.real_time_factor()
+        cells.append("–" if factor is None else f"{factor:.3g} ×")
+        for name, _, unit in shown:
+            middle, spread = group.quantity(name)
+            told = length(middle) if unit == "m" else number(middle, unit)
+            half = None if spread is None else spread / 2
+            cells.append(told if not half else f"{told} ± {length(half) if unit == 'm' else number(half)}")
+        passed, expected = sum(row.passed for row in group.rows), sum(row.expected for row in group.rows)
+        told = f"{passed} of {expected}" if expected else "–"
+        cells.append(Text(told, style="bold red") if passed < expected else told)
+        made.add_row(*cells)
+    return made
+
+
+def short_names(paths: Sequence[str]) -> dict[str, str]:
+    """Each dotted path by its last words, as few as tell it from the others."""
+    names = {}
+    for path in paths:
+        words = path.split(".")
+        ends = [".".join(words[-count:]) for count in range(1, len(words) + 1)]
+        names[path] = next(end for end in ends if sum(f".{other}".endswith(f".{end}") for other in paths) == 1)
+    return names
+
+
+def csv_text(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
+    """A line for each cell: what was asked, and what came, quantities in SI units; empty where there is no run or no figure."""
+    kept = list(rows)
+    paths = list(dict.fromkeys(path for cell, _ in kept for path, _ in cell.overrides))
+    quantities = list(dict.fromkeys(name for _, row in kept if row is not None for name in row.quantities))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*CSV_FIRST, *paths, *CSV_LAST, *quantities])
+    for cell, row in kept:
+        asked = {
+            name: getattr(cell, name) for name in ("index", "engine", "case", "sample", "perturb", "seed", "repeat")
+        }
+        told: Mapping[str, Any] = (
+            {} if row is None else {name: getattr(row, name) for name in CSV_LAST if name not in asked}
+        )
+        facts = {**asked, **told, "engine_version": "" if row is None else row.engine_version}
+        values, measured = dict(cell.overrides), {} if row is None else row.quantities
+        line = [_word(facts.get(name)) for name in CSV_FIRST]
+        line += [_word(values.get(path)) for path in paths]
+        line += [_word(facts.get(name)) for name in CSV_LAST]
+        writer.writerow([*line, *(_word(measured.get(name)) for name in quantities)])
+    return text.getvalue()
+
+
+def _word(value: Any) -> str:
+    """A value in a line of CSV. What a spreadsheet would take for a formula begins with an apostrophe."""
+    if value is None:
+        return ""
+    text = repr(value) if isinstance(value, float) else str(value)
+    return f"'{text}" if isinstance(value, str) and text[:1] in "=+-@" else text
+
+
+def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
+    """A sweep as plain data, its runs cell by cell."""
+    runs = []
+    for cell, row in outcome.rows():
+        one = {"index": cell.index, "engine": cell.engine, "case": cell.case, "values": dict(cell.overrides)}
+        one |= {"sample": cell.sample, "repeat": cell.repeat, "perturb": cell.perturb, "seed": cell.seed}
+        if row is not None:
+            one |= {
+                "key": row.key,
+                "failed": row.failed,
+                "quantities": row.quantities,
+                "step_seconds": row.step_seconds,
+            }
+            one |= {"cpu_seconds": row.cpu_seconds, "passed": row.passed, "expected": row.expected}
+        runs.append(one)
+    return {
+        "plan": outcome.plan.describe(),
+        "ran": outcome.ran,
+        "done_before": outcome.done,
+        "skipped": outcome.skipped,
+        "stopped": outcome.stopped,
+        "invalid": outcome.invalid_count,
+        "proof": {
+            "asked": outcome.verified,
+            "valid": outcome.verified and not outcome.unproven,
+            "verified_now": outcome.proofs,
+            "failed": list(outcome.unproven.values()),
+        },
+        "groups": [group.plain() for group in found],
+        "runs": runs,
+        "notes": outcome.notes,
+    }

@@ -1,0 +1,150 @@
+"""``simspec sweep``: its exit codes, what it prints and writes, and what it refuses; and that killing it costs nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.experiments.store import Store
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+sys.path.insert(0, str(ROOT / "tools"))
+
+import kill_sweeps  # noqa: E402 - a script beside the package
+
+SPEC = """\
+simspec: 1
+name: fall
+physics: {timestep: 1 ms, duration: 0.1 s}
+bodies:
+  ball: {mass: 1, inertia: {principal: [0.01, 0.01, 0.01]}, pose: {xyz: [0, 0, 1]}}
+record: {every: 10 ms}
+sweep:
+  engines: [mujoco]
+  over: {physics.timestep: [1 ms, 2 ms]}
+"""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    (tmp_path / "fall.yaml").write_text(SPEC)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(*words: str, code: int = 0) -> str:
+    done = CliRunner().invoke(cli.app, ["sweep", "fall.yaml", *words])
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+def test_a_plan_a_sweep_and_nothing_left_to_do(place):
+    said = call("--dry-run")
+    assert "2 runs of 2 sets of values in mujoco" in said
+    assert "done: 0; to do: 2" in said
+    assert "not measured yet" in said
+    assert os.listdir(place) == ["fall.yaml"], "a plan writes nothing"
+    said = call("--csv", "fall.csv")
+    assert "2 runs now, 0 before" in said
+    assert "proof: valid for all models (2 verified now)" in said
+    assert len((place / "fall.csv").read_text().splitlines()) == 3
+    assert len(list(Store.open(place / "runs/fall/sweep").keys())) == 2
+    said = call("--dry-run", "--set", "sweep.repeat=2")
+    assert "done: 2; to do: 2" in said
+    assert "from what such runs took in this store" in said
+    told = json.loads(call("--json", "--csv", "fall.csv", "--no-verify"))
+    assert (told["ran"], told["done_before"], told["proof"]["asked"], told["exit_code"]) == (0, 2, False, 0)
+    assert [run["values"] for run in told["runs"]] == [{"physics.timestep": "1 ms"}, {"physics.timestep": "2 ms"}]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--set", "sweep.over={}"), "over is empty"),
+        (("--set", "sweep.over={physics.timestp: [1 ms]}"), "timestep"),
+        (("--set", "sweep.over={physics.timestep: []}"), "sweep.over"),
+        (("--set", "sweep.measure=speed", "--jobs", "2"), "one run at a time"),
+        (("--store", "."), "is the working folder"),
+        (("--store", "mine"), "simspec did not make it"),
+        (("--store", "mine/notes.txt"), "is a file"),
+        (("--csv", "mine/notes.txt"), "simspec did not write it"),
+        (("--jobs", "0"), "--jobs"),
+    ],
+)
+def test_what_is_refused_before_anything_is_done(place, words, told):
+    (place / "mine").mkdir()
+    (place / "mine" / "notes.txt").write_text("mine")
+    assert told in call(*words, code=2)
+    assert sorted(os.listdir(place)) == ["fall.yaml", "mine"]
+    assert (place / "mine" / "notes.txt").read_text() == "mine"
+
+
+def test_an_engine_that_is_not_known_or_not_there(place):
+    assert "nobody" in call("--engine", "nobody", code=3)
+    assert "is version" in call("--engine", "mujoco@1.2", code=3)
+    assert not (place / "runs").exists()
+
+
+def test_a_store_of_a_newer_simspec_and_two_sweeps_on_one_store(place):
+    store = Store.open(place / "shared", create=True)
+    with store.writing():
+        assert "another process is writing here" in call("--store", "shared", code=2)
+    (place / "shared" / "store.json").write_text('{"simspec_store": 99, "made_by": "9"}')
+    assert "a newer simspec wrote it" in call("--store", "shared", code=2)
+    assert "a newer simspec wrote it" in call("--store", "shared", "--dry-run", code=2)
+
+
+def test_told_to_end_it_ends_in_order_and_goes_on_where_it_was(place):
+    number = signal.SIGINT
+    line = [
+        sys.executable,
+        "-m",
+        "simspec",
+        "sweep",
+        "fall.yaml",
+        "--no-verify",
+        "--set",
+        "sweep.repeat=10",
+        "--jobs",
+        "2",
+    ]
+    process = subprocess.Popen(line, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    runs = place / "runs/fall/sweep/runs"
+    while process.poll() is None and not len(list(runs.glob("*/*"))) > 3:
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode in (128 + number, 0), errors
+    done = len(list(runs.glob("*/*")))
+    assert not list((place / "runs/fall/sweep/tmp").iterdir())
+    assert (place / "runs/fall/sweep/index.parquet").is_file(), "what it knows is written"
+    told = json.loads(call("--no-verify", "--set", "sweep.repeat=10", "--json"))
+    assert (told["ran"], told["done_before"], told["notes"]) == (20 - done, done, [])
+    assert not any(run["failed"] for run in told["runs"]), "who was ended with the sweep has not failed"
+
+
+def test_killed_at_random_moments_it_loses_and_repeats_nothing(tmp_path):
+    """Three kills; ``make kills`` has twenty."""
+    sweeps = kill_sweeps.Sweeps(tmp_path, ["mujoco"], ["--jobs", "2", "--no-verify"])
+    assert kill_sweeps.kill_often(sweeps, 3, random.Random(7)) == []
+
+
+def test_what_differs_is_seen(tmp_path):
+    for name, content in (("a", '{"key": "k", "result": 1}'), ("b", '{"key": "k", "result": 2}')):
+        (tmp_path / name / "runs").mkdir(parents=True)
+        facts = {**json.loads(content), "asked": {}, "result_sha256": "", "circumstances": name}
+        (tmp_path / name / "runs" / "run.json").write_text(json.dumps(facts))
+        (tmp_path / name / "t.parquet").write_text("same")
+    assert kill_sweeps.compare(tmp_path / "a", tmp_path / "b") == ["runs/run.json: differs"]
+    (tmp_path / "b" / "t.parquet").unlink()
+    assert "t.parquet: in one store only" in kill_sweeps.compare(tmp_path / "a", tmp_path / "b")
