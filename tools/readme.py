@@ -2,8 +2,8 @@
 
     python tools/readme.py [README.md] [docs/sweeps.md]
 
-Commands of the README work each in a folder of its own; those of docs/sweeps.md one after the other in one folder, with the spec
-that stands in the page.
+Commands of the README work each in a folder of its own; those of docs/sweeps.md one after the other in one folder, with the
+spec that stands in the page.
 """
 
 from __future__ import annotations

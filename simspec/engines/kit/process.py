@@ -8,6 +8,7 @@ other kind here, and nothing of it is left when the block is left, or when this 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import subprocess
@@ -119,6 +120,12 @@ def call(
         return running.wait()
 
 
+@functools.cache
+def _installed(version: Callable[[], str | None]) -> bool:
+    """Whether an engine is installed here, by its method that gives the version: asked once, as the answer takes 10 ms to read."""
+    return version() is not None
+
+
 @contextmanager
 def start(
     engine: str,
@@ -134,7 +141,7 @@ def start(
     With ``warm``, the process is forked from one that has imported the engine, where that is possible.
     """
     engine_class = find_engine(engine)
-    if python is None and engine_class.version() is None:
+    if python is None and not _installed(engine_class.version):
         raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
     with scratch_folder(engine) as folder:
         try:
