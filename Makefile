@@ -5,7 +5,7 @@
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
-# make kills    compile, verify and run, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
+# make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -92,6 +92,7 @@ selftest: setup
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup
 	$(BIN)/python tools/kills.py
+	$(BIN)/python tools/kill_sweeps.py
 
 # page/bundle is committed: only who changes page/src needs this; tests hold it against its sources
 page-bundle:

@@ -121,9 +121,13 @@ def call(
 
 
 @functools.cache
-def _installed(version: Callable[[], str | None]) -> bool:
-    """Whether an engine is installed here, by its method that gives the version: asked once, as the answer takes 10 ms to read."""
-    return version() is not None
+def _installed(version: Callable[[], str | None]) -> str:
+    """The version of an engine that is installed here, by the method that gives it: reading it takes 10 ms. Raises LookupError,
+    which is not kept, where it is not installed."""
+    here = version()
+    if here is None:
+        raise LookupError
+    return here
 
 
 @contextmanager
@@ -141,8 +145,11 @@ def start(
     With ``warm``, the process is forked from one that has imported the engine, where that is possible.
     """
     engine_class = find_engine(engine)
-    if python is None and not _installed(engine_class.version):
-        raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'")
+    if python is None:
+        try:
+            _installed(engine_class.version)
+        except LookupError:
+            raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'") from None
     with scratch_folder(engine) as folder:
         try:
             write_request(folder, engine_class, artifacts, operations)
