@@ -12,7 +12,7 @@ from pydantic import Field
 from simspec.language.quantities import Number, Vector, Whole
 from simspec.language.reader import Reader
 from simspec.language.shapes import Length, Point, Pose, Switch
-from simspec.language.strict import ABSENT, Fault, Strict, fault, show
+from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, required, show
 
 MOST_ELEMENTS = 100_000
 """Elements of one array, and bodies of one scenario: beyond it a slip of the pen is likelier than a plan."""
@@ -63,10 +63,10 @@ class Jitter(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("uniform", "radial")
 
-    uniform: Annotated[float, Number("length", 0)] = Field(
+    uniform: Maybe[Annotated[float, Number("length", 0)]] = Field(
         ABSENT, description="a: each coordinate of each element moves by U(−a, a); three draws per element: x, y, z"
     )
-    radial: Annotated[float, Number("number", 0, 1)] = Field(
+    radial: Maybe[Annotated[float, Number("number", 0, 1)]] = Field(
         ABSENT,
         description="a: each element's offset from the array's origin is scaled by U(1 − a, 1 + a); one draw each",
     )
@@ -86,28 +86,29 @@ class Array(Strict):
     }
     """Fields that belong to one layout, and whether it needs them."""
 
-    grid: Annotated[Any, Grid()] = Field(
+    grid: Maybe[Annotated[Any, Grid()]] = Field(
         ABSENT, description="[nx, ny, nz]: element (i, j, k) at spacing × (i, j, k); k runs fastest"
     )
     spacing: Annotated[Any, Spacing()] = Field(None, description="Distance of neighbours in a grid, along each axis")
-    line: Annotated[int, Whole(1, MOST_ELEMENTS)] = Field(ABSENT, description="n elements, element i at i × `step`")
-    step: Point = Field(ABSENT, description="From one element of a line to the next")
-    ring: Annotated[int, Whole(1, MOST_ELEMENTS)] = Field(
+    line: Maybe[Annotated[int, Whole(1, MOST_ELEMENTS)]] = Field(
+        ABSENT, description="n elements, element i at i × `step`"
+    )
+    step: Maybe[Point] = Field(ABSENT, description="From one element of a line to the next")
+    ring: Maybe[Annotated[int, Whole(1, MOST_ELEMENTS)]] = Field(
         ABSENT, description="n elements on a circle in the x-y plane, element i at the angle 2π i/n from the x axis"
     )
-    radius: Length = Field(ABSENT, description="Radius of a ring")
+    radius: Maybe[Length] = Field(ABSENT, description="Radius of a ring")
     face: Switch = Field(
         False, description="Whether each element of a ring is turned by its angle, so that its x axis points outwards"
     )
-    poses: list[Pose] = Field(ABSENT, description="The elements' poses, one by one")
-    jitter: Jitter = Field(ABSENT, description="Perturbation of the elements' positions")
+    poses: Maybe[list[Pose]] = Field(ABSENT, description="The elements' poses, one by one")
+    jitter: Maybe[Jitter] = Field(ABSENT, description="Perturbation of the elements' positions")
 
     def count(self) -> int:
         """How many elements there are."""
         if self.grid is not None:
             return math.prod(self.grid)
-        counts: int = self.line or self.ring or len(self.poses)
-        return counts
+        return self.line or self.ring or len(required(self.poses))
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

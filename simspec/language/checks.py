@@ -11,7 +11,7 @@ from simspec.language.document import INVALID
 from simspec.language.joints import outside, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
-from simspec.language.strict import Fault, Faults, near
+from simspec.language.strict import Fault, Faults, near, required
 from simspec.language.trees import Bodies
 from simspec.language.vocabulary import JOINT_KINDS
 
@@ -121,8 +121,11 @@ def mass_faults(body: Body) -> Iterator[Fault]:
     elif body.inertia is not None:
         from simspec.language.moments import principal_moments
 
-        tensor, principal = body.inertia.tensor, body.inertia.principal
-        moments = principal if tensor is None else principal_moments(tuple(tensor.model_dump().values()))
+        tensor = body.inertia.tensor
+        if tensor is None:
+            moments = required(body.inertia.principal)
+        else:
+            moments = principal_moments(tuple(tensor.model_dump().values()))
         if min(moments) <= 0.0:
             shown = ", ".join(f"{moment:.6g}" for moment in moments)
             message = "the principal moments of a moving body must be above 0"

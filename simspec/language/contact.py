@@ -13,7 +13,7 @@ from simspec.language.document import INVALID
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
 from simspec.language.shapes import NameOf
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, near, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, near, replace_loc, show
 from simspec.language.vocabulary import (
     COMBINATIONS,
     COMBINED_QUANTITIES,
@@ -191,12 +191,14 @@ class Pair(Strict):
     """The contact law of two materials; wins over `combine`, and over the material's own values for a pair with itself."""
 
     between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
-    friction: Coefficient = Field(ABSENT, description="Sliding friction of the pair; default: by `combine`")
-    restitution: Ratio = Field(ABSENT, description="Restitution of the pair; default: by `combine`")
-    torsional_friction: Arm = Field(ABSENT, description="Torsional friction of the pair; default: by `combine`")
-    rolling_friction: Arm = Field(ABSENT, description="Rolling friction of the pair; default: by `combine`")
-    restitution_threshold: Speed = Field(ABSENT, description="Threshold speed of the pair; default: by `combine`")
-    hardness: HardnessValue = Field(ABSENT, description="Hardness of the pair; default: that of `contact`")
+    friction: Maybe[Coefficient] = Field(ABSENT, description="Sliding friction of the pair; default: by `combine`")
+    restitution: Maybe[Ratio] = Field(ABSENT, description="Restitution of the pair; default: by `combine`")
+    torsional_friction: Maybe[Arm] = Field(ABSENT, description="Torsional friction of the pair; default: by `combine`")
+    rolling_friction: Maybe[Arm] = Field(ABSENT, description="Rolling friction of the pair; default: by `combine`")
+    restitution_threshold: Maybe[Speed] = Field(
+        ABSENT, description="Threshold speed of the pair; default: by `combine`"
+    )
+    hardness: Maybe[HardnessValue] = Field(ABSENT, description="Hardness of the pair; default: that of `contact`")
     collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two do not collide")
 
     @classmethod
@@ -229,7 +231,7 @@ class Contact(Strict):
     )
     hardness: HardnessValue = Field(("common", ()), description="Contact hardness; default for all pairs")
     materials: dict[NameOf, Material] = Field({}, description="Materials by name")
-    combine: Combine = Field(
+    combine: Maybe[Combine] = Field(
         ABSENT, description="The rule for pairs of different materials, or a rule for each quantity"
     )
     pairs: list[Pair] = Field([], description="Laws of pairs of materials")

@@ -12,7 +12,7 @@ from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_
 from simspec.language.joints import DIMENSION, check_suits_driven, read_by_joint
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
-from simspec.language.strict import ABSENT, Fault, Strict, fault, misspelt, show
+from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, misspelt, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
 from simspec.language.words import Flag, Word
 
@@ -114,7 +114,7 @@ class Controller(Strict):
     discretisation: Annotated[str, Word(DISCRETISATIONS)] = Field(
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
     )
-    natural_frequency: Annotated[float, Number("angular velocity", 0, above=True)] = Field(
+    natural_frequency: Maybe[Annotated[float, Number("angular velocity", 0, above=True)]] = Field(
         ABSENT, description="ω: natural frequency of the error; computed-torque, required"
     )
     damping_ratio: Annotated[float, Number("number", 0)] = Field(
@@ -130,20 +130,20 @@ class Controller(Strict):
     gravity_compensation: Annotated[bool, Flag()] = Field(
         False, description="Whether the effort that holds the joints against gravity at rest is added; pd"
     )
-    effort_limit: Annotated[Any, PER_JOINT["effort_limit"]] = Field(
+    effort_limit: Maybe[Annotated[Any, PER_JOINT["effort_limit"]]] = Field(
         ABSENT, description="The largest effort of the actuator; the joint's `limits.effort` also applies"
     )
-    velocity_limit: Annotated[Any, PER_JOINT["velocity_limit"]] = Field(
+    velocity_limit: Maybe[Annotated[Any, PER_JOINT["velocity_limit"]]] = Field(
         ABSENT,
         description="The largest speed of the actuator, which the trajectory must not exceed; the joint's "
         "`limits.velocity` also applies",
     )
-    gear: Annotated[Any, PER_JOINT["gear"]] = Field(
+    gear: Maybe[Annotated[Any, PER_JOINT["gear"]]] = Field(
         ABSENT,
         description="g: turns of the actuator per turn of the joint; kp, kd, limits and rotor inertia are the "
         "actuator's; default 1",
     )
-    rotor_inertia: Annotated[Any, PER_JOINT["rotor_inertia"]] = Field(
+    rotor_inertia: Maybe[Annotated[Any, PER_JOINT["rotor_inertia"]]] = Field(
         ABSENT, description="Inertia of the actuator's rotor; g² times as much is added to the joint's `armature`"
     )
 

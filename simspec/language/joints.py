@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, ValidationError
 from simspec.language.document import INVALID
 from simspec.language.quantities import ByJointType, Direction, Number, Vector
 from simspec.language.shapes import NameOf, Orientation, Pose
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, as_faults, fault, misspelt, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS
 from simspec.language.words import Word
 
@@ -96,13 +96,13 @@ def read_by_joint(
 class Limits(Strict):
     """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
 
-    position: Annotated[Any, ByJointType("rad or m", 2)] = Field(
+    position: Maybe[Annotated[Any, ByJointType("rad or m", 2)]] = Field(
         ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, hard, inelastic stops"
     )
-    velocity: Annotated[Any, ByJointType("rad/s or m/s")] = Field(
+    velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s")]] = Field(
         ABSENT, description="Velocity rating ≥ 0; stored in the model, not enforced by the engine"
     )
-    effort: Annotated[Any, ByJointType("N m or N")] = Field(
+    effort: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
         ABSENT, description="Effort rating ≥ 0; stored in the model, not enforced by the engine"
     )
 
@@ -112,7 +112,7 @@ class Spring(Strict):
     axes, log R being the rotation vector from the joint's frame to the child's."""
 
     stiffness: Annotated[Any, ByJointType("N m/rad or N/m")] = Field(..., description="Stiffness k ≥ 0")
-    rest: Annotated[Any, ByJointType("rad or m")] = Field(
+    rest: Maybe[Annotated[Any, ByJointType("rad or m")]] = Field(
         ABSENT, description="The position without effort; default 0; not at a ball joint"
     )
 
@@ -121,7 +121,7 @@ class Joint(Strict):
     """How a body moves against its parent (a root: against the world). The joint's frame is `origin` in the parent's body
     frame; the body's own frame coincides with it when the joint is at zero."""
 
-    name: NameOf = Field(
+    name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_joint`, with a number appended if that name is taken"
     )
     type: Annotated[str, Word(JOINT_KINDS)] = Field(
@@ -129,29 +129,29 @@ class Joint(Strict):
         description="fixed: rigid; hinge: turns about `axis`; slide: moves along `axis`; ball: turns about its origin; "
         "free: a root that moves freely",
     )
-    origin: Pose = Field(
+    origin: Maybe[Pose] = Field(
         ABSENT, description="Pose of the joint's frame in the parent's body frame; default: the same frame"
     )
-    axis: Annotated[tuple[float, float, float], Direction()] = Field(
+    axis: Maybe[Annotated[tuple[float, float, float], Direction()]] = Field(
         ABSENT, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
     )
-    limits: Limits = Field(ABSENT, description="Limits; hinge and slide")
-    damping: Annotated[Any, ByJointType("N m s/rad or N s/m")] = Field(
+    limits: Maybe[Limits] = Field(ABSENT, description="Limits; hinge and slide")
+    damping: Maybe[Annotated[Any, ByJointType("N m s/rad or N s/m")]] = Field(
         ABSENT, description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; hinge, slide and ball"
     )
-    dry_friction: Annotated[Any, ByJointType("N m or N")] = Field(
+    dry_friction: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
         ABSENT, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
     )
-    armature: Annotated[Any, ByJointType("kg m² or kg")] = Field(
+    armature: Maybe[Annotated[Any, ByJointType("kg m² or kg")]] = Field(
         ABSENT,
         description="Inertia ≥ 0 added to this joint's diagonal of the mass matrix (a geared rotor: rotor inertia × "
         "ratio²); default 0; hinge and slide",
     )
-    spring: Spring = Field(ABSENT, description="A spring; hinge, slide and ball")
-    position: Annotated[Any, ByJointType("rad or m", orientation=True)] = Field(
+    spring: Maybe[Spring] = Field(ABSENT, description="A spring; hinge, slide and ball")
+    position: Maybe[Annotated[Any, ByJointType("rad or m", orientation=True)]] = Field(
         ABSENT, description="Initial position; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; default 0"
     )
-    velocity: Annotated[Any, ByJointType("rad/s or m/s", orientation=True)] = Field(
+    velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s", orientation=True)]] = Field(
         ABSENT,
         description="Initial velocity; at a ball joint three numbers, of the child against the parent in the child's "
         "axes; default 0",

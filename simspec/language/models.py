@@ -20,7 +20,7 @@ from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, misspelt, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS, TREE_JOINTS
@@ -54,25 +54,25 @@ class Version(Reader):
 class Body(Strict):
     """A rigid body. One without `parent` is a root: free, unless it is `fixed` or has a `joint` to the world."""
 
-    array: Array = Field(ABSENT, description="Copies of this root body and all its descendants")
-    parent: NameOf = Field(ABSENT, description="The body that this one is joined to; none: a root")
-    fixed: Switch = Field(ABSENT, description="A root only: whether it is fixed to the world")
-    pose: Pose = Field(
+    array: Maybe[Array] = Field(ABSENT, description="Copies of this root body and all its descendants")
+    parent: Maybe[NameOf] = Field(ABSENT, description="The body that this one is joined to; none: a root")
+    fixed: Maybe[Switch] = Field(ABSENT, description="A root only: whether it is fixed to the world")
+    pose: Maybe[Pose] = Field(
         ABSENT,
         description="A root only: initial pose of the body's frame in the world; with a joint, the joint's origin",
     )
-    velocity: Velocity = Field(
+    velocity: Maybe[Velocity] = Field(
         ABSENT, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
     )
-    mass: Mass = Field(
+    mass: Maybe[Mass] = Field(
         ABSENT, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
     )
-    centre_of_mass: Point = Field(
+    centre_of_mass: Maybe[Point] = Field(
         ABSENT, description="Centre of mass in the body frame; with `inertia`; default: its origin"
     )
-    inertia: Inertia = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
+    inertia: Maybe[Inertia] = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
     collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
-    joint: Joint = Field(ABSENT, description="Joint to the parent, or of a root to the world")
+    joint: Maybe[Joint] = Field(ABSENT, description="Joint to the parent, or of a root to the world")
     shapes: list[Shape] = Field([], description="Collision and visual shapes")
 
     @classmethod
@@ -147,19 +147,23 @@ class Use(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, FileName()] = Field(ABSENT, description="Path of a model file, relative to this file")
-    bodies: dict[NameOf, Body] = Field(ABSENT, description="The bodies of a model written here; exactly one root")
+    use: Maybe[Annotated[str, FileName()]] = Field(ABSENT, description="Path of a model file, relative to this file")
+    bodies: Maybe[dict[NameOf, Body]] = Field(
+        ABSENT, description="The bodies of a model written here; exactly one root"
+    )
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
-    array: Array = Field(ABSENT, description="Copies of the whole model")
-    attach: Annotated[str, Name(path=True)] = Field(
+    array: Maybe[Array] = Field(ABSENT, description="Copies of the whole model")
+    attach: Maybe[Annotated[str, Name(path=True)]] = Field(
         ABSENT,
         description="Full name of another model's body that the root is fixed to; `pose` is then in that body's frame",
     )
-    fixed: Switch = Field(ABSENT, description="Whether the root is fixed to the world; default: as the model says")
-    pose: Pose = Field(
+    fixed: Maybe[Switch] = Field(
+        ABSENT, description="Whether the root is fixed to the world; default: as the model says"
+    )
+    pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the model in the world; the root's own pose in the model follows it"
     )
-    velocity: Velocity = Field(
+    velocity: Maybe[Velocity] = Field(
         ABSENT, description="Initial velocity of a free root, in world axes, instead of the model's own"
     )
     positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
@@ -180,8 +184,10 @@ class Model(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Annotated[str, FileName()] = Field(ABSENT, description="Path of another model file, relative to this file")
-    bodies: dict[NameOf, Body] = Field(ABSENT, description="The bodies; exactly one root")
+    use: Maybe[Annotated[str, FileName()]] = Field(
+        ABSENT, description="Path of another model file, relative to this file"
+    )
+    bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
 
 
@@ -236,7 +242,7 @@ class Physics(Strict):
 class Record(Strict):
     """What a run records."""
 
-    every: Annotated[float, Number("time", 0, above=True)] = Field(
+    every: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
         ABSENT, description="Time between two records, a whole number of steps; default: one step"
     )
     channels: list[Annotated[str, Word(CHANNELS)]] = Field(
@@ -312,9 +318,9 @@ class File(Strict):
     contact: Contact = Field(Contact(), description="Materials, friction cone, collision groups, excluded pairs")
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
-    model: Model = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
+    model: Maybe[Model] = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
-    trajectory: Trajectory = Field(
+    trajectory: Maybe[Trajectory] = Field(
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
     )
     record: Record = Field(Record(), description="What a run records")

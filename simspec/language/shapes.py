@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, UnitQuaternion, Vector
-from simspec.language.strict import ABSENT, Fault, Faults, Strict
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.language.words import Flag, Name
 
@@ -38,8 +38,8 @@ def excluded(data: Mapping[str, Any], first: str, second: str, why: str) -> Iter
 class Orientation(Strict):
     """A rotation, as `rpy` or as `quat`, never both; neither means none."""
 
-    rpy: Angles = Field(ABSENT, description=RPY)
-    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
+    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
+    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -50,8 +50,8 @@ class Pose(Strict):
     """Where a frame is in its parent's frame; `rpy` or `quat`, never both."""
 
     xyz: Point = Field((0.0, 0.0, 0.0), description="Position of the frame's origin")
-    rpy: Angles = Field(ABSENT, description=RPY)
-    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
+    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
+    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
@@ -107,20 +107,22 @@ class Shape(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
-    name: NameOf = Field(
+    name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_<index>`, with a number appended if that name is taken"
     )
-    sphere: Sphere = Field(ABSENT, description="A ball")
-    box: Box = Field(ABSENT, description="A cuboid")
-    cylinder: Cylinder = Field(ABSENT, description="A cylinder along z")
-    capsule: Capsule = Field(ABSENT, description="A capsule along z")
-    ellipsoid: Ellipsoid = Field(ABSENT, description="An ellipsoid")
-    plane: Plane = Field(ABSENT, description="An infinite plane, written `plane: {}`")
-    pose: Pose = Field(ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame")
-    density: Annotated[float, Number("density", 0)] = Field(
+    sphere: Maybe[Sphere] = Field(ABSENT, description="A ball")
+    box: Maybe[Box] = Field(ABSENT, description="A cuboid")
+    cylinder: Maybe[Cylinder] = Field(ABSENT, description="A cylinder along z")
+    capsule: Maybe[Capsule] = Field(ABSENT, description="A capsule along z")
+    ellipsoid: Maybe[Ellipsoid] = Field(ABSENT, description="An ellipsoid")
+    plane: Maybe[Plane] = Field(ABSENT, description="An infinite plane, written `plane: {}`")
+    pose: Maybe[Pose] = Field(
+        ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame"
+    )
+    density: Maybe[Annotated[float, Number("density", 0)]] = Field(
         ABSENT, description="Density; the body's mass properties are then the sum over its shapes"
     )
-    material: NameOf = Field(
+    material: Maybe[NameOf] = Field(
         ABSENT, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
     )
     collision: Switch = Field(True, description="Whether the shape takes part in contact")
@@ -153,10 +155,10 @@ class Inertia(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("tensor", "principal")
 
-    tensor: Tensor = Field(ABSENT, description="The tensor in the body's axes")
-    principal: Moments = Field(ABSENT, description="Principal moments, about the principal axes x, y, z")
-    rpy: Angles = Field(ABSENT, description="Orientation of the principal axes in the body frame")
-    quat: Quaternion = Field(ABSENT, description="The same, as a unit quaternion w x y z")
+    tensor: Maybe[Tensor] = Field(ABSENT, description="The tensor in the body's axes")
+    principal: Maybe[Moments] = Field(ABSENT, description="Principal moments, about the principal axes x, y, z")
+    rpy: Maybe[Angles] = Field(ABSENT, description="Orientation of the principal axes in the body frame")
+    quat: Maybe[Quaternion] = Field(ABSENT, description="The same, as a unit quaternion w x y z")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

@@ -10,7 +10,7 @@ import contextlib
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -21,6 +21,7 @@ LONGEST_WORD = 200
 """Characters of an unknown word that are looked at for a suggestion."""
 MOST_COMPARED = 50_000
 """Words that are compared for suggestions while one spec is read: half a second's worth."""
+Given = TypeVar("Given")
 _left: ContextVar[list[int] | None] = ContextVar("_left", default=None)
 """How many are left, in a list of one; None: no bound."""
 
@@ -129,8 +130,25 @@ def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[
     return [item._replace(loc=(*prefix, *item.loc)) for item in faults]
 
 
-ABSENT: Any = None
-"""Default of a field that need not be given. Its type has no None, since a spec cannot say it."""
+ABSENT: Final = None
+"""Default of a field that need not be given."""
+
+if TYPE_CHECKING:
+    Maybe: TypeAlias = Given | None
+else:
+
+    class Maybe:
+        """The type of a field that need not be given: whoever reads it has to reckon with None, which a spec cannot say."""
+
+        def __class_getitem__(cls, given: Any) -> Any:
+            return given
+
+
+def required(value: Given | None) -> Given:
+    """A field that need not be given, where the model's checks have seen that it is. Raises ValueError where they have not."""
+    if value is None:
+        raise ValueError("a field is not given, and the checks of its model let that pass")
+    return value
 
 
 class Strict(BaseModel):

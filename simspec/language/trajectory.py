@@ -13,7 +13,7 @@ from simspec.language.joints import DIMENSION, read_by_joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, show
 from simspec.language.vocabulary import INTERPOLATIONS
 from simspec.language.words import FileName, Flag, Name, Word
 
@@ -82,13 +82,13 @@ class TrajectoryPoint(Strict):
 
     at: Time = Field(..., description="Time; later than that of the point before")
     positions: Positions = Field(..., description="By the joint's full name")
-    velocities: Annotated[dict[str, Any], BY_JOINT["velocities"]] = Field(
+    velocities: Maybe[Annotated[dict[str, Any], BY_JOINT["velocities"]]] = Field(
         ABSENT, description="For cubic and quintic: in all points or in none"
     )
-    accelerations: Annotated[dict[str, Any], BY_JOINT["accelerations"]] = Field(
+    accelerations: Maybe[Annotated[dict[str, Any], BY_JOINT["accelerations"]]] = Field(
         ABSENT, description="For quintic, with `velocities`: in all points or in none"
     )
-    efforts: Annotated[dict[str, Any], BY_JOINT["efforts"]] = Field(
+    efforts: Maybe[Annotated[dict[str, Any], BY_JOINT["efforts"]]] = Field(
         ABSENT, description="Feed-forward efforts: in all points or in none"
     )
 
@@ -97,15 +97,15 @@ class ToolFrame(Strict):
     """The frame that `move` moves."""
 
     body: FullName = Field(..., description="Full name of the body that it is fixed to")
-    pose: Pose = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
+    pose: Maybe[Pose] = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
 
 
 class ToolPlace(Strict):
     """A place of the tool in the world. What is left out stays as it is."""
 
-    xyz: Point = Field(ABSENT, description="Position of the tool's origin")
-    rpy: Angles = Field(ABSENT, description=RPY)
-    quat: Quaternion = Field(ABSENT, description="Unit quaternion w x y z")
+    xyz: Maybe[Point] = Field(ABSENT, description="Position of the tool's origin")
+    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
+    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
     free_orientation: Annotated[bool, Flag()] = Field(
         False, description="Whether the orientation of the tool is free, for arms with too few joints"
     )
@@ -207,25 +207,27 @@ class Trajectory(Strict):
     interpolation: Annotated[str, Word(INTERPOLATIONS)] = Field(
         "cubic", description="Interpolation between points, see above"
     )
-    until: Annotated[float, Number("time", 0, above=True)] = Field(
+    until: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
         ABSENT,
         description="The run ends at this time, where that is before its `duration`; expectations at later times "
         "are then not checked",
     )
-    points: list[TrajectoryPoint] = Field(ABSENT, description="Points in time, in order")
-    file: Annotated[str, FileName()] = Field(
+    points: Maybe[list[TrajectoryPoint]] = Field(ABSENT, description="Points in time, in order")
+    file: Maybe[Annotated[str, FileName()]] = Field(
         ABSENT, description="Path of a table, .csv or .npz, relative to this file; not outside of the project folder"
     )
-    tool: ToolFrame = Field(ABSENT, description="With `program`: the frame that moves")
-    arm: Annotated[tuple[str, ...], JointNames()] = Field(
+    tool: Maybe[ToolFrame] = Field(ABSENT, description="With `program`: the frame that moves")
+    arm: Maybe[Annotated[tuple[str, ...], JointNames()]] = Field(
         ABSENT,
         description="With `program`: joints that move the tool; default: all driven ones between the world and it",
     )
     interval: Annotated[float, Number("time", 0, above=True)] = Field(
         0.05, description="With `program`: largest time between two points of a move or grip"
     )
-    grasp: FullName = Field(ABSENT, description="With `program`: MODEL/GRASP that `grip` means; default: the only one")
-    program: list[Step] = Field(
+    grasp: Maybe[FullName] = Field(
+        ABSENT, description="With `program`: MODEL/GRASP that `grip` means; default: the only one"
+    )
+    program: Maybe[list[Step]] = Field(
         ABSENT, description="Steps, one after the other, from the initial positions and time zero on"
     )
 

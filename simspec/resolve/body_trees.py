@@ -9,6 +9,7 @@ from simspec.language import trees
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.models import Body as SpecBody
 from simspec.language.shapes import Shape as SpecShape
+from simspec.language.strict import required
 from simspec.language.trees import Bodies
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.resolve.poses import direction, orientation, pose
@@ -31,7 +32,8 @@ def resolved_trees(bodies: Bodies, only: str | None) -> Iterator[Tree]:
     """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none."""
     own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
     only = next(iter(own)) if len(own) == 1 else only
-    shape_names = {shape.name for spec in bodies.typed.values() if spec is not None for shape in spec.shapes}
+    shapes = (shape for spec in bodies.typed.values() if spec is not None for shape in spec.shapes)
+    shape_names = {shape.name for shape in shapes if shape.name is not None}
     current: list[Body] = []
     named: set[str] = set()
     root: SpecBody | None = None
@@ -93,8 +95,11 @@ def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
         centre = spec.centre_of_mass or (0.0, 0.0, 0.0)
         if spec.inertia.tensor is not None:
             tensor = spec.inertia.tensor
-            return Inertial(spec.mass, centre, (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz))
-        return Inertial(spec.mass, centre, mass.turned(spec.inertia.principal, orientation(spec.inertia)))
+            return Inertial(
+                required(spec.mass), centre, (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz)
+            )
+        principal = required(spec.inertia.principal)
+        return Inertial(required(spec.mass), centre, mass.turned(principal, orientation(spec.inertia)))
     if not spec.mass:
         return Inertial(0.0)
     filled = [shape for _, shape in solid if shape.collision] or [shape for _, shape in solid]

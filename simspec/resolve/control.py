@@ -13,7 +13,7 @@ from simspec.language.control import Controller as SpecController
 from simspec.language.document import Key
 from simspec.language.joint_names import chosen
 from simspec.language.sources import Source
-from simspec.language.strict import Faults, near
+from simspec.language.strict import Faults, near, required
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.control import Controller
@@ -258,7 +258,7 @@ class _ControllerDraft:
             discretisation=written.discretisation,
             kp=tuple(value or 0.0 for value in self._geared("kp", 2).values()) if gains else (),
             kd=tuple(value or 0.0 for value in self._geared("kd", 2).values()) if gains else (),
-            natural_frequency=0.0 if gains else written.natural_frequency,
+            natural_frequency=0.0 if gains else required(written.natural_frequency),
             damping_ratio=0.0 if gains else written.damping_ratio,
             gravity_compensation=written.gravity_compensation,
             effort_limits=tuple(

@@ -16,7 +16,7 @@ from simspec.language.document import Details, Key
 from simspec.language.joint_names import chosen
 from simspec.language.shapes import Pose as SpecPose
 from simspec.language.sources import Source
-from simspec.language.strict import near
+from simspec.language.strict import near, required
 from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED, Step, ToolPlace
 from simspec.language.units import article
 from simspec.resolve.grasps import Grasp
@@ -66,7 +66,8 @@ class Program:
 
     def __init__(self, source: Source, world: World, known: Mapping[str, Grasp]):
         self._source, self._world, self._grasps = source, world, known
-        self._given = source.content.trajectory
+        self._given = required(source.content.trajectory)
+        self._steps = required(self._given.program)
         self.problems: list[Problem] = []
         self._driven = {joint for controller in world.controllers for joint in controller.joints}
         self._grasp: Grasp | None = None
@@ -74,7 +75,7 @@ class Program:
 
     def solve(self) -> Rows | None:
         """The points; None where something is wrong (see ``problems``)."""
-        steps = self._given.program
+        steps = self._steps
         moves = any(step.move is not None for step in steps)
         if any(step.grip is not None for step in steps) or self._given.grasp is not None:
             self._choose_grasp()
@@ -112,7 +113,7 @@ class Program:
 
     def _not_too_many(self, counts: Sequence[int], joints: int) -> None:
         total, solved = 1, 0
-        for index, (step, count) in enumerate(zip(self._given.program, counts, strict=True)):
+        for index, (step, count) in enumerate(zip(self._steps, counts, strict=True)):
             total += count
             if step.move is not None:
                 solved += count if step.straight else FAR
@@ -192,7 +193,7 @@ class Program:
             return
         joints = [body.joint.name for body in way]
         if self._given.arm is not None:
-            joints = self._arm(joints)
+            joints = self._arm(joints, self._given.arm)
         elif not joints:
             self._problem(("tool", "body"), "no joint moves this body", found=frame.body)
         both = [name for name in joints if self._grasp is not None and name in self._grasp.joints]
@@ -205,9 +206,9 @@ class Program:
         place = Pose() if offset is None else Pose(offset.xyz, _turn(offset))
         self._tool = Tool(self._world, frame.body, place, joints)
 
-    def _arm(self, way: Sequence[str]) -> list[str]:
+    def _arm(self, way: Sequence[str], entries: Sequence[str]) -> list[str]:
         wanted: set[str] = set()
-        for index, entry in enumerate(self._given.arm):
+        for index, entry in enumerate(entries):
             meant = chosen(entry, way)
             if not meant:
                 message = f"{entry!r} is not a joint between the world and the tool"

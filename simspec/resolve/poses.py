@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from simspec.language.arrays import Array, Jitter
 from simspec.language.shapes import Inertia, Orientation
 from simspec.language.shapes import Pose as SpecPose
+from simspec.language.strict import required
 from simspec.language.trajectory import ToolPlace
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
@@ -49,24 +50,25 @@ def layout(array: Array) -> list[Pose]:
 
 def _layout(array: Array) -> Iterator[Pose]:
     if array.grid is not None:
-        dx, dy, dz = array.spacing
+        dx, dy, dz = required(array.spacing)
         nx, ny, nz = array.grid
         for i in range(nx):
             for j in range(ny):
                 for k in range(nz):
                     yield Pose((i * dx, j * dy, k * dz))
     elif array.line is not None:
-        x, y, z = array.step
+        x, y, z = required(array.step)
         for i in range(array.line):
             yield Pose((i * x, i * y, i * z))
     elif array.ring is not None:
+        radius = required(array.radius)
         for i in range(array.ring):
             angle = 2.0 * math.pi * i / array.ring
             sine, cosine = frames.sine_cosine(angle)
             turn = frames.from_axis_angle(Z_AXIS, angle) if array.face else frames.IDENTITY
-            yield Pose((array.radius * cosine, array.radius * sine, 0.0), turn)
+            yield Pose((radius * cosine, radius * sine, 0.0), turn)
     else:
-        for element in array.poses:
+        for element in required(array.poses):
             yield pose(element)
 
 
@@ -77,8 +79,8 @@ def _jittered(elements: list[Pose], jitter: Jitter) -> Iterator[Pose]:
         x, y, z = element.position
         if jitter.radial is not None:
             scale = 1.0 - jitter.radial + 2.0 * jitter.radial * draw()
-            moved = (x * scale, y * scale, z * scale)
+            yield Pose((x * scale, y * scale, z * scale), element.quaternion)
         else:
-            reach = jitter.uniform
-            moved = tuple(value + (-reach + 2.0 * reach * draw()) for value in (x, y, z))
-        yield Pose(moved, element.quaternion)
+            reach = required(jitter.uniform)
+            x, y, z = (value + (-reach + 2.0 * reach * draw()) for value in (x, y, z))
+            yield Pose((x, y, z), element.quaternion)

@@ -11,7 +11,7 @@ import numpy as np
 from simspec.errors import Problem
 from simspec.language.document import Details, Key
 from simspec.language.sources import Source
-from simspec.language.strict import Faults, near
+from simspec.language.strict import Faults, near, required
 from simspec.language.trajectory import BY_JOINT
 from simspec.resolve.grasps import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
@@ -108,7 +108,7 @@ def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
 
 
 def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
-    points = source.content.trajectory.points
+    points = required(required(source.content.trajectory).points)
     joints = tuple(points[0].positions)
 
     def path(row: int, joint: str, quantity: str = "positions") -> tuple[Key, ...]:
@@ -163,7 +163,7 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
         refuse("times must increase", found=f"{table.times[row]:g} s after {table.times[row - 1]:g} s in row {row + 1}")
     if table.times[0] < 0.0:
         refuse("times begin at 0 or later", found=f"{table.times[0]:g} s")
-    interpolation = source.content.trajectory.interpolation
+    interpolation = required(source.content.trajectory).interpolation
     present = {name for name in ("velocities", "accelerations") if name in table.values}
     derivatives = {"cubic": {"velocities"}, "quintic": {"velocities", "accelerations"}}.get(interpolation, set())
     for name in sorted(present - derivatives):
