@@ -326,7 +326,9 @@ class File(Strict):
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
-    sweep: Sweep = Field(ABSENT, description="Many runs of this scenario; changes nothing in the scenario itself")
+    sweep: Maybe[Sweep] = Field(
+        ABSENT, description="Many runs of this scenario; changes nothing in the scenario itself"
+    )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from simspec.language.quantities import Number, Whole
 from simspec.language.shapes import NameOf, Switch
-from simspec.language.strict import ABSENT, Fault, Strict, show
+from simspec.language.strict import ABSENT, Fault, Maybe, Strict, show
 from simspec.language.sweep_values import Axis, Distribution, EngineLabel, PathOf, Plain, Values, same
 from simspec.language.words import Word
 
@@ -56,7 +56,7 @@ class Sweep(Strict):
     """Many runs of one scenario: their number is the product of what `cases`, `over`, `together`, `samples`, `perturb`,
     `repeat` and `engines` say."""
 
-    engines: list[Annotated[str, EngineLabel()]] = Field(
+    engines: Maybe[list[Annotated[str, EngineLabel()]]] = Field(
         ABSENT, description="Engines; default: those of the command line, else all that support the scenario"
     )
     over: dict[PathOf, Annotated[tuple[Any, ...], Axis()]] = Field(
@@ -69,8 +69,8 @@ class Sweep(Strict):
         {}, description="Named sets of values by path; the scenario without any is one more case"
     )
     only_cases: Switch = Field(False, description="Whether the scenario without the values of any case is left out")
-    samples: Samples = Field(ABSENT, description="Values drawn at random")
-    perturb: Perturb = Field(ABSENT, description="Runs with initial states moved a little")
+    samples: Maybe[Samples] = Field(ABSENT, description="Values drawn at random")
+    perturb: Maybe[Perturb] = Field(ABSENT, description="Runs with initial states moved a little")
     repeat: Annotated[int, Whole(1, MOST_REPEATS)] = Field(1, description="How often each run is done")
     measure: Annotated[str, Word(MEASURES)] = Field(
         "physics",

@@ -17,7 +17,7 @@ from simspec.language import units
 from simspec.language.document import INVALID
 from simspec.language.quantities import Number, Whole
 from simspec.language.reader import Reader
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, as_faults, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, replace_loc, show
 from simspec.language.words import LONGEST_TEXT, Word
 
 MOST_VALUES = 100_000
@@ -325,15 +325,15 @@ class Distribution(Strict):
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("uniform", "normal", "log_uniform", "choice")
 
-    uniform: Annotated[tuple[Any, Any], Quantities()] = Field(
+    uniform: Maybe[Annotated[tuple[Any, Any], Quantities()]] = Field(
         ABSENT, description="Evenly distributed between two numbers"
     )
-    normal: Annotated[tuple[Any, Any], Quantities(rising=False, spread=True)] = Field(
+    normal: Maybe[Annotated[tuple[Any, Any], Quantities(rising=False, spread=True)]] = Field(
         ABSENT, description="Normally distributed"
     )
-    log_uniform: Annotated[tuple[Any, Any], Quantities(positive=True)] = Field(
+    log_uniform: Maybe[Annotated[tuple[Any, Any], Quantities(positive=True)]] = Field(
         ABSENT, description="The logarithm evenly distributed between those of two numbers above 0"
     )
-    choice: Annotated[tuple[Any, ...], Values(alike=True)] = Field(
+    choice: Maybe[Annotated[tuple[Any, ...], Values(alike=True)]] = Field(
         ABSENT, description="One of a list of values, each as likely; a value that is there twice is twice as likely"
     )
