@@ -18,7 +18,7 @@ import dataclasses
 import math
 import random
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from stacking_page import ASLEEP, PAGE, ROOT, SEEDS, TIMESTEPS, keep, key, load,
 import simspec
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
+from simspec.resolve.scenario import engines as options_at
 from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run
@@ -53,41 +54,6 @@ SLIPPERY = 0.05
 """μ of the fingers in the negative control."""
 
 
-def rule(engine: str, timestep: float) -> dict[str, Any]:
-    """Settings of an engine that follow from the timestep (s) alone."""
-    return RULES[engine](timestep) if engine in RULES else {}
-
-
-def _mujoco(timestep: float) -> dict[str, Any]:
-    if timestep <= 0.008:
-        return {}
-    return {
-        "contact_error_reduction": 0.25,
-        "friction_cushion": 0.0,
-        "friction_rate": 1.0 / timestep,
-        "friction_share": 1.0,
-        "impratio": 10.0,
-    }
-
-
-def _pybullet(timestep: float) -> dict[str, Any]:
-    if timestep <= 0.001:
-        return {}
-    return {
-        "collision_margin": 0.001,
-        "contact_breaking_threshold": 0.02,
-        "contact_erp": 0.2,
-        "contact_processing_threshold": 1e30,
-        "friction_erp": 0.2,
-        "iterations": 50 if timestep <= 0.008 else 200,
-        "residual_threshold": 1e-7,
-    }
-
-
-RULES: Mapping[str, Any] = {"mujoco": _mujoco, "pybullet": _pybullet}
-"""By engine, the settings that follow from the timestep; as the page says them."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Result:
     """One run: the worst deviation of any expectation (m) and how it ended; ``failure`` empty when it is valid."""
@@ -102,24 +68,23 @@ class Result:
 
 
 def scenario(timestep: float, seed: int) -> World:
-    """The world at a timestep (s). Times that are no whole number of steps go to the next step."""
-    world = simspec.load(SPEC).resolve()
+    """The world at a timestep (s), with the settings for it. Times that are no whole number of steps go to the next step."""
+    spec = simspec.load(SPEC)
+    world = spec.resolve()
     end = world.physics.steps * world.physics.timestep
     steps = math.ceil(end / timestep - 1e-9)
     every = max(1, round(EVERY / timestep))
     draw = random.Random(seed).uniform
     bodies = tuple(_moved(body, draw) if seed and body.name.startswith("cylinder") else body for body in world.bodies)
     asked = tuple(_at_a_record(one, timestep, steps, every) for one in world.expectations)
-    world = dataclasses.replace(
+    return dataclasses.replace(
         world,
         bodies=bodies,
         physics=dataclasses.replace(world.physics, timestep=timestep, steps=steps),
         record=dataclasses.replace(world.record, every_steps=every),
         expectations=asked,
+        engines=options_at(spec.data.engines, timestep),
     )
-    for engine in RULES:
-        world = with_settings(world, engine, rule(engine, timestep))
-    return world
 
 
 def _moved(body, draw):

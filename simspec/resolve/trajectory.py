@@ -180,11 +180,10 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
 
 
 def _of_program(source: Source, world: World, known: Mapping[str, Grasp], problems: list[Problem]) -> _Draft | None:
-    from simspec.resolve.moves import Program
+    from simspec.resolve.solved import solve
 
-    program = Program(source, world, known)
-    rows = program.solve()
-    problems += program.problems
+    rows, wrong = solve(source, world, known)
+    problems += wrong
     if rows is None:
         return None
     values = {"positions": np.array(rows.positions), "efforts": np.array(rows.efforts)}

@@ -1,0 +1,117 @@
+"""A program is solved once for each distinct model and program, and again for every other one."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import simspec
+from simspec.language.overrides import Override
+from simspec.resolve import solved
+from simspec.resolve.grasps import grasps
+from simspec.resolve.moves import Program
+from simspec.world.types import Joint
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+@pytest.fixture(scope="module")
+def reach():
+    spec = simspec.load(SPECS / "ur10e-reach.yaml")
+    return spec, spec.resolve()
+
+
+def changed(spec, **values):
+    return spec.with_overrides([Override(path.replace("__", "."), value, None, None) for path, value in values.items()])
+
+
+def hash_of(spec):
+    world = spec.resolve()
+    return solved.hash_of(spec.source, world, grasps(spec.source, world)[0])
+
+
+SAME = [
+    {"physics.timestep": "2 ms"},
+    {"physics.gravity": [0, 0, -1.6]},
+    {"control.robot.natural_frequency": "20 rad/s"},
+    {"trajectory.until": "1.2 s"},
+    {"record.every": "20 ms"},
+    {"engines.dart.settings.collision_detector": "ode"},
+]
+OTHER = [
+    {"models.arm.positions.elbow": 1.06},
+    {"models.arm.pose.xyz.2": 0.021},
+    {"trajectory.tool.pose": {"xyz": [0, 0, 0.01]}},
+    {"trajectory.interval": "40 ms"},
+    {"trajectory.program.0.move.xyz.1": 0.81},
+    {"trajectory.program.0.in": "1.3 s", "physics.duration": "7.3 s"},
+]
+
+
+@pytest.mark.parametrize("values", SAME, ids=lambda values: next(iter(values)))
+def test_what_does_not_change_the_motion_shares_the_solution(reach, values, monkeypatch):
+    spec, world = reach
+    monkeypatch.setattr(solved, "Program", None)  # nothing may be solved
+    other = changed(spec, **values, **({} if "trajectory.until" not in values else {"expect": []})).resolve()
+    assert other.trajectory == world.trajectory
+
+
+@pytest.mark.parametrize("values", OTHER, ids=lambda values: next(iter(values)))
+def test_what_changes_the_motion_is_solved_anew(reach, values):
+    spec, world = reach
+    other = changed(spec, **values, expect=[])
+    assert hash_of(other) != hash_of(spec)
+    resolved = other.resolve()
+    rows = Program(other.source, dataclasses.replace(resolved, trajectory=None), {}).solve()
+    assert np.array_equal(np.array(resolved.trajectory.positions), np.array(rows.positions))
+    assert resolved.trajectory != world.trajectory
+
+
+VALUES = {
+    "name": "other",
+    "kind": "slide",
+    "parent": "other",
+    "origin": simspec.world.types.Pose((1.0, 0.0, 0.0)),
+    "axis": (0.6, 0.8, 0.0),
+    "position_limits": (-0.1, 0.1),
+    "position": (0.5,),
+}
+
+
+def test_every_field_of_a_joint_counts_but_those_that_kinematics_do_not_have(reach):
+    """A field that is new counts: nobody has to remember this place."""
+    _, world = reach
+    body = next(one for one in world.bodies if one.joint.kind == "hinge")
+    plain = solved._kinematics(body)
+    assert {field.name for field in dataclasses.fields(Joint)} == VALUES.keys() | solved.WITHOUT_MOTION.keys()
+    for name, value in VALUES.items():
+        assert (
+            solved._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
+            != plain
+        )
+    for name in solved.WITHOUT_MOTION:
+        value = (1.0,) if name == "velocity" else 1.0
+        assert (
+            solved._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
+            == plain
+        )
+
+
+def test_few_solutions_are_kept(reach, monkeypatch):
+    spec, _ = reach
+    monkeypatch.setattr(solved, "MOST_KEPT", 1)
+    monkeypatch.setattr(solved, "_SOLVED", {})
+    spec.resolve()
+    changed(spec, **{"trajectory.interval": "60 ms"}).resolve()
+    assert len(solved._SOLVED) == 1
+
+
+def test_what_cannot_be_solved_is_not_kept_and_is_told_every_time(reach):
+    spec, _ = reach
+    far = changed(spec, **{"trajectory.program.0.move.xyz": [9, 9, 9]})
+    for _ in range(2):
+        with pytest.raises(simspec.SpecError, match="does not converge"):
+            far.resolve()
