@@ -33,6 +33,10 @@ def test_the_wheel_runs_in_a_fresh_environment(tmp_path):
     names = zipfile.ZipFile(wheel).namelist()
     for part in ("_resources/templates/", "_resources/specs/spheres-216.yaml", "_resources/schema/", "help.txt"):
         assert any(part in name for name in names), part
+    for part in ("_resources/page/bundle/report.js", "licenses/page/bundle/LICENSE-three.txt"):
+        assert any(name.endswith(part) for name in names), part
+    (metadata,) = [name for name in names if name.endswith(".dist-info/METADATA")]
+    assert b"\nLicense-Expression: Apache-2.0 AND MIT\n" in zipfile.ZipFile(wheel).read(metadata)
     venv.create(tmp_path / "fresh")
     scripts = tmp_path / "fresh" / "bin"
     # this environment's pip, and nothing compiled that is never imported
@@ -43,4 +47,5 @@ def test_the_wheel_runs_in_a_fresh_environment(tmp_path):
     assert "simspec" in run(scripts / "simspec", "--help", cwd=work)
     run(scripts / "simspec", "compile", "ur10e", "--engine", "mujoco", cwd=work)
     assert (work / "generated" / "ur10e" / "mujoco" / "model.xml").exists()
-    run(scripts / "simspec", "run", "bouncing-ball", "--engine", "mujoco", "--no-verify", cwd=work)
+    run(scripts / "simspec", "run", "bouncing-ball", "--engine", "mujoco", "--no-verify", "--report", cwd=work)
+    assert "<script>" in (work / "runs" / "bouncing-ball" / "report.html").read_text(encoding="utf-8")

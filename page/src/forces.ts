@@ -28,7 +28,7 @@ export class ForceBars {
     }
     const bar = new CylinderGeometry(THICKNESS / 2, THICKNESS / 2, 1, 6, 1);
     this.mesh = new InstancedMesh(bar, new MeshBasicMaterial({ color: colour, depthTest: false }), most);
-    this.mesh.renderOrder = 2;
+    this.mesh.renderOrder = 100; // after all bodies
     this.mesh.frustumCulled = false;
   }
 

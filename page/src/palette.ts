@@ -1,6 +1,7 @@
-/** Colours that the colour-blind tell apart (Okabe and Ito 2008), in the order in which runs and lines take them. */
+/** Colours that the colour-blind tell apart (Okabe and Ito 2008), in the order in which runs and lines take them: of the first
+ * three and the first four the mixture, which overlaid bodies have where all agree, is nearly grey. */
 
-const PALETTE = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#f0e442", "#777777"];
+const PALETTE = ["#0072b2", "#e69f00", "#cc79a7", "#009e73", "#d55e00", "#56b4e9", "#f0e442", "#777777"];
 /** The colours that need white text. */
 const DARK = new Set(["#0072b2", "#777777"]);
 

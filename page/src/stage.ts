@@ -12,14 +12,16 @@ import { type Moment, momentOf, Poses } from "./motion";
 
 const ONE = new Vector3(1, 1, 1);
 const FIELD_OF_VIEW = 40;
-/** Of bodies of several runs at the same place. */
-const OVERLAID_OPACITY = 0.6;
+/** Of the bodies of one run after the other, where several are at the same place: each is about as much of what is seen. */
+const OVERLAID_OPACITY = [0.85, 0.52, 0.37, 0.29, 0.25, 0.22];
+/** How far each run is drawn before the one before it, in the least steps of depth: surfaces at the same place do not flicker. */
+const NEARER = 8;
 const GHOST_OPACITY = 0.25;
 const GHOST_COLOUR = "#888888";
 /** The ball that is looked at fills the view a bit more than wholly: most of what moves is nearer its centre. */
 const FILLING = 0.8;
 /** Longest bar of a contact force, of the radius of the view. */
-const LONGEST_FORCE = 0.25;
+const LONGEST_FORCE = 0.15;
 
 /** Directions that the camera can look from. */
 export const VIEWS: Record<string, [number, number, number]> = {
@@ -169,7 +171,7 @@ export class Stage {
       if (data.motion === null) continue;
       const poses = await Poses.load(page, scene, data.motion, data.frames, scene.moving, scene.turning);
       const forces = data.forces && (await ForceBars.load(page, scene, data.forces, colour(data.colour)));
-      const actor: Actor = { data, group: new Group(), batches: batches(movingShapes, OVERLAID_OPACITY), poses, forces };
+      const actor: Actor = { data, group: new Group(), batches: batches(movingShapes, 1), poses, forces };
       for (const batch of actor.batches) actor.group.add(batch.mesh);
       if (forces) actor.group.add(forces.mesh);
       space.add(actor.group);
@@ -255,7 +257,7 @@ export class Stage {
   draw(): void {
     const on = this.actors.filter(({ data }) => this.shown.has(this.scene.runs.indexOf(data)));
     const alone = this.split || on.length === 1;
-    for (const actor of on) this.pose(actor, alone);
+    on.forEach((actor, order) => this.pose(actor, alone, order));
     if (this.ghost !== null) {
       const ghost = this.ghost;
       ghost.group.visible = this.showGhost;
@@ -285,11 +287,15 @@ export class Stage {
     });
   }
 
-  private pose(actor: Actor, alone: boolean): void {
+  private pose(actor: Actor, alone: boolean, order: number): void {
     for (const batch of actor.batches) {
       const material = batch.mesh.material as MeshLambertMaterial;
       material.transparent = !alone;
-      material.opacity = alone ? 1 : OVERLAID_OPACITY;
+      material.opacity = alone ? 1 : OVERLAID_OPACITY[Math.min(order, OVERLAID_OPACITY.length - 1)];
+      material.polygonOffset = !alone;
+      material.polygonOffsetUnits = -NEARER * order;
+      material.polygonOffsetFactor = -order;
+      batch.mesh.renderOrder = order;
       paint(batch, alone ? null : colour(actor.data.colour));
       place(batch, (body) => actor.poses.at(body, this.moment, POSITION, QUATERNION));
     }

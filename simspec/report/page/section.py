@@ -52,7 +52,9 @@ def section(stored: StoredStudy, packed: Packed) -> Section:
     return Section(
         name=visible(study.world.name),
         verdict=tuple(verdict(study)),
-        notes=tuple(visible(note) for note in stored.notes),
+        notes=tuple(
+            map(visible, dict.fromkeys([*stored.notes, *(note for diff in study.diffs for note in diff.notes)]))
+        ),
         certificate=sheets(terminal.certificate_tables(certificate)) if certificate is not None else (),
         certificate_notes=tuple(map(visible, terminal.certificate_notes(certificate)))
         if certificate is not None
@@ -78,6 +80,8 @@ def _caption(frames: Frames, runs: list[Run], scene: dict[str, Any]) -> str:
     parts = [
         f"Drawn positions are rounded to {1e3 * frames.step:.2g} mm; every figure and plot is computed from the runs."
     ]
+    if len(runs) > 1:
+        parts.append("Overlaid, what is at the same place has one mixed, greyish colour.")
     if frames.every > 1:
         parts.append(f"Plots and playback show every {frames.every}th record.")
     if frames.beyond:

@@ -155,9 +155,6 @@ def _differences(study: Study) -> Iterator[Sentence]:
                 f"Motion: {_pair(diff)} part at {_when(out):.4g} s, {cause}: {out.body} is the first to differ by more "
                 f"than {length(diff.tolerance)} or {diff.angle_tolerance:g} rad{noise}.",
             )
-    for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
-        if "failed" not in note:
-            yield Sentence(WARNING, f"Motion: {note}.")
 
 
 def _chaotic(diffs: Sequence[Diff]) -> bool:
@@ -194,7 +191,9 @@ def _repeats(study: Study) -> Iterator[Sentence]:
     if other:
         yield Sentence(WARNING, f"Repeatability: a repeated run gave other bits in {listed(other)}.")
     if without:
-        yield Sentence(WARNING, f"Repeatability: not measured in {listed(without)}.")
+        yield Sentence(
+            WARNING, f"Repeatability: not measured in {listed(without)}: noise and differences are not told apart."
+        )
 
 
 def _speed(study: Study) -> Iterator[Sentence]:

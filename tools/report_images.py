@@ -1,0 +1,57 @@
+"""The pictures of ``docs/report.md``: a report in Chromium, at three sizes.
+
+    simspec run spheres-216 --all-engines
+    python tools/report_images.py runs/spheres-216
+
+Needs Chromium, and Pillow and Playwright of the extras plots and test.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from tests import browser  # noqa: E402
+
+IMAGES = ROOT / "docs" / "images"
+SHOTS = {
+    "report-wide": ((1280, 1560), "light", 0.15, ("camera: nearer",) * 3),
+    "report-tablet": ((820, 1300), "dark", 0.25, ("side by side", "camera: nearer", "camera: nearer")),
+    "report-phone": ((390, 1300), "light", 0.4, ("camera: nearer", "camera: nearer")),
+}
+"""Of each picture the window, the theme, the share of the time that is shown, and the buttons that are pressed before."""
+COLOURS = 192
+"""Of a picture: a page has few."""
+
+
+def main(folder: Path) -> None:
+    from simspec.report.page.document import page as page_of
+    from simspec.report.stored_study import load_study
+    from simspec.scratch import scratch_folder
+
+    with scratch_folder("report-images") as place, browser.browsers() as start:
+        path = place / "report.html"
+        path.write_text(page_of([load_study(folder)]), encoding="utf-8")
+        running = start(*browser.SOFTWARE)
+        for name, (size, scheme, share, buttons) in SHOTS.items():
+            with browser.opened(running, path, *size, color_scheme=scheme) as (page, said):
+                slider = page.locator("input.time")
+                slider.fill(str(round(share * int(slider.get_attribute("max")))))
+                for button in buttons:
+                    page.get_by_role("button", name=button, exact=True).click()
+                page.mouse.move(0, 0)
+                page.evaluate("scrollTo(0, 0)")
+                page.wait_for_timeout(3000)
+                picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+                picture.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
+                print(f"{name}: {picture.size}, {(IMAGES / f'{name}.png').stat().st_size / 1000:.0f} kB", *said)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
