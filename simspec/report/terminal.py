@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -307,13 +308,18 @@ STYLES = {
 }
 
 
+LONGEST_REASON = 600
+"""Characters of why an engine is left out: eight lines of a terminal; ``--json`` has the whole."""
+
+
 def show_not_taken(selection: Selection, screen: Console) -> None:
     """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
-    not_run = table("Not run", "engine", "why", "where")
+    not_run = table("Not run", "engine", "why")
     for name, refusal in selection.not_taken.items():
-        not_run.add_row(name, _shorten(refusal.reason), str(refusal.location or ""))
+        place = f"\n{refusal.location}" if refusal.location is not None else ""
+        not_run.add_row(name, textwrap.shorten(refusal.reason, LONGEST_REASON, placeholder=" …") + place)
     screen.print(not_run)
     if asked := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
         screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
