@@ -159,7 +159,7 @@ def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: 
                 done += 1
 
     left = estimate(plan, to_do(), costs(index.rows.values(), plan.spec.name))
-    proofs = "each model is verified first" if verify else "without proof"
+    proofs = "each model is verified first (not in the estimate)" if verify else "without proof"
     if as_json:
         told: dict[str, Any] = {"plan": plan.describe(), "store": folder, "done": done, "jobs": jobs}
         told |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}

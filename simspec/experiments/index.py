@@ -14,8 +14,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from simspec.errors import SpecError
-from simspec.experiments.store import Store
+from simspec.errors import Problem, SpecError
+from simspec.experiments.store import RUN_FILE, Store, place_of
 from simspec.outputs.reading import open_regular
 from simspec.runner.tables import open_parquet
 from simspec.stored import SweptRun
@@ -72,35 +72,45 @@ TYPES: Mapping[str, str] = {one.name: str(one.type) for one in fields(Row)}
 
 
 def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> Row:
-    """The row of a run whose files are those of its hashes."""
+    """The row of a run whose files are those of its hashes. Raises SpecError where its facts are not those of a run."""
     result, asked = facts.result, facts.asked
     told: Mapping[str, Any] = result.provenance
-    seconds = facts.circumstances.get("seconds", {})
-    return Row(
-        key=key,
-        cell=str((asked.cell or {}).get("key", "")),
-        fingerprint=store.fingerprint(key),
-        world=result.world,
-        world_stamp=store.world_stamp(result.world),
-        content=facts.result_sha256,
-        name=asked.name,
-        engine=result.engine,
-        engine_version=str(told.get("engine_version", "")),
-        failed=result.failed,
-        timestep=timestep,
-        steps=int(told.get("steps", 0)),
-        step_seconds=seconds.get("step"),
-        cpu_seconds=seconds.get("cpu"),
-        process_seconds=seconds.get("process"),
-        perturb=float(told.get("perturb", 0.0)),
-        seed=told.get("seed"),
-        repeat=int(told.get("repeat", 0)),
-        expectations=expectations_hash(asked.expectations),
-        passed=sum(bool(one.get("passed")) for one in asked.outcomes),
-        expected=len(asked.outcomes),
-        bytes=store.size(key),
-        summary=json.dumps(dict(result.summary), sort_keys=True),
-    )
+    try:
+        seconds = facts.circumstances.get("seconds", {})
+        row = Row(
+            key=key,
+            cell=str((asked.cell or {}).get("key", "")),
+            fingerprint=store.fingerprint(key),
+            world=result.world,
+            world_stamp=store.world_stamp(result.world),
+            content=facts.result_sha256,
+            name=asked.name,
+            engine=result.engine,
+            engine_version=str(told.get("engine_version", "")),
+            failed=result.failed,
+            timestep=timestep,
+            steps=int(told.get("steps", 0)),
+            step_seconds=_seconds(seconds.get("step")),
+            cpu_seconds=_seconds(seconds.get("cpu")),
+            process_seconds=_seconds(seconds.get("process")),
+            perturb=float(told.get("perturb", 0.0)),
+            seed=None if told.get("seed") is None else int(told["seed"]),
+            repeat=int(told.get("repeat", 0)),
+            expectations=expectations_hash(asked.expectations),
+            passed=sum(bool(one.get("passed")) for one in asked.outcomes),
+            expected=len(asked.outcomes),
+            bytes=store.size(key),
+            summary=json.dumps(dict(result.summary), sort_keys=True),
+        )
+        _ = row.quantities
+    except (ValueError, TypeError, AttributeError, OverflowError) as error:
+        message = f"{store.told / place_of(key) / RUN_FILE} does not describe a run: {str(error)[:200]}"
+        raise SpecError([Problem(message)]) from None
+    return row
+
+
+def _seconds(value: Any) -> float | None:
+    return None if value is None else float(value)
 
 
 def expectations_hash(plain: Any) -> str:
@@ -202,17 +212,16 @@ def _check(store: Store, key: str, repair: bool, worlds: dict[str, float | None]
     """Check one run against its hashes: a row, or a note."""
     try:
         facts = store.check(key)
+        world = facts.result.world
+        if world not in worlds:
+            worlds[world] = _timestep(store, world, repair, index)
+        timestep = worlds[world]
+        if timestep is not None:
+            index.add(row_of(store, key, facts, timestep))
     except (SpecError, OSError) as error:
         told = error.problems[0].message if isinstance(error, SpecError) else f"{error.filename}: {error.strerror}"
         moved = f"; moved to {_shown(store, store.set_aside(key))}, to be run again" if repair else ""
         index.notes.append(f"{_shorter(store, told)}{moved}")
-        return
-    world = facts.result.world
-    if world not in worlds:
-        worlds[world] = _timestep(store, world, repair, index)
-    timestep = worlds[world]
-    if timestep is not None:
-        index.add(row_of(store, key, facts, timestep))
 
 
 def _timestep(store: Store, world: str, repair: bool, index: Index) -> float | None:

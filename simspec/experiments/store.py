@@ -185,18 +185,17 @@ class Store:
     def load(self, key: str) -> Run:
         """The run of a key, every array bit for bit. Raises SpecError, which names the file, where something is damaged."""
         facts = self.facts(key)
-        asked = facts.asked
-        plain = asked.model_dump()
         path = self.path / place_of(key) / RUN_FILE
         try:
-            world = whole_world(self.world(facts.result.world), plain)
+            world = whole_world(self.world(facts.result.world), facts.asked.model_dump())
+            joints = [str(name) for name in (facts.result.provenance.get("control") or {}).get("joints", ())]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise SpecError([Problem(f"{path} does not describe a world: {str(error)[:200]}")]) from None
-        if sha256(world) != asked.world_sha256:
+            raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}")]) from None
+        if sha256(world) != facts.asked.world_sha256:
             raise SpecError([Problem(f"{path}: its world is not the one that was run")])
-        result, told = facts.result, facts.result.provenance
+        result, asked = facts.result, facts.asked
         provenance = {
-            **told,
+            **result.provenance,
             **facts.circumstances,
             "schema": RUN_SCHEMA,
             "engine": result.engine,
@@ -206,7 +205,6 @@ class Store:
         }
         if asked.artifacts_sha256 is not None:
             provenance["artifacts_sha256"] = asked.artifacts_sha256
-        joints = list((told.get("control") or {}).get("joints", ()))
         arrays = load_tables(self.path / place_of(key), world, result.tables, joints)
         if not arrays and result.failed is None:
             raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])

@@ -37,7 +37,10 @@ from simspec.world.types import World
 MOST_DEATHS = 5
 """Runs of an engine that gave no result, and none that did, after which it is stopped: the others go on."""
 SAVE_EVERY = 500
-"""Runs after which the index is written: what a killed sweep has not written is found again, but not for nothing."""
+"""Runs after which the index is written, or a tenth of those in the store: what a killed sweep has not written is found
+again, but not for nothing."""
+REFUSED = "does not support this world"
+"""How the reason of a run begins whose engine was not started."""
 MOST_INVALID = 20
 """Cells that are told one by one which make the spec invalid; the others are counted."""
 
@@ -163,7 +166,7 @@ class _Driver:
         self._certifier = Certifier(store, pythons, deadline, lambda text: self._tell(text), verify)
         self._steps, self._costs = Steps(self._plan), costs(self._index.rows.values(), self._plan.spec.name)
         self._to_do = self._weight_done = 0.0
-        self._count = 0
+        self._count = self._unsaved = 0
         self._weights: dict[str, float] = {}
 
     # --- what is to be done ---------------------------------------------------------------------------------------------
@@ -270,7 +273,7 @@ class _Driver:
     def _refused(self, cell: Cell, key: str, case: Case, error: UnsupportedError) -> None:
         """An engine that does not support a world: that is its result."""
         first, more = error.problems[0], len(error.problems) - 1
-        told = f"does not support this world: {first.message}" + (f"; and {more} more problems" if more else "")
+        told = f"{REFUSED}: {first.message}" + (f"; and {more} more problems" if more else "")
         run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, told))
         with self._lock:
             self._asked.add(key)
@@ -279,7 +282,7 @@ class _Driver:
             key, cell.engine, sha256(case.resolved), "", cell.perturb, cell.seed, cell.repeat, self._deadline,
             cell_data(cell), self._source,
         )  # fmt: skip
-        self._store_result(task, packed(task, run), case.resolved, refused=True)
+        self._store_result(task, packed(task, run), case.resolved)
 
     def _forget(self, key: str) -> None:
         """Drop a failed run that is done again."""
@@ -304,17 +307,18 @@ class _Driver:
         self._store_result(task, result, world)
         self._supplies.release(task)
 
-    def _store_result(self, task: Task, result: TaskResult, world: World, refused: bool = False) -> None:
+    def _store_result(self, task: Task, result: TaskResult, world: World) -> None:
         self._store.publish(result, world)
         facts: SweptRun = self._store.facts(task.key)
         with self._lock:
             row = row_of(self._store, task.key, facts, world.physics.timestep)
             self._index.add(row)
             self._outcome.ran += 1
-            if not refused:
-                self._note_life(row.engine, row.failed, row.steps)
+            self._note_life(row.engine, row.failed, row.steps)
             self._advance(self._weights.pop(task.key, 0.0))
-            if self._outcome.ran % SAVE_EVERY == 0:
+            self._unsaved += 1
+            if self._unsaved >= max(SAVE_EVERY, len(self._index.rows) // 10):
+                self._unsaved = 0
                 self._index.save(self._store)
 
     def _demand_versions(self, task: Task, result: TaskResult) -> None:
@@ -327,6 +331,8 @@ class _Driver:
     def _note_life(self, engine: str, failed: str | None, steps: int) -> None:
         """Count what an engine came to: one that never gives a result is stopped. A state that stops being finite is one."""
         with self._lock:
+            if failed is not None and failed.startswith(REFUSED):
+                return
             if failed is None or steps:
                 self._lived.add(engine)
             elif engine not in self._lived:

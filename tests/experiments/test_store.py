@@ -16,6 +16,7 @@ from simspec.experiments.index import CELLS_FILE, INDEX_FILE, refresh
 from simspec.experiments.result import result_of
 from simspec.experiments.store import RUN_FILE, Store, place_of
 from simspec.runner.run import Run
+from simspec.world.canonical import sha256
 from simspec.world.types import EngineOptions, Expectation
 from tests.runner.synthetic import free_body, run, world
 
@@ -131,6 +132,32 @@ def test_a_damaged_run_is_named_moved_aside_and_to_be_done_again(store, damage):
     with store.writing():
         assert store.publish(result_of(made(), KEYS[0]), WORLD)
         assert set(refresh(store, repair=True).rows) == set(KEYS[:3])
+
+
+STRANGE = {
+    "seconds": lambda plain: plain["circumstances"].update(seconds={"step": "long"}),
+    "no seconds": lambda plain: plain["circumstances"].update(seconds=[]),
+    "steps": lambda plain: plain["result"]["provenance"].update(steps="many"),
+    "seed": lambda plain: plain["result"]["provenance"].update(seed=[1]),
+    "quantities": lambda plain: plain["result"]["summary"].update(height="high"),
+    "engine": lambda plain: plain["result"].update(engine=""),
+    "expectations": lambda plain: plain["asked"].update(expectations=3),
+}
+
+
+@pytest.mark.parametrize("change", STRANGE.values(), ids=STRANGE)
+def test_facts_that_were_made_up_with_hashes_that_fit_are_no_run(store, change):
+    path = store.path / place_of(KEYS[0]) / RUN_FILE
+    plain = json.loads(path.read_text())
+    change(plain)
+    plain["result_sha256"] = sha256(plain["result"])
+    plain["sha256"] = sha256({name: value for name, value in plain.items() if name != "sha256"})
+    path.write_text(json.dumps(plain))
+    with store.writing():
+        index = refresh(store, repair=True)
+        index.save(store)
+    assert set(index.rows) == set(KEYS[1:3])
+    assert any(RUN_FILE in note and "to be run again" in note for note in index.notes)
 
 
 def test_a_run_under_another_s_key_is_not_it(store):

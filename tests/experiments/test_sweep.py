@@ -168,7 +168,7 @@ def test_an_engine_that_dies_now_and_then_is_not_stopped(store):
     assert not do(store, Engines(die), many).stopped
 
 
-def test_a_world_that_an_engine_does_not_support_is_a_failed_run(store):
+def test_a_world_that_an_engine_does_not_support_is_a_failed_run(store, monkeypatch):
     ball = {"shapes": [{"sphere": {"radius": 0.1}, "material": "rough"}], "mass": 1, "pose": {"xyz": [0, 0, 3]}}
     floor = {"fixed": True, "shapes": [{"plane": {}, "material": "rough"}]}
     words = {"simspec": 1, "name": "rough", "physics": {"duration": 0.1}, "sweep": {"repeat": 1}}
@@ -179,7 +179,9 @@ def test_a_world_that_an_engine_does_not_support_is_a_failed_run(store):
     assert not engines.calls
     ((_, row),) = outcome.rows()
     assert "does not support this world" in row.failed
-    assert not outcome.stopped
+    monkeypatch.setattr(module, "MOST_DEATHS", 1)
+    again = do(store, engines, rough, names=("mujoco",))
+    assert (again.ran, outcome.stopped, again.stopped) == (0, {}, {}), "it was not started, so it did not die"
 
 
 def test_values_that_make_the_spec_invalid_are_told_and_the_rest_is_done(store):
