@@ -1,4 +1,5 @@
-"""docs/sweeps.md tells the truth: its spec is one, its commands run, one after the other, and its Python works on what they wrote."""
+"""docs/sweeps.md tells the truth: its spec is one, its commands run, one after the other, and its Python works on what they
+wrote."""
 
 from __future__ import annotations
 
