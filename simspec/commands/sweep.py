@@ -15,17 +15,19 @@ from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
+from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Cell, Plan, plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
+from simspec.experiments.timing import timed_tasks
 from simspec.experiments.versions import versions_of
 from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
 from simspec.project import load_project
 from simspec.report.progress import progress
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
 from simspec.report.terminal import show_error, show_not_taken
 from simspec.resources import find_spec
@@ -102,9 +104,13 @@ def side_by_side(jobs: int | None, plan: Plan) -> int:
 
 
 def _local(plan: Plan, at_once: int, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
-    """Runs on this machine. Where speed is measured, each is in a process that nothing was done in before."""
-    warm = None if plan.measure == "speed" else WarmProcesses()
-    return LocalExecutor(supplies, at_once, pythons, warm=warm)
+    """Runs on this machine. Where speed is measured, each is alone on a processor, in a process that nothing was done in
+    before."""
+    if plan.measure == "speed":
+        for why in disturbances():
+            say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
+        return LocalExecutor(supplies, at_once, pythons, do_run=timed_tasks(pythons))
+    return LocalExecutor(supplies, at_once, pythons, warm=WarmProcesses())
 
 
 def _demand_targets(store: Path | None, folder: Path, csv: Path | None, spec: Path) -> None:

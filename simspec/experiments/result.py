@@ -17,7 +17,7 @@ from simspec.runner.tables import table_writers
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import World
 
-CIRCUMSTANCES = ("started", "seconds", "usage", "warnings", "python_version", "platform", "machine")
+CIRCUMSTANCES = ("started", "seconds", "usage", "timed", "warnings", "python_version", "platform", "machine")
 """Parts of a run's provenance that are not the same when it is repeated (warnings: an engine's own output)."""
 ASKED = ("spec", "world_sha256", "artifacts_sha256")
 """Parts that are of the sweep that asked first: another one may ask for the same run."""
