@@ -72,10 +72,13 @@ def deviations(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return position, angle
 
 
+STATES = ("step", "q", "v", "pose", "velocity")
+"""Arrays that two runs must share bit for bit to be the same."""
+
+
 def same_bits(one: Run, other: Run) -> bool:
     """Whether two runs have the same recorded states, bit for bit (NaN counts as itself)."""
-    names = ("step", "q", "v", "pose", "velocity")
-    pairs = [(one.arrays[name], other.arrays[name]) for name in names]
+    pairs = [(one.arrays[name], other.arrays[name]) for name in STATES]
     return all(a.shape == b.shape for a, b in pairs) and all(
         a[part].tobytes() == b[part].tobytes() for a, b in pairs for part in parts(len(a), 2 * a[:1].nbytes, a, b)
     )
