@@ -83,11 +83,14 @@ def load_spec(
 ) -> Loaded:
     """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
     ``strict`` they are raised."""
+    from simspec.compiler import check_at_timestep
     from simspec.language.load import load
     from simspec.resources import find_spec
 
     spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
     world = spec.resolve()
+    if problems := check_at_timestep(spec):
+        raise SpecError(problems)
     found = spec.warnings(world) if warn else []
     if strict and found:
         raise SpecError(found)

@@ -20,6 +20,7 @@ from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import check_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
+from simspec.language.load import Spec
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate
@@ -232,6 +233,23 @@ def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = Non
     """What a format must know to write ``world`` for ``engine``; ``plan`` where another than the world's own is wanted."""
     plan = plan or contact_plan(world, engine.RULES, engine.LAYERS)
     return Target(engine.NAME, engine.RULES, plan, written_settings(engine, world))
+
+
+def check_at_timestep(spec: Spec) -> list[Problem]:
+    """The problems of settings that follow from the timestep, at whatever timestep they hold. Of unknown engines:
+    :func:`check_options`."""
+    problems: dict[Problem, None] = {}
+    for name, options in spec.data.engines.items():
+        engine = engines().get(name)
+        for last in range(len(options.at_timestep) if engine is not None else 0):
+            held = options.at_timestep[: last + 1]
+            settings = {**options.settings, **{key: value for entry in held for key, value in entry.settings.items()}}
+            for problem in check_settings(find_engine(name), tuple(settings.items())):
+                setting = problem.path.rpartition(".")[2]
+                said = [index for index, entry in enumerate(held) if setting in entry.settings]
+                path = f"engines.{name}.at_timestep.{said[-1]}.settings.{setting}" if said else problem.path
+                problems[dataclasses.replace(problem, path=path, location=spec.locate(path))] = None
+    return list(problems)
 
 
 def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:

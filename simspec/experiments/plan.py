@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
 
+from simspec.compiler import check_at_timestep
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, SpecError
@@ -197,7 +198,7 @@ def plan_sweep(spec: Spec, *, engines: Sequence[str] | None = None, versions: Ma
     if not labels:
         hint = "sweep: {engines: [...]}, or --engine NAME"
         problems.append(Problem("the sweep names no engine", "sweep", spec.locate("sweep"), hint=hint))
-    if problems:
+    if problems := [*problems, *check_at_timestep(spec)]:
         raise SpecError(problems)
     if missing := [label for label in labels if label not in versions]:
         raise ValueError(f"no versions given of {', '.join(missing)}")

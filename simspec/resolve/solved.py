@@ -58,8 +58,11 @@ def hash_of(source: Source, world: World, known: Mapping[str, Grasp]) -> str:
     driven = {joint for controller in world.controllers for joint in controller.joints}
     moved = [bodies for bodies in trees(world).values() if any(body.joint.name in driven for body in bodies)]
     names = {body.name for bodies in moved for body in bodies}
+    trajectory = source.content.trajectory
+    if trajectory is None:
+        raise ValueError("a spec without a trajectory has no program")
     inputs = [
-        source.content.trajectory.model_dump(include=set(OF_PROGRAMS)),
+        trajectory.model_dump(include=set(OF_PROGRAMS)),
         [_kinematics(body) for body in world.bodies if body.name in names],
         to_plain(world.constraints),
         sorted(driven),

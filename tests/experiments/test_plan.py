@@ -120,3 +120,23 @@ def test_what_a_distribution_draws():
     assert abs(sum(value < 0.1 for value in drawn["bodies.rod.joint.damping"]) / 2000 - 0.5) < 4 * error * 0.5
     assert abs(drawn["physics.gravity.2"].count(-1.62) / 2000 - 1 / 3) < 4 * error * (2 / 9) ** 0.5
     assert min(drawn["bodies.rod.joint.damping"]) >= 1e-3
+
+
+@pytest.mark.parametrize(
+    ("entries", "index", "name"),
+    [
+        ([{"above": "1 ms", "settings": {"iteration": 3}}], 0, "iteration"),
+        ([{"above": "1 ms", "settings": {"iterations": 0}}], 0, "iterations"),
+        ([{"above": "1 ms", "settings": {"iterations": 3}}, {"above": 1, "settings": {"solver": "none"}}], 1, "solver"),
+        # what an entry switches off has no effect where the entry holds
+        (
+            [{"above": "1 ms", "settings": {"ls_iterations": 3}}, {"above": 1, "settings": {"solver": "pgs"}}],
+            0,
+            "ls_iterations",
+        ),
+    ],
+)
+def test_settings_by_timestep_are_checked_at_whatever_timestep_they_hold(entries, index, name):
+    with pytest.raises(SpecError) as error:
+        plan_sweep(spec(engines={"mujoco": {"at_timestep": entries}}), engines=["dart"], versions=VERSIONS)
+    assert [one.path for one in error.value.problems] == [f"engines.mujoco.at_timestep.{index}.settings.{name}"]
