@@ -1,8 +1,8 @@
-"""What planning a sweep costs: CPU time to make all cells with their keys, and peak memory, for plans of 10,000 to a million runs.
+"""What planning a sweep costs: CPU time to make all cells with their keys, and peak memory, for 10,000 to a million runs.
 
 Each row is measured in a process of its own, so that peak memory is that row's; ``before`` is the memory of a process that has
-loaded the spec and made no cell. The shapes are a grid of two ranges, samples of two values, and perturbations of one world, each
-in three engines. Bounded memory means: the difference does not grow with the number of runs.
+loaded the spec and made no cell. The shapes are a grid of two ranges, samples of two values, and perturbations of one world,
+each in three engines. Bounded memory means: the difference does not grow with the number of runs.
 
     python benchmarks/plan.py
 """

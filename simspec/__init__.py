@@ -40,6 +40,11 @@ _HOME = {
     "Change": "simspec.comparison.worlds:Change",
     "study": "simspec.comparison.study:study",
     "Study": "simspec.comparison.study:Study",
+    "plan_sweep": "simspec.experiments.plan:plan_sweep",
+    "Plan": "simspec.experiments.plan:Plan",
+    "Cell": "simspec.experiments.plan:Cell",
+    "case_of": "simspec.experiments.cases:case_of",
+    "versions_of": "simspec.experiments.versions:versions_of",
     "known_engines": "simspec.engines.kit.registry:engines",
     "SimspecError": "simspec.errors:SimspecError",
     "SpecError": "simspec.errors:SpecError",
@@ -83,6 +88,9 @@ if TYPE_CHECKING:
     from simspec.engines.kit.registry import engines as known_engines
     from simspec.engines.kit.session import Session
     from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
+    from simspec.experiments.cases import case_of
+    from simspec.experiments.plan import Cell, Plan, plan_sweep
+    from simspec.experiments.versions import versions_of
     from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate
     from simspec.proof.verify import verify

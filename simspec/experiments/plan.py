@@ -18,7 +18,7 @@ from simspec.errors import EngineError, Problem, SpecError
 from simspec.experiments.asked import Asked, key_of
 from simspec.language.load import Spec
 from simspec.language.sweep import MOST_CELLS, Sweep, combinations
-from simspec.language.sweep_values import Amount, Distribution, amount_of, rounded
+from simspec.language.sweep_values import DIGITS, Distribution, amount_of
 
 OverrideList = tuple[tuple[str, Any], ...]
 """Dotted paths and the plain values that are put at them, in the order in which they are."""
@@ -228,12 +228,18 @@ def _quantile(distribution: Distribution) -> Any:
     """From a share of (0, 1) to the value below which that share of a distribution lies."""
     kind = next(name for name in ("uniform", "normal", "log_uniform") if getattr(distribution, name) is not None)
     first, second = map(amount_of, getattr(distribution, kind))
-    unit = Amount(first.number, False, first.unit)
+    unit = f" {first.unit}" if first.unit else None
     low, high = float(first.number), float(second.number)
     if kind == "normal":
         inverse = NormalDist(low, high).inv_cdf
-        return lambda share: unit.of(rounded(inverse(share)))
+        return lambda share: _said(inverse(share), unit)
     if kind == "uniform":
-        return lambda share: unit.of(rounded(low + (high - low) * share))
+        return lambda share: _said(low + (high - low) * share, unit)
     ratio = math.log(high) - math.log(low)
-    return lambda share: unit.of(rounded(low * math.exp(ratio * share)))
+    return lambda share: _said(low * math.exp(ratio * share), unit)
+
+
+def _said(value: float, unit: str | None) -> float | str:
+    """A number that was worked out, as a spec would say it, with as many digits as all machines agree on."""
+    number = float(f"{value:.{DIGITS}g}")
+    return number if unit is None else f"{number!r}{unit}"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
+from types import MappingProxyType
 
 from simspec.engines.kit.installed import instances
 from simspec.errors import EngineError
 
 
-def versions_of(labels: Iterable[str], pythons: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def versions_of(labels: Iterable[str], pythons: Mapping[str, str] = MappingProxyType({})) -> dict[str, dict[str, str]]:
     """By label: the versions of simspec, of the engine, and of the numpy beside it, by the names that a run's provenance gives
     them. Raises EngineError for an engine that is not there."""
     labels = list(labels)
