@@ -64,11 +64,17 @@ def load_study(folder: Path) -> StoredStudy:
         if own is not None and own != wanted
     ]
     # a run whose provenance cannot be read is loaded too: that raises the error which names the file
-    runs = {name: load_run(folder / name) for name, own in hashes.items() if own in (None, wanted)}
+    runs: dict[str, Run] = {}
+    for name in (name for name, own in hashes.items() if own in (None, wanted)):
+        run = load_run(folder / name)
+        if run.engine in runs:
+            message = f"{folder} contains two runs in {run.engine} of one world: {folder / name} is the second"
+            raise SpecError([Problem(message, hint="report one run: simspec report FOLDER/ENGINE")])
+        runs[run.engine] = run
     if not runs:
         message = f"{folder}: no run is of the world in {REPORT_FILE}"
         raise SpecError([Problem(message, hint="run it again: simspec run")])
-    floors = _by_engine([load_floor(folder / name) for name in runs])
+    floors = _by_engine([load_floor(folder / name) for name, own in hashes.items() if own in (None, wanted)])
     certificate, why_none = _certificate(folder, wanted)
     notes += [why_none] if why_none else []
     return StoredStudy(_study(runs, floors, certificate, _tolerance(report)), folder, tuple(notes))

@@ -133,14 +133,22 @@ def _contacts(runs: Sequence[Run], shown: Sequence[Rows]) -> Iterator[Chart]:
         for index, (run, rows) in enumerate(zip(runs, shown, strict=True))
         if "contact.row" in run.arrays
     ]
-    counts = [
-        Curve(run.engine, metrics.contact_counts(run.arrays)[rows].astype(np.float64), index, index)
-        for index, run, rows in recorded
-    ]
-    forces = [Curve(run.engine, metrics.contact_force(run.arrays)[rows], index, index) for index, run, rows in recorded]
+    counts, forces = [], []
+    for index, run, rows in recorded:
+        count, force = _contacts_at(run, rows)
+        counts.append(Curve(run.engine, count, index, index))
+        forces.append(Curve(run.engine, force, index, index))
     if any(curve.values.any() for curve in counts):
         yield Chart("Contact points", "", tuple(counts))
         yield Chart("Sum of the contacts' normal forces", "N", tuple(forces))
+
+
+def _contacts_at(run: Run, rows: Rows) -> tuple[Numbers, Numbers]:
+    """Number of contacts, and sum of their normal forces (N), at some rows of a recording that may be longer than memory."""
+    row, force = run.arrays["contact.row"], run.arrays["contact.normal_force"]
+    first, last = np.searchsorted(row, rows, side="left"), np.searchsorted(row, rows, side="right")
+    sums = [float(np.sum(force[start:end])) for start, end in zip(first, last, strict=True)]
+    return (last - first).astype(np.float64), np.array(sums)
 
 
 def _tracking(world: World, runs: Sequence[Run], shown: Sequence[Rows]) -> Iterator[Chart]:

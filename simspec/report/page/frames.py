@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.mapped import parts
 from simspec.report.page.packing import Numbers, resolution
 from simspec.runner.metrics import moving_bodies
 from simspec.runner.run import Run
@@ -20,6 +21,8 @@ MOST_NUMBERS = 350_000
 FEWEST_FRAMES, MOST_FRAMES = 200, 2000
 COARSEST = 1 / 400
 """Largest step of packed positions, of the radius of what is looked at: beyond, it would be seen."""
+FARTHEST = 1e9
+"""Distance from the origin (m) beyond which nothing is drawn: single precision, which pictures are drawn in, ends before."""
 USUAL = (5.0, 95.0)
 """Percentiles of the positions that the camera looks at, and that the box is limited by: a run may throw a body far away."""
 
@@ -51,11 +54,11 @@ class Frames:
 
 def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
     """The frames of some runs of ``world`` that recorded anything: evenly spaced, with the first and the last."""
-    usable = [_finite_rows(run) for run in runs]
+    usable = [_rows_to_draw(run) for run in runs]
     longest = int(np.argmax(usable))
     count = usable[longest]
     moving = moving_bodies(world)
-    numbers = sum(3 if _is_round(world, body) else 7 for body in moving)
+    numbers = sum(3 if turns_unseen(world, int(body)) else 7 for body in moving)
     most = int(np.clip(MOST_NUMBERS // max(1, numbers), FEWEST_FRAMES, MOST_FRAMES))
     every = max(1, -(-(count - 1) // (most - 1)))
     rows = np.arange(0, count, every)
@@ -68,14 +71,20 @@ def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
     return Frames(rows, shown, time, low, high, centre, radius, every, beyond)
 
 
-def _finite_rows(run: Run) -> int:
-    """The rows before the first whose poses are not all finite; at least one is shown."""
-    finite = np.isfinite(run.arrays["pose"]).all(axis=(1, 2))
-    return max(1, len(finite) if finite.all() else int(finite.argmin()))
+def _rows_to_draw(run: Run) -> int:
+    """The rows before the first that cannot be drawn; at least one."""
+    poses = run.arrays["pose"]
+    for part in parts(len(poses), 2 * poses[:1].nbytes, poses):
+        drawn = drawable(poses[part])
+        if not drawn.all():
+            first: int = part.start + int(drawn.argmin())
+            return max(1, first)
+    return len(poses)
 
 
-def _is_round(world: World, body: int) -> bool:
-    return turns_unseen(world, int(body))
+def drawable(poses: Numbers) -> NDArray[np.bool_]:
+    """Which rows of poses (rows, bodies, 7) can be drawn: all numbers are finite, and no body is beyond ``FARTHEST``."""
+    return np.asarray((np.abs(poses) < FARTHEST).all(axis=(1, 2)), dtype=np.bool_)
 
 
 def turns_unseen(world: World, body: int) -> bool:
@@ -89,6 +98,8 @@ def _box(world: World, everywhere: Sequence[Numbers], moving: Rows) -> tuple[Num
     margin = 1e-6
     of_moving = np.concatenate([_clean(values[:, moving].reshape(-1, 3)) for values in everywhere])
     of_all = np.concatenate([_clean(values.reshape(-1, 3)) for values in everywhere])
+    if not len(of_all):
+        of_all = np.zeros((1, 3))  # nothing can be drawn
     if not len(of_moving):
         of_moving = of_all
     first, last = np.percentile(of_moving, USUAL, axis=0)
@@ -105,15 +116,10 @@ def _box(world: World, everywhere: Sequence[Numbers], moving: Rows) -> tuple[Num
 
 
 def _clean(values: Numbers) -> Numbers:
-    return values[np.isfinite(values).all(axis=1)]
+    return values[(np.abs(values) < FARTHEST).all(axis=1)]
 
 
 def _reach(world: World, body: int) -> float:
     """How far (m) a body's shapes reach from its origin, roughly: enough for a camera."""
-    return max(
-        (
-            float(np.linalg.norm(shape.pose.position)) + max(shape.size, default=0.0)
-            for shape in world.bodies[body].shapes
-        ),
-        default=0.0,
-    )
+    reaches = [max(map(abs, shape.pose.position)) + max(shape.size, default=0.0) for shape in world.bodies[body].shapes]
+    return min(max(reaches, default=0.0), FARTHEST)

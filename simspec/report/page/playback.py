@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import visible
-from simspec.report.page.frames import Frames, Rows, turns_unseen
+from simspec.report.page.frames import FARTHEST, Frames, Rows, drawable, turns_unseen
 from simspec.report.page.ghost import driven_bodies, target_poses
 from simspec.report.page.packing import Numbers, Packed, coded, turns
 from simspec.runner.run import Run
-from simspec.world.types import World
+from simspec.world.types import Shape, World
 
 MOST_FORCES = 9_000
 """Contact forces of a run that are shown: about 0.1 MB packed. Where there are more, every second frame has them, or third …"""
@@ -55,11 +55,11 @@ def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed
 
 
 def _shapes(world: World) -> list[dict[str, Any]]:
-    """The visual shapes, and planes; of a body without any, those that collide."""
+    """The visual shapes, and planes; of a body without any, those that collide. Not those that are too large to be drawn."""
     shown = []
     for index, body in enumerate(world.bodies):
         visual = [shape for shape in body.shapes if shape.visual or shape.kind == "plane"]
-        for shape in visual or body.shapes:
+        for shape in filter(is_drawn, visual or body.shapes):
             shown.append(
                 {
                     "body": index,
@@ -71,6 +71,11 @@ def _shapes(world: World) -> list[dict[str, Any]]:
                 }
             )
     return shown
+
+
+def is_drawn(shape: Shape) -> bool:
+    """Whether a shape and its place are small enough to be drawn."""
+    return all(abs(length) < FARTHEST for length in (*shape.size, *shape.pose.position))
 
 
 def _movers(world: World, poses: Sequence[Numbers], frames: Frames) -> tuple[Rows, Rows]:
@@ -87,14 +92,14 @@ def _movers(world: World, poses: Sequence[Numbers], frames: Frames) -> tuple[Row
 
 
 def _rest(poses: Sequence[Numbers]) -> Numbers:
-    """The first poses (bodies, 7), for what does not move; 0 where even they are not finite."""
-    result: Numbers = np.nan_to_num(poses[0][0], posinf=0.0, neginf=0.0)
-    return result
+    """The first poses (bodies, 7), for what does not move; 0 where even they cannot be drawn."""
+    first = poses[0][0]
+    return np.where(np.abs(first) < FARTHEST, first, 0.0)
 
 
 def _motion(poses: Numbers, moving: Rows, turning: Rows, frames: Frames, packed: Packed) -> dict[str, Any] | None:
-    """The motions of some bodies; None where not even the first pose is finite."""
-    if not np.isfinite(poses).all():
+    """The motions of some bodies; None where not even the first poses can be drawn."""
+    if not drawable(poses).all():
         return None
     places = coded(poses[:, moving, :3], frames.low, frames.high)
     return {
@@ -150,7 +155,7 @@ def _ghost(world: World, runs: Sequence[Run], frames: Frames, packed: Packed) ->
     bodies = driven_bodies(world, run)
     poses = target_poses(world, run, frames.rows[:shown], bodies)
     every = np.array(bodies)
-    if not np.isfinite(poses).all():
+    if not drawable(poses).all():
         return None
     return {
         "bodies": bodies,

@@ -10,9 +10,9 @@ from simspec.report import differences, terminal
 from simspec.report.final import final_table
 from simspec.report.kit import table
 from simspec.report.page.curves import charts
-from simspec.report.page.frames import Frames, choose_frames
+from simspec.report.page.frames import FARTHEST, Frames, choose_frames
 from simspec.report.page.packing import Packed
-from simspec.report.page.playback import scene_data
+from simspec.report.page.playback import is_drawn, scene_data
 from simspec.report.page.sheets import Sheet, sheet, sheets
 from simspec.report.page.words import Sentence, verdict
 from simspec.report.stored_study import StoredStudy, world_hash
@@ -84,6 +84,8 @@ def _caption(frames: Frames, runs: list[Run], scene: dict[str, Any]) -> str:
         parts.append("Overlaid, what is at the same place has one mixed, greyish colour.")
     if frames.every > 1:
         parts.append(f"Plots and playback show every {frames.every}th record.")
+    if not all(is_drawn(shape) for body in runs[0].world.bodies for shape in body.shapes):
+        parts.append(f"Shapes of more than {FARTHEST:g} m are not drawn.")
     if frames.beyond:
         parts.append("Bodies that leave the scene are drawn at its edge.")
     forces = [(run["forces"], run["engine"]) for run in scene["runs"] if run["forces"] is not None]

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from rich.table import Table
 from rich.text import Text
 
-from simspec.errors import visible
+from simspec.errors import clipped, visible
 from simspec.report.page.words import BAD, GOOD, WARNING
 
 TONES = {"green": GOOD, "red": BAD, "yellow": WARNING, "dim": "dim"}
 """Words of a style, and what they mean."""
+LONGEST_TEXT = 2000
+"""Characters of a cell: names come from strangers."""
 LONGEST_LINE = 40
 """Characters of a cell's line beyond which it is wrapped."""
 
@@ -51,10 +53,8 @@ def sheets(tables: Iterable[Table | None]) -> tuple[Sheet, ...]:
 def _plain(item: object) -> str:
     if item is None:
         return ""
-    if isinstance(item, Text):
-        return visible(item.plain, lines=True)
-    if isinstance(item, str):
-        return visible(item, lines=True)
+    if isinstance(item, (Text, str)):
+        return visible(clipped(item.plain if isinstance(item, Text) else item, LONGEST_TEXT), lines=True)
     raise TypeError(f"a cell of a table is text, not {type(item).__name__}")
 
 

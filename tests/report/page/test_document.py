@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -14,6 +16,8 @@ import pytest
 from simspec.errors import SpecError, visible
 from simspec.report.page.document import MOST_STUDIES, page
 from simspec.report.stored_study import load_study
+from simspec.world.canonical import sha256
+from simspec.world.types import Shape
 from tests.report.page import samples
 
 
@@ -112,6 +116,8 @@ def test_markup_in_names_is_text(usual, hostile, name):
     assert sorted(tags) == sorted(tag for tag, _ in plain.elements)
     assert not any(attribute.startswith("on") for _, attributes in found.elements for attribute in attributes)
     assert any(visible(name) in text for tag, text in found.texts if tag == "td")
+    assert [sorted(attributes) for attributes in found.of("section")] == [["aria-label", "id"]]
+    assert found.of("section")[0]["aria-label"] == samples.HOSTILE[5]
 
 
 def test_no_name_ends_the_data(hostile):
@@ -153,7 +159,7 @@ def test_a_run_that_stopped_being_finite_is_shown_until_then(tmp_path):
 
 def test_a_body_that_is_thrown_away_does_not_blur_the_others(tmp_path):
     study = samples.a_study(engines=("first", "second"))
-    study.runs["second"].arrays["pose"][15:, 2, 0] = 1e9
+    study.runs["second"].arrays["pose"][15:, 2, 0] = 1e6
     text = page([load_study(samples.stored(study, tmp_path / "sample"))])
     found = scene(text)
     assert (
@@ -174,3 +180,59 @@ def test_too_many_studies_are_refused(tmp_path):
     study = load_study(samples.stored(samples.a_study(engines=("first",)), tmp_path / "sample"))
     with pytest.raises(SpecError, match="1 to 6 studies"):
         page([study] * (MOST_STUDIES + 1))
+
+
+def emptied(study):
+    """Runs of one record."""
+    for name, one in study.runs.items():
+        arrays = {key: values[:1] for key, values in one.arrays.items() if not key.startswith("contact.")}
+        study.runs[name] = dataclasses.replace(one, arrays=arrays)
+
+
+def lost(study):
+    """Nothing that could be drawn, from the first record on."""
+    for one in study.runs.values():
+        one.arrays["pose"][:] = np.nan
+
+
+def thrown(study):
+    """Beyond all that single precision has."""
+    study.runs["second"].arrays["pose"][3:, 2, 0] = 1e300
+    study.runs["second"].arrays["velocity"][3:, 2] = 1e300
+
+
+def endless_shapes(study):
+    body = dataclasses.replace(study.world.bodies[2], shapes=(Shape("huge", "sphere", (1e308,)),))
+    bodies = (*study.world.bodies[:2], body, study.world.bodies[3])
+    of = dataclasses.replace(study.world, bodies=bodies)
+    for name, one in study.runs.items():
+        study.runs[name] = dataclasses.replace(one, world=of, provenance={**one.provenance, "world_sha256": sha256(of)})
+
+
+def torn(study):
+    """Forces and energies that are no numbers."""
+    study.runs["first"].arrays["contact.normal_force"][:] = [np.nan, np.inf, 0.0, 1.0, 2.0, 3.0, -1.0]
+    study.runs["first"].arrays["velocity"][:] = np.nan
+
+
+@pytest.mark.parametrize("spoil", [emptied, lost, thrown, endless_shapes, torn], ids=lambda spoil: spoil.__name__)
+def test_a_page_is_made_of_runs_that_went_wrong(tmp_path, spoil):
+    study = samples.a_study(engines=("first", "second"), proven=False)
+    spoil(study)
+    for one in study.runs.values():
+        one.save(tmp_path / one.engine)
+    with np.errstate(all="ignore"):
+        found = scene(page([load_study(tmp_path)]))
+    numbers = [*found["low"], *found["high"], *found["view"]["centre"], found["view"]["radius"]]
+    assert all(np.isfinite(number) for number in numbers)
+    assert all(low < high for low, high in zip(found["low"], found["high"], strict=True))
+    assert [one["frames"] for one in found["runs"]] == {
+        "emptied": [1, 1], "lost": [1, 1], "thrown": [21, 3], "endless_shapes": [21, 21], "torn": [21, 21]
+    }[spoil.__name__]  # fmt: skip
+
+
+def test_two_runs_in_one_engine_are_not_mixed(tmp_path):
+    folder = samples.stored(samples.a_study(engines=("first", "second")), tmp_path / "sample")
+    shutil.copytree(folder / "second", folder / "second-again")
+    with pytest.raises(SpecError, match="two runs in second"):
+        load_study(folder)
