@@ -190,7 +190,13 @@ def test_values_that_make_the_spec_invalid_are_told_and_the_rest_is_done(store):
     assert "whole number of timesteps" in str(outcome.invalid[0])
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+FULL = "OSError: [Errno 28] No space left on device"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [KeyboardInterrupt, OSError(28, "No space left on device"), EngineError("mujoco", f"the worker failed: {FULL}")],
+)
 def test_what_ends_a_sweep_is_no_result_and_the_next_call_does_the_rest(store, error):
     def end(case, task):
         if case.world.bodies[0].inertial.mass == 2:

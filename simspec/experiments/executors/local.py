@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -19,6 +22,10 @@ from simspec.runner.run import Run
 
 DoRun = Callable[[Case, Path, Task], Run]
 """How one run is done. Raises EngineError where the engine gave no result."""
+
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a full disk, by their words: an engine's process writes what it records into the temporary folder."""
 
 
 class _EndingError(Exception):
@@ -73,6 +80,7 @@ class LocalExecutor:
         except EngineError as error:
             if self._ending.is_set():
                 raise _EndingError from error
+            _demand_room(error)
             run = failed_run(self._supplies.case(task).resolved, task.engine, error)
         publish(task, packed(task, run))
 
@@ -85,6 +93,13 @@ class LocalExecutor:
             source=task.source,
             warm=self._warm,
         )
+
+
+def _demand_room(error: EngineError) -> None:
+    """Raise OSError where an engine's process says that there is no room on the disk: that is no result of the engine."""
+    for code in NO_ROOM:
+        if os.strerror(code) in str(error):
+            raise OSError(code, os.strerror(code), tempfile.gettempdir()) from error
 
 
 def packed(task: Task, run: Run, more: Mapping[str, Any] | None = None) -> TaskResult:
