@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 from simspec.errors import SpecError, visible
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.checks import Check
 from simspec.report.page.document import MOST_STUDIES, page
-from simspec.report.stored_study import load_study
+from simspec.report.stored_study import StoredStudy, load_study
 from simspec.world.canonical import sha256
 from simspec.world.types import Shape
 from tests.report.page import samples
@@ -236,3 +238,25 @@ def test_two_runs_in_one_engine_are_not_mixed(tmp_path):
     shutil.copytree(folder / "second", folder / "second-again")
     with pytest.raises(SpecError, match="two runs in second"):
         load_study(folder)
+
+
+def test_markup_in_any_text_of_runs_and_certificates_is_text(tmp_path):
+    """Engines' names and versions, reasons of failures, settings, checks, approximations: all that somebody could edit."""
+    bad = "</td></script><script>x</script><img src=x onerror=x>\" onfocus='x'"
+    study = samples.a_study(engines=("first", "second"))
+    facts = dict.fromkeys(
+        ("engine_version", "simspec", "python_version", "platform", "started", "artifacts_sha256"), bad
+    )
+    for name, one in list(study.runs.items()):
+        engine = f"{name} <script>"
+        provenance = {**one.provenance, **facts, "engine": engine, "settings": {bad: bad}, "warnings": [bad]}
+        study.runs[name] = dataclasses.replace(one, engine=engine, provenance=provenance, failed=bad)
+    check = Check(bad, bad, 4, 1e-9, 1.0, bad, bad)
+    proof = EngineProof(bad, bad, (check,), {bad: f"approximate: {bad}"}, {bad: bad}, 0.0, (), {bad: bad})
+    certificate = Certificate(bad, sha256(study.world), bad, {bad: proof, "first <script>": proof})
+    read = StoredStudy(dataclasses.replace(study, certificate=certificate, floors={}), tmp_path, (bad,))
+    outline = Outline(page([read]))
+    assert len(outline.of("script")) == 3
+    assert not outline.of("img")
+    assert not any(name.startswith("on") for _, attributes in outline.elements for name in attributes)
+    assert sum(bad in text for tag, text in outline.texts if tag in ("td", "th", "p", "li", "span")) > 10
