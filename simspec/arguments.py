@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -46,6 +47,57 @@ Pythons = Annotated[
 ]
 Deadline = Annotated[float, typer.Option(metavar="SECONDS", min=0.1, help="Deadline of one engine process.")]
 DEADLINE = 600.0
+AllEngines = Annotated[
+    bool, typer.Option("--all-engines", help="Run in every installed engine that supports the spec, at least two.")
+]
+KeepGoing = Annotated[
+    bool, typer.Option("--keep-going", help="Continue without an engine that is missing or fails (exit code 3).")
+]
+Repeats = Annotated[
+    bool,
+    typer.Option("--repeats/--no-repeats", help="Repeat runs, also with a perturbed initial state, to measure noise."),
+]
+FailOnDiff = Annotated[
+    float | None,
+    typer.Option(
+        metavar="METRE",
+        min=0.0,
+        help="Exit with 1 if two engines differ by more than this and their noise, or if that noise is above this.",
+    ),
+]
+JunitFile = Annotated[
+    Path | None, typer.Option("--junit", metavar="FILE", help="Also write a test report that CI systems read (XML).")
+]
+Annotations = Annotated[
+    bool, typer.Option("--annotations", help="Also print what failed as annotations of the spec's lines (GitHub).")
+]
+SummaryFile = Annotated[
+    Path | None, typer.Option("--summary", metavar="FILE", help="Also write a summary as Markdown.")
+]
+GitHub = Annotated[
+    bool, typer.Option("--github", help="In GitHub Actions: --annotations, and a summary beside the job.")
+]
+BaselineFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--baseline",
+        metavar="FILE",
+        help="Compare with figures stored earlier; exit with 1 if any changed beyond noise.",
+    ),
+]
+NewBaseline = Annotated[
+    Path | None, typer.Option("--write-baseline", metavar="FILE", help="Store this run's figures as a baseline.")
+]
+TimedRuns = Annotated[
+    int,
+    typer.Option(
+        "--timed-runs",
+        metavar="N",
+        min=0,
+        max=1000,
+        help="For a baseline: runs of each engine for its speed, one at a time; 0: none.",
+    ),
+]
 
 
 class SchemaName(StrEnum):

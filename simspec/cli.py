@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from simspec import arguments
 from simspec.arguments import (
     DEADLINE,
     AsJson,
@@ -251,6 +252,10 @@ def verify_command(
     strict: Strict = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
+    junit: arguments.JunitFile = None,
+    annotations: arguments.Annotations = False,
+    summary: arguments.SummaryFile = None,
+    github: arguments.GitHub = False,
     as_json: AsJson = False,
 ) -> int:
     """Prove that every engine has the spec's model; writes generated/NAME/certificate.json.
@@ -265,6 +270,7 @@ def verify_command(
     simspec verify --self-test                  does the proof detect planted defects?
     simspec verify --self-test --complete       every change of every number, word, attribute and element
     """
+    from simspec.commands.ci import reports_of
     from simspec.commands.verify import verify
 
     return verify(
@@ -281,6 +287,7 @@ def verify_command(
         python=python,
         deadline=deadline,
         as_json=as_json,
+        reports=reports_of(junit, annotations, summary, github),
     )
 
 
@@ -288,36 +295,18 @@ def verify_command(
 @command
 def run_command(
     spec: SpecName,
-    all_engines: Annotated[
-        bool, typer.Option("--all-engines", help="Run in every installed engine that supports the spec, at least two.")
-    ] = False,
+    all_engines: arguments.AllEngines = False,
     engine: Engines = None,
-    keep_going: Annotated[
-        bool,
-        typer.Option("--keep-going", help="Continue without an engine that is missing or fails (exit code 3)."),
-    ] = False,
+    keep_going: arguments.KeepGoing = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Results are written to DIR/NAME.")] = Path("runs"),
-    repeats: Annotated[
-        bool,
-        typer.Option(
-            "--repeats/--no-repeats",
-            help="Repeat runs, also with a perturbed initial state, to measure noise.",
-        ),
-    ] = True,
+    repeats: arguments.Repeats = True,
     no_verify: Annotated[
         bool, typer.Option("--no-verify", help="Skip the proof that the engines have the same model.")
     ] = False,
     tolerance: Annotated[
         float, typer.Option(metavar="METRE", min=0.0, help="Tolerance of positions (m) and angles (rad).")
     ] = 1e-3,
-    fail_on_diff: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METRE",
-            min=0.0,
-            help="Exit with 1 if two engines differ by more than this and their noise, or if that noise is above this.",
-        ),
-    ] = None,
+    fail_on_diff: arguments.FailOnDiff = None,
     sets: Sets = None,
     allow_outside: Outside = False,
     strict: Strict = False,
@@ -326,6 +315,13 @@ def run_command(
     report: Annotated[
         bool, typer.Option("--report", help="Also write report.html: one page with tables, plots and playback.")
     ] = False,
+    junit: arguments.JunitFile = None,
+    annotations: arguments.Annotations = False,
+    summary: arguments.SummaryFile = None,
+    github: arguments.GitHub = False,
+    baseline: arguments.BaselineFile = None,
+    write_baseline: arguments.NewBaseline = None,
+    timed_runs: arguments.TimedRuns = 5,
     as_json: AsJson = False,
 ) -> int:
     """Compile, verify, run in several engines, and compare.
@@ -339,6 +335,8 @@ def run_command(
     simspec run arm.yaml --engine ENGINE --python ENGINE=/other/venv/bin/python
     simspec run arm.yaml --engine ENGINE --engine ENGINE@VERSION=/other/venv/bin/python
     """
+    from simspec.commands.baseline import Baselines
+    from simspec.commands.ci import reports_of
     from simspec.commands.run import run
 
     return run(
@@ -358,6 +356,8 @@ def run_command(
         deadline=deadline,
         page=report,
         as_json=as_json,
+        reports=reports_of(junit, annotations, summary, github),
+        baselines=Baselines(baseline, write_baseline, timed_runs),
     )
 
 

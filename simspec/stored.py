@@ -5,7 +5,7 @@ Each file has a model of its outline here; a file that does not fit is a :class:
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -174,6 +174,42 @@ class FloorFacts(Stored):
     perturbation: float | None
     run: str
     sha256: str
+
+
+class StoredMachine(Stored):
+    """The machine that a baseline was made on; memory in bytes."""
+
+    cpu: str
+    architecture: str
+    cores: int
+    threads: int
+    governor: str
+    memory: int
+    kernel: str
+    python: str
+
+
+class StoredFigure(Stored):
+    """One figure of a baseline: numbers, for each the interval of what is not told apart from it, and why it says nothing."""
+
+    key: str
+    kind: Literal["physics", "verdict", "speed"]
+    unit: str
+    value: list[float]
+    interval: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
+    not_compared: str
+
+
+class StoredBaseline(Stored):
+    """The figures of a study, for later ones to be compared with."""
+
+    simspec_baseline: int
+    simspec: str
+    spec: str
+    world_sha256: str
+    versions: dict[str, str]
+    machine: StoredMachine
+    figures: list[StoredFigure]
 
 
 class Report(BaseModel):

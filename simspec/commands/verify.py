@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from simspec import generated
 from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec
+from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.self_test import complete_self_test, self_test
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
@@ -18,6 +19,7 @@ from simspec.report import terminal
 from simspec.report.plain import plain, text
 from simspec.report.progress import progress
 from simspec.report.screen import console
+from simspec.report.tested import certificate_suites, skipped_suites
 from simspec.resources import find_spec
 from simspec.selection import Selection
 from simspec.world.types import World
@@ -46,11 +48,14 @@ def verify(
     python: list[str] | None,
     deadline: float,
     as_json: bool,
+    reports: Reports = NO_REPORTS,
 ) -> int:
     """Verify ``spec``, or with ``planted`` test the proof itself (``complete``: with every change that files can suffer)."""
     pythons = interpreters(python, engine)
     if (spec is None) != planted:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
+    if planted and reports:
+        raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
     selection = engines_at_work(chosen_engines(engine), pythons)
     if complete and (spec is not None or pythons.keys() & selection.engines):
         raise SpecError([Problem("--complete requires --self-test, and engines of simspec's own interpreter")])
@@ -58,11 +63,22 @@ def verify(
         return complete_self_test(selection.engines, as_json)
     if spec is None:
         return self_test(selection.engines, pythons, as_json)
-    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
-    check_targets(world, spec, out, contact)
-    return verify_world(
-        world, selection, loaded.locate, pythons, deadline, out, as_json, contact, cache, warnings=warned
-    )
+    with reporting(reports, spec, as_json):
+        loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        check_targets(world, spec, out, contact)
+        return verify_world(
+            world,
+            selection,
+            loaded.locate,
+            pythons,
+            deadline,
+            out,
+            as_json,
+            contact,
+            cache,
+            warnings=warned,
+            reports=reports,
+        )
 
 
 def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
@@ -88,6 +104,7 @@ def verify_world(
     cache: bool = True,
     *,
     warnings: Sequence[Problem] = (),
+    reports: Reports = NO_REPORTS,
 ) -> int:
     """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it."""
     from simspec.proof.verify import verify as prove
@@ -110,6 +127,8 @@ def verify_world(
         )
     written = generated.write_certificate(certificate, folder)
     path = folder / generated.CERTIFICATE_FILE
+    suites = certificate_suites(certificate, world, locate)
+    reports.write([*suites, *skipped_suites(world.name, selection.not_taken)], warnings=warnings, as_json=as_json)
     if as_json:
         sys.stdout.write(
             text(
