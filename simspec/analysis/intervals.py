@@ -1,6 +1,7 @@
 """Confidence intervals: of a share of trials, and of a positive figure that several processes gave.
 
-A process is the unit. Within one process speed hardly varies; between processes it does, and often has two modes (where memory
+A process is the unit. Within one process speed hardly varies; between processes it does, and often has two modes (where
+memory
 and code came to lie), so that steps or seconds of one process say nothing about the spread.
 """
 

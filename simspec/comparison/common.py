@@ -10,7 +10,9 @@ import numpy as np
 from simspec.comparison.floor import DEVIATION_BYTES, Floor
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts, zeros
+from simspec.runner import metrics
 from simspec.runner.run import Run
+from simspec.world.types import Inertial
 
 
 class Common:
@@ -75,10 +77,26 @@ class Common:
 
     def _size(self, run: Run, low: np.ndarray, high: np.ndarray) -> float:
         masses = [run.world.bodies[run.index[name]].inertial for name in self._names]
-        # of a body alone that stays where it is: its radius of gyration, about half of its own size
-        radii = [math.sqrt(sum(one.inertia[:3]) / (2.0 * one.mass)) for one in masses if one.mass > 0.0]
         reach = float(np.linalg.norm(high - low)) if (high >= low).all() else 0.0
-        return reach + 2.0 * max(radii, default=0.0)
+        # of a body alone that stays where it is: its own size
+        return reach + max((body_size(one) for one in masses if one.mass > 0.0), default=0.0)
+
+
+def body_size(inertial: Inertial) -> float:
+    """About the size (m) of a body with mass: twice its radius of gyration."""
+    return 2.0 * math.sqrt(sum(inertial.inertia[:3]) / (2.0 * inertial.mass))
+
+
+def moving_in_common(a: Run, b: Run) -> list[str]:
+    """The names of the bodies that can move in both runs, in the order of the first. Raises SpecError where there are none."""
+    for run in (a, b):
+        if not run.recorded:
+            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}")])
+    names = [{run.world.bodies[k].name for k in metrics.moving_bodies(run.world)} for run in (a, b)]
+    both = [body.name for body in a.world.bodies if body.name in names[0] & names[1]]
+    if not both:
+        raise SpecError([Problem(f"{a.label} and {b.label} have no moving body in common")])
+    return both
 
 
 def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:

@@ -58,7 +58,7 @@ def first_difference(common: Common, a: Run, b: Run) -> float | None:
     sides = []
     for run, rows in ((a, common.rows_a), (b, common.rows_b)):
         index = np.array([numbers.setdefault(body.name, len(numbers)) for body in run.world.bodies], dtype=np.int64)
-        sides.append(_Side(run, rows, index))
+        sides.append(Side(run, rows, index))
     first, arrays = 0, [one for side in sides for one in (side.row, side.body, side.rows)]
     while first < common.rows:
         last = min(common.rows, *(side.until(first) for side in sides))
@@ -72,12 +72,12 @@ def first_difference(common: Common, a: Run, b: Run) -> float | None:
     return None
 
 
-class _Side:
+class Side:
     """The contacts of a run. ``rows``: its rows that are of common times; ``index``: the numbers of its bodies in both runs."""
 
     def __init__(self, run: Run, rows: np.ndarray, index: np.ndarray):
         self.row, self.body = run.arrays["contact.row"], run.arrays["contact.body"]
-        self.rows, self._index = rows, index
+        self.rows, self._index, self._force = rows, index, run.arrays["contact.normal_force"]
 
     def until(self, first: int) -> int:
         """The end of a block of common rows from ``first`` on: one row, or as many as have no more contacts than a block."""
@@ -89,9 +89,20 @@ class _Side:
     def pairs(self, first: int, last: int, bodies: int) -> np.ndarray:
         """What touches at the common rows ``first`` … ``last − 1``: each pair of bodies once for each row, as the number
         (row · bodies + one) · bodies + other."""
+        at, pair, _ = self._contacts(first, last, bodies)
+        return np.unique(at * bodies**2 + pair)
+
+    def forces(self, first: int, last: int, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Every contact at the common rows ``first`` … ``last − 1``: its common row (n,), its pair of bodies as the number
+        one · bodies + other (n,), and its normal force (n,), N."""
+        at, pair, chosen = self._contacts(first, last, bodies)
+        return at, pair, self._force[chosen]
+
+    def _contacts(self, first: int, last: int, bodies: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Common row, number of the pair, and place in the run's arrays of every contact, (n,) each."""
         begin, end = np.searchsorted(self.row, [self.rows[first], self.rows[last - 1] + 1])
         row = self.row[begin:end]
         at = first + np.searchsorted(self.rows[first:last], row)
+        common = self.rows[at] == row
         pair = np.sort(self._index[self.body[begin:end].astype(np.int64)], axis=1)
-        numbers = (at * bodies + pair[:, 0]) * bodies + pair[:, 1]
-        return np.unique(numbers[self.rows[at] == row])
+        return at[common], (pair[:, 0] * bodies + pair[:, 1])[common], begin + np.flatnonzero(common)

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from simspec.comparison.common import Common
+from simspec.comparison.common import Common, moving_in_common
 from simspec.comparison.contacts import first_difference, first_touches
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
 from simspec.comparison.horizon import horizon
-from simspec.errors import Problem, SpecError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -154,14 +153,7 @@ def diff(
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
     angle_tolerance = tolerance if angle_tolerance is None else angle_tolerance
     notes = _notes(a, b, floors)
-    for run in (a, b):
-        if not run.recorded:
-            raise SpecError([Problem(f"{run.label} recorded nothing to compare: {run.failed}")])
-    moving = {a.world.bodies[k].name for k in metrics.moving_bodies(a.world)}
-    moving &= {b.world.bodies[k].name for k in metrics.moving_bodies(b.world)}
-    names = [body.name for body in a.world.bodies if body.name in moving]
-    if not names:
-        raise SpecError([Problem(f"{a.label} and {b.label} have no moving body in common")])
+    names = moving_in_common(a, b)
     common = Common(a, b, names, floors)
     last = horizon(common, FLOOR_FACTOR, tolerance, angle_tolerance) if floors else common.rows
     compared = max(1, last)

@@ -121,5 +121,9 @@ class Run:
 
     def _factor(self, name: str) -> float | None:
         seconds = self.provenance.get("seconds", {}).get(name)
-        steps = self.provenance.get("steps", 0)
-        return steps * self.world.physics.timestep / seconds if seconds and steps else None
+        return factor(self.provenance.get("steps", 0), self.world.physics.timestep, seconds)
+
+
+def factor(steps: int, timestep: float, seconds: float | None) -> float | None:
+    """Simulated time over seconds spent; None where no step was done or no time was measured."""
+    return steps * timestep / seconds if seconds and steps else None

@@ -1,0 +1,200 @@
+"""What a run may not change: energy where nothing acts, and momentum of each free tree of bodies where nothing but
+gravity does.
+
+Contact, controllers, damping, friction and stops may change them, and their times are left out. Contact may take energy away,
+and may not add any: what is gained over a time of contact is told apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.analysis.contacts import demand_contacts
+from simspec.mapped import parts
+from simspec.runner import metrics
+from simspec.runner.run import Run
+from simspec.world.kinematics import layout_of
+from simspec.world.types import World
+
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """The largest change over a time in which there should be none: its size (J, N s, N m s), the same over ``scale``,
+    from when to
+    when (s), and whose it is (a tree's root, or "" for the whole world)."""
+
+    size: float
+    relative: float
+    begin: float
+    end: float
+    whose: str = ""
+
+
+@dataclass(frozen=True)
+class Conservation:
+    """What a run conserved. None: nothing acted at no time, so that nothing can be said; ``notes`` say why.
+
+    energy      the largest change of the total energy while nothing acts, relative to the run's energy scale
+    integrator  ½ M g² dt T of that time T (J): what semi-implicit Euler, the integrator of every engine here, loses in
+                free fall by itself
+    gained      the largest gain of energy over a time of contact; what is lost there is no fault
+    linear      the largest change of a free tree's linear momentum, less M g t
+    angular     the same of its angular momentum about its own centre of mass, on which gravity has no torque
+    """
+
+    energy: Drift | None
+    integrator: float
+    gained: Drift | None
+    linear: Drift | None
+    angular: Drift | None
+    notes: tuple[str, ...]
+
+
+def conservation(run: Run) -> Conservation:
+    """What a run conserved. Raises SpecError where contacts were not recorded: what acts is then not known."""
+    demand_contacts(run)
+    world, notes = run.world, []
+    if world.record.every_steps > 1 or (len(run.time) > 1 and run.time[1] > 1.5 * world.physics.timestep):
+        notes.append("not every step is recorded: a contact between two records is not seen")
+    touching = _touching(run)
+    kinetic, potential = metrics.energy(world, run.arrays)
+    total, scale = kinetic + potential, metrics.energy_scale(kinetic, potential)
+    always = _always_acting(world)
+    energy = gained = None
+    integrator = 0.0
+    contact = touching.any(axis=1)
+    if always:
+        notes.append(f"energy may change at any time: the world has {' and '.join(always)}")
+    else:
+        free = ~_between(contact | _stopped(run))
+        energy = _largest(total[:, None], free[:, None], run.time, scale, [""])
+        if energy is not None:
+            mass = sum(world.bodies[index].inertial.mass for index in metrics.moving_bodies(world))
+            pull = float(np.dot(world.physics.gravity, world.physics.gravity))
+            integrator = 0.5 * mass * pull * world.physics.timestep * (energy.end - energy.begin)
+        gained = _gained(total, free, run.time, scale)
+    linear, angular = _momentum(run, touching)
+    if energy is None and not always:
+        notes.append("something touches or is stopped all the time: energy may change at any time")
+    if linear is None:
+        notes.append("no free tree of bodies is ever untouched: momentum may change at any time")
+    return Conservation(energy, integrator, gained, linear, angular, tuple(notes))
+
+
+def _between(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """For each interval between two rows whether it holds at either end, (rows − 1, …)."""
+    result: NDArray[np.bool_] = rows[:-1] | rows[1:]
+    return result
+
+
+def _touching(run: Run) -> NDArray[np.bool_]:
+    """Whether each body touches something at each row (rows, bodies)."""
+    row, pair = run.arrays["contact.row"], run.arrays["contact.body"]
+    touching = np.zeros((len(run.time), len(run.world.bodies)), dtype=bool)
+    for part in parts(len(row), 64, row, pair):
+        touching[row[part].astype(np.int64)[:, None], pair[part].astype(np.int64)] = True
+    return touching
+
+
+def _always_acting(world: World) -> list[str]:
+    joints = [body.joint for body in world.bodies]
+    named = {
+        "controllers": bool(world.controllers),
+        "damping": any(joint.damping for joint in joints),
+        "dry friction": any(joint.dry_friction for joint in joints),
+        "constraints": bool(world.constraints),
+    }
+    return [name for name, acts in named.items() if acts]
+
+
+def _stopped(run: Run) -> NDArray[np.bool_]:
+    """Whether some joint is at a limit, (rows,)."""
+    stopped = np.zeros(len(run.time), dtype=bool)
+    for body, place in zip(run.world.bodies, layout_of(run.world).position, strict=True):
+        if body.joint.position_limits is not None:
+            lower, upper = body.joint.position_limits
+            q = run.arrays["q"][:, place][:, 0]
+            stopped |= (q <= lower) | (q >= upper)
+    return stopped
+
+
+def _largest(values: Numbers, free: NDArray[np.bool_], time: Numbers, scale: float, names: list[str]) -> Drift | None:
+    """The largest change of a column of ``values`` (rows, columns) or (rows, columns, 3) since the beginning of a
+    stretch of ``free``
+    intervals (rows − 1, columns); None where no interval is free. What is not a number is the largest."""
+    worst: Drift | None = None
+    for column, name in enumerate(names):
+        own = free[:, column]
+        start = np.zeros(len(time), dtype=np.int64)
+        # the row at which the stretch of each row began; its own, where the interval before it is not free
+        begun = np.where(np.concatenate([[False], own]), 0, np.arange(len(time)))
+        start = np.maximum.accumulate(begun)
+        change = values[:, column] - values[start, column]
+        size = np.abs(change) if change.ndim == 1 else np.linalg.norm(change, axis=-1)
+        size = np.where(np.isnan(size), np.inf, size)
+        row = int(size.argmax())
+        if own.any() and (worst is None or size[row] > worst.size):
+            row = row if size[row] > 0.0 else int(np.flatnonzero(own)[-1]) + 1
+            relative = float(size[row]) / scale if scale else (0.0 if size[row] == 0.0 else float("inf"))
+            worst = Drift(float(size[row]), relative, float(time[start[row]]), float(time[row]), name)
+    return worst
+
+
+def _gained(total: Numbers, free: NDArray[np.bool_], time: Numbers, scale: float) -> Drift | None:
+    """The largest gain of energy from before a stretch of contact to after it; None where there was none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], free, [True]]).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    if not len(begins):
+        return None
+    gains = total[ends] - total[begins]
+    at = int(np.where(np.isnan(gains), np.inf, gains).argmax())
+    gain = max(0.0, float(gains[at]))
+    return Drift(gain, gain / scale if scale else 0.0, float(time[begins[at]]), float(time[ends[at]]))
+
+
+def free_trees(world: World) -> dict[str, list[int]]:
+    """The bodies of each tree whose root is free, and on which nothing but gravity and contact acts from outside, by its
+    root's
+    name."""
+    above = {body.name: body.joint.parent for body in world.bodies}
+    trees: dict[str, list[int]] = {}
+    for index, body in enumerate(world.bodies):
+        root = body.name
+        while (parent := above[root]) is not None:
+            root = parent
+        trees.setdefault(root, []).append(index)
+    joints = {body.name: body.joint for body in world.bodies}
+    return {name: rows for name, rows in trees.items() if joints[name].kind == "free" and not joints[name].damping}
+
+
+def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drift | None]:
+    world = run.world
+    trees = free_trees(world)
+    if not trees or world.constraints:
+        return None, None
+    linear, angular = (np.zeros((len(run.time), len(trees), 3)) for _ in range(2))
+    gravity, masses = np.array(world.physics.gravity), metrics.Masses.of(world).mass
+    scales = np.zeros(2)
+    for part, block in metrics.by_blocks(run.arrays):
+        moved = metrics.motion(world, block)
+        scales = np.maximum(scales, metrics.momentum_scale(world, block))
+        for column, rows in enumerate(trees.values()):
+            mass = masses[rows][:, None]
+            push = mass * moved.velocity[:, rows]
+            whole = mass.sum()
+            centre = (mass * moved.centre[:, rows]).sum(axis=1) / whole
+            linear[part, column] = push.sum(axis=1) - whole * gravity * run.time[part, None]
+            lever = moved.centre[:, rows] - centre[:, None]
+            angular[part, column] = (np.cross(lever, push) + moved.spin[:, rows]).sum(axis=1)
+    touched = np.stack([touching[:, rows].any(axis=1) for rows in trees.values()], axis=1)
+    free, names = ~_between(touched), list(trees)
+    found = [
+        _largest(values, free, run.time, float(scale), names)
+        for values, scale in zip((linear, angular), scales, strict=True)
+    ]
+    return found[0], found[1]

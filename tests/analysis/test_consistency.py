@@ -1,0 +1,62 @@
+"""An engine against itself at other timesteps: free fall by semi-implicit Euler, whose deviations are known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.analysis.consistency import consistency, convergence
+from simspec.errors import SpecError
+from tests.runner.synthetic import free_body, run, world
+
+
+def falling(timestep: float, order: int = 1, **facts):
+    """Free fall with the error that an integrator of some order makes: z = −½ g t² − ½ g t dtᵖ (p = 1: semi-implicit
+    Euler)."""
+    of = world(free_body("ball"), free_body("cube"))
+    steps = round(1.0 / timestep)
+    of = dataclasses.replace(of, physics=dataclasses.replace(of.physics, timestep=timestep, steps=steps))
+    return run(of, lambda name, t: _fall(t, timestep**order), **facts)
+
+
+def _fall(t, error):
+    place = np.zeros((len(t), 3))
+    place[:, 2] = -5.0 * t**2 - 5.0 * t * error
+    return place
+
+
+def test_free_fall_departs_by_the_drift():
+    told = consistency(falling(0.004), falling(0.002))
+    assert len(told.time) == 26  # 40 ms apart in one, 20 ms in the other
+    assert told.drift == pytest.approx(5.0 * told.time * 0.002)
+    assert told.rms == pytest.approx(told.drift)
+    assert told.largest == pytest.approx(told.drift)
+    assert told.time[told.row(0.3)] == pytest.approx(0.28)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_order_is_observed(order):
+    told = convergence([falling(0.002, order), falling(0.004, order), falling(0.001, order)])
+    assert told.timesteps == (0.004, 0.002, 0.001)
+    assert np.isnan(told.order[0])  # at the beginning nothing differs
+    assert told.order[1:] == pytest.approx(order)
+    assert told.error[1:] == pytest.approx(5.0 * told.time[1:] * 0.001**order)
+
+
+def test_what_is_not_one_scenario_is_refused():
+    with pytest.raises(SpecError, match="smaller timestep"):
+        consistency(falling(0.002), falling(0.002))
+    with pytest.raises(SpecError, match="not one scenario"):
+        consistency(falling(0.004), falling(0.002, engine="second"))
+    other = falling(0.002)
+    lighter = dataclasses.replace(
+        other.world, physics=dataclasses.replace(other.world.physics, gravity=(0.0, 0.0, -1.0))
+    )
+    with pytest.raises(SpecError, match="not one scenario"):
+        consistency(falling(0.004), dataclasses.replace(other, world=lighter))
+    with pytest.raises(SpecError, match="one ratio"):
+        convergence([falling(0.004), falling(0.002), falling(0.0005)])
+    with pytest.raises(SpecError, match="one ratio"):
+        convergence([falling(0.004), falling(0.002)])
