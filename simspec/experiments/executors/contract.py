@@ -3,11 +3,12 @@ needs, a world and compiled files, is named by hashes and supplied apart."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from simspec.errors import EXIT_ENGINE, SimspecError
 from simspec.experiments.result import TaskResult
 from simspec.runner.case import Case
 
@@ -52,9 +53,18 @@ Publish = Callable[[Task, TaskResult], None]
 """Stores a result; may be called from any thread, and twice for one task: the second time does nothing."""
 
 
+class ExecutorError(SimspecError):
+    """Tasks cannot be done: nobody is there who does them, or not any more. What was published is stored."""
+
+    exit_code = EXIT_ENGINE
+
+
 class Executor(Protocol):
     """Does tasks. Errors of an engine are results (``Run.failed``); an error of this machine (a full disk) ends the block,
     and is no result of anything."""
+
+    def demand(self, engines: Collection[str]) -> None:
+        """Raise ExecutorError where nobody does tasks of one of these engines (labels): asked before any task is given."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
         """Do all tasks; they are made while others are at work, so no more are asked for than are needed soon."""

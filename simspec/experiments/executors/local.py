@@ -6,7 +6,7 @@ import errno
 import os
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,9 @@ class LocalExecutor:
         self._warm = warm
         self._do_run = do_run or self._in_a_process
         self._ending = threading.Event()
+
+    def demand(self, engines: Collection[str]) -> None:
+        """Every engine of a plan is installed here: its versions are part of the plan."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
         """As of :class:`simspec.experiments.executors.contract.Executor`."""
