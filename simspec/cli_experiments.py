@@ -25,6 +25,9 @@ def sweep_command(
     jobs: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Runs side by side (default: the cores; measure: speed: 1).")
     ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of a Dask cluster: tcp://HOST:PORT.")
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the plan and its cost; run and write nothing.")
     ] = False,
@@ -63,6 +66,7 @@ def sweep_command(
         engine=engine,
         store=store,
         jobs=jobs,
+        scheduler=scheduler,
         dry_run=dry_run,
         retry_failed=retry_failed,
         no_verify=no_verify,

@@ -13,6 +13,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
+from simspec.experiments.executors.dask import DaskExecutor, demand_address
 from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
@@ -43,6 +44,7 @@ def sweep(
     engine: list[str] | None,
     store: Path | None,
     jobs: int | None,
+    scheduler: str | None,
     dry_run: bool,
     retry_failed: bool,
     no_verify: bool,
@@ -66,7 +68,9 @@ def sweep(
     labels = list(selection.engines)
     plan = plan_sweep(loaded, engines=labels, versions=versions_of(labels, pythons))
     folder = store or RUNS / plan.spec.name / SWEEP_FOLDER
-    at_once = side_by_side(jobs, plan)
+    if scheduler is not None:
+        demand_cluster(scheduler, jobs, plan)
+    at_once = side_by_side(jobs, plan) if scheduler is None else 1
     _demand_targets(store, folder, csv, find_spec(spec))
     if dry_run:
         return _dry_run(plan, folder, at_once, selection, not no_verify, as_json)
@@ -77,7 +81,9 @@ def sweep(
         outcome = run_sweep(
             plan,
             opened,
-            functools.partial(_local, plan, at_once, pythons),
+            functools.partial(_local, plan, at_once, pythons)
+            if scheduler is None
+            else functools.partial(DaskExecutor, address=scheduler, versions=plan.versions),
             verify=not no_verify,
             retry_failed=retry_failed,
             pythons=pythons,
@@ -101,6 +107,20 @@ def side_by_side(jobs: int | None, plan: Plan) -> int:
         return 1
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return jobs or cores
+
+
+def demand_cluster(scheduler: str, jobs: int | None, plan: Plan) -> None:
+    """Raise SpecError where a sweep cannot be done on a cluster, or asks for what is of this machine."""
+    demand_address(scheduler)
+    if jobs is not None:
+        message = "is of this machine; how many runs a worker does side by side is said where it is started"
+        raise SpecError([Problem(message, "--jobs", None, f"--jobs {jobs} with --scheduler", "one of the two")])
+    if plan.measure == "speed":
+        message = "speed is measured on this machine, where nothing else is at work"
+        place = plan.spec.locate("sweep.measure")
+        raise SpecError(
+            [Problem(message, "sweep.measure", place, "--scheduler", "measure: physics, or no --scheduler")]
+        )
 
 
 def _local(plan: Plan, at_once: int, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:

@@ -4,7 +4,7 @@ there. It may be ended at any moment: the next call does what is left."""
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -130,7 +130,7 @@ def sweep(
         try:
             executor = start(supplies)
             try:
-                executor.run(driver.tasks(), driver.publish)
+                executor.run(driver.tasks(executor.demand), driver.publish)
             finally:
                 executor.close()
         finally:
@@ -171,12 +171,17 @@ class _Driver:
 
     # --- what is to be done ---------------------------------------------------------------------------------------------
 
-    def tasks(self) -> Iterator[Task]:
-        """What is not there yet, in the order of the plan, compiled and proven."""
+    def tasks(self, demand: Callable[[Collection[str]], None] = lambda engines: None) -> Iterator[Task]:
+        """What is not there yet, in the order of the plan, compiled and proven. ``demand`` is told which engines are needed
+        (``Executor.demand``) before anything is done."""
+        needed: dict[str, None] = {}
         for cell in self._plan:
             if not self._settled(cell):
+                if self._index.done(cell.key) is None or self._retry:
+                    needed[cell.engine] = None
                 self._to_do += self._weight(cell)
                 self._count += 1
+        demand(needed.keys())
         self._tell("starting")
         for cell in self._plan:
             row = self._settled(cell)

@@ -256,8 +256,8 @@ class DaskExecutor:
     # --- the cluster ----------------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """See which workers there are. Raises ExecutorError where the scheduler is gone, or silent, or where no worker has had an
-        engine for too long."""
+        """See which workers there are. Raises ExecutorError where the scheduler is gone, or silent, or where no worker
+        has had an engine for too long."""
         if self._client.status != "running":
             raise self._gone("the connection was lost")
         try:
@@ -314,7 +314,7 @@ async def _identity(address: str) -> Mapping[str, Any]:
 
     arguments = Security().get_connection_args("client")
     async with rpc(address, connection_args=arguments) as remote:
-        told = await remote.identity(n_workers=0)
+        told = await remote.identity()
     return told if isinstance(told, Mapping) else {}
 
 
