@@ -23,7 +23,14 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Problem, SpecError, clipped
 from simspec.experiments.executors.contract import ExecutorError, Publish, Supplies, Task
-from simspec.experiments.executors.remote import RefusedError, batch_parcel, do_batch, results_of, wanted_versions
+from simspec.experiments.executors.remote import (
+    EndedError,
+    RefusedError,
+    batch_parcel,
+    do_batch,
+    results_of,
+    wanted_versions,
+)
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -72,7 +79,7 @@ def do_on_worker(request: bytes) -> bytes:
     def demand_alive() -> None:
         time.sleep(ENDING)
         if worker.status.name not in ("running", "paused"):
-            raise RefusedError("is being ended")
+            raise EndedError
 
     return do_batch(request, demand_alive)
 
@@ -245,6 +252,8 @@ class DaskExecutor:
             raise ExecutorError(f"{batch.engine}: a worker of {self._address} failed: {told}") from error
         try:
             results, seconds = results_of(reply, batch.tasks, self._supplies)
+        except EndedError:
+            return batch.tasks
         except RefusedError as error:
             raise ExecutorError(f"a worker of {self._address} failed: {error}") from None
         for task, result in zip(batch.tasks, results, strict=True):

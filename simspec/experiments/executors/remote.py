@@ -39,12 +39,16 @@ TABLES = "pyarrow"
 """What writes tables: their bytes, and so their hashes, are its own."""
 
 DemandAlive = Callable[[], None]
-"""Called where an engine gave no result. Raises RefusedError where this process is being ended: then its engines are, too, and
+"""Called where an engine gave no result. Raises EndedError where this process is being ended: then its engines are, too, and
 that is no result of theirs."""
 
 
 class RefusedError(SimspecError):
     """A worker cannot do what it was asked for, or failed as a machine does. The message is the reason."""
+
+
+class EndedError(Exception):
+    """A worker is being ended: its batch is to be done by another one."""
 
 
 def wanted_versions(versions: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, str]]:
@@ -73,6 +77,8 @@ def do_batch(request: bytes, demand_alive: DemandAlive = lambda: None) -> bytes:
         tasks = [task_from(data) for data in parcel.facts["tasks"]]
         _demand_versions(tasks, parcel.facts["wanted"])
         facts, contents = _do(tasks, parcel, demand_alive)
+    except EndedError:
+        return Parcel({"host": platform.node(), "ended": True}, {}).pack()
     except (SimspecError, ParcelError, OSError, TypeError, KeyError) as error:
         return Parcel({"host": platform.node(), "error": f"{type(error).__name__}: {error}"[:2000]}, {}).pack()
     seconds = time.perf_counter() - started
@@ -81,10 +87,12 @@ def do_batch(request: bytes, demand_alive: DemandAlive = lambda: None) -> bytes:
 
 def results_of(reply: Any, tasks: Sequence[Task], supplies: Supplies) -> tuple[list[TaskResult], float]:
     """What :func:`do_batch` made of ``tasks``, and the seconds that it took. Raises RefusedError where it made nothing of
-    them."""
+    them, EndedError where another one should."""
     try:
         parcel = Parcel.unpack(reply)
         host = str(parcel.facts["host"])
+        if parcel.facts.get("ended"):
+            raise EndedError(host)
         if "error" in parcel.facts:
             raise RefusedError(f"{host}: {parcel.facts['error']}")
         seconds = float(parcel.facts["seconds"])
