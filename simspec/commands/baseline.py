@@ -97,8 +97,11 @@ def with_baseline(
 ) -> Compared:
     """Time the engines of a study, compare it with ``before``, and write the new baseline: not over one from which it
     regressed."""
-    notes = [f"speed: {why}" for why in disturbances()] if asked.timed else []
-    timed = _time(asked.timed, study, pythons, deadline, progress) if asked.timed else []
+    notes: list[str] = []
+    timed: list[Run] = []
+    if asked.timed and (asked.write is not None or (before is not None and before.has_speed)):
+        notes = [f"speed: {why}" for why in disturbances()]
+        timed = _time(asked.timed, study, pythons, deadline, progress)
     now = baseline_of(study, timed, tolerance, this_machine())
     comparison = None
     if before is not None:

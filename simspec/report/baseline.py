@@ -71,6 +71,11 @@ class Baseline:
     machine: Machine
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
+    @property
+    def has_speed(self) -> bool:
+        """Whether speed was measured."""
+        return any(figure.kind is Kind.SPEED for figure in self.figures.values())
+
     def text(self) -> str:
         """As JSON, one figure a line, so that version control shows what changed."""
         head = {

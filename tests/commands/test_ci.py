@@ -9,6 +9,7 @@ import pytest
 from lxml import etree
 
 from simspec import cli
+from simspec.commands import baseline as baseline_command
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG
 from simspec.report.summary import LARGEST
 
@@ -135,3 +136,14 @@ def test_speed_is_measured_for_a_baseline(folder, capsys):
     figures = {one["key"]: one for one in json.loads((folder / "b.json").read_text())["figures"]}
     speed = figures["mujoco/speed by processor time"]
     assert speed["interval"][0][0] <= speed["value"][0] <= speed["interval"][0][1]
+
+
+def test_engines_are_timed_only_where_their_speed_is_compared_or_kept(monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(baseline_command, "timed_runs", lambda cases, repeats, **_: asked.append(repeats) or [])
+    assert call(*RUN, "--baseline", "b.json") == EXIT_OK
+    assert call(*RUN, "--write-baseline", "b.json", "--timed-runs", "0") == EXIT_OK
+    assert call(*RUN, "--baseline", "b.json") == EXIT_OK
+    assert asked == []
+    assert call(*RUN, "--write-baseline", "b.json", "--timed-runs", "4") == EXIT_OK
+    assert asked == [4]
