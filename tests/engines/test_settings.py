@@ -11,7 +11,7 @@ import pytest
 from simspec.cli import main
 from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.engines.kit.settings import Setting, check_settings, idle_settings
+from simspec.engines.kit.settings import Group, Setting, check_settings, finer_settings, idle_settings
 from simspec.errors import Location, UnsupportedError
 from simspec.proof import mutation_worlds
 from simspec.world.types import EngineOptions
@@ -158,3 +158,27 @@ def test_what_does_nothing_by_default_is_no_error_and_is_known():
     assert {"friction_rate", "friction_share", "friction_cushion"} <= set(
         idle_settings(find_engine("mujoco"), {**settings, "friction": "coulomb"})
     )
+
+
+@pytest.mark.parametrize(("engine", "name"), EVERY)
+def test_every_setting_says_what_it_acts_on_and_its_finer_value_is_allowed(engine, name):
+    setting = find_engine(engine).SETTINGS[name]
+    assert setting.group is not Group.OTHER
+    if setting.finer is not None:
+        assert type(setting.finer) is type(setting.default)
+        assert allowed(setting, setting.finer)
+
+
+@pytest.mark.parametrize("engine", engines())
+def test_what_is_as_fine_already_stays(engine):
+    kind = find_engine(engine)
+    defaults = {name: setting.default for name, setting in kind.SETTINGS.items()}
+    finer = finer_settings(kind, defaults)
+    assert finer == {
+        name: setting.finer
+        for name, setting in kind.SETTINGS.items()
+        if setting.finer is not None and setting.finer != setting.default
+    }
+    assert not finer_settings(kind, defaults | finer)
+    beyond = {name: value * (10 if value > kind.SETTINGS[name].default else 0.1) for name, value in finer.items()}
+    assert not finer_settings(kind, defaults | beyond)

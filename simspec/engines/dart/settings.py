@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.engines.kit.settings import Setting
+from simspec.engines.kit.settings import Group, Setting
 
 SETTINGS: Mapping[str, Setting] = {
     "contact_solver": Setting(
@@ -13,6 +13,7 @@ SETTINGS: Mapping[str, Setting] = {
         "pyramid, where it is exact and stacks best. dantzig under the elliptic cone must be accepted, by "
         "contact.cone.elliptic.",
         ("auto", "nsgs", "dantzig"),
+        group=Group.SOLVER,
     ),
     "collision_detector": Setting(
         "auto",
@@ -20,6 +21,7 @@ SETTINGS: Mapping[str, Setting] = {
         "dart for spheres, boxes and capsules, ode for cylinders and planes, fcl for ellipsoids. bullet has at most four "
         "points a pair where ode has eight to twelve, which makes stacks of cylinders a quarter cheaper, and rounds edges.",
         ("auto", "dart", "ode", "bullet", "fcl"),
+        group=Group.DETECTOR,
     ),
     "iterations": Setting(
         300,
@@ -28,6 +30,8 @@ SETTINGS: Mapping[str, Setting] = {
         "no more.",
         minimum=1,
         needs=("contact_solver", ("auto", "nsgs")),
+        group=Group.ACCURACY,
+        finer=3000,
     ),
     "tolerance": Setting(
         1e-5,
@@ -35,6 +39,8 @@ SETTINGS: Mapping[str, Setting] = {
         "at the same speed.",
         minimum=0.0,
         needs=("contact_solver", ("auto", "nsgs")),
+        group=Group.ACCURACY,
+        finer=1e-10,
     ),
     "dry_friction_tolerance": Setting(
         1e-8,
@@ -42,12 +48,15 @@ SETTINGS: Mapping[str, Setting] = {
         "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
         minimum=0.0,
         needs=("contact_solver", ("auto", "nsgs")),
+        group=Group.JOINTS,
+        finer=1e-12,
     ),
     "contact_overflow": Setting(
         "error",
         "What happens when a step has more than the 1000 contacts that DART takes; dartpy cannot raise that number. "
         "It is looked at after each recorded stretch of steps. log: go on, and say so in the run's log.",
         ("error", "log"),
+        group=Group.BOUNDS,
     ),
     "sleeping": Setting(
         False,
@@ -55,11 +64,13 @@ SETTINGS: Mapping[str, Setting] = {
         "than 0.01 m/s, but for the step's fall, and 0.05 rad/s for 0.5 s. Bodies that stand on bodies that move "
         "freely, and what bears them, stay awake (measured).",
         only_with="sleeping",
+        group=Group.SLEEPING,
     ),
     "exact_rotation": Setting(
         "auto",
         "Replace DART's Taylor form of small rotations (off by up to 1.7e-10 rad in a step) by the exact one. auto: "
         "where no moving body has a collision shape; elsewhere it would cost more time than it is worth.",
         ("auto", "always", "never"),
+        group=Group.ROTATION,
     ),
 }

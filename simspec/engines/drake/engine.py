@@ -28,7 +28,7 @@ from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.settings import Setting, written_settings
+from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
@@ -190,12 +190,15 @@ class Drake(SimulatedEngine[Simulation]):
             "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction "
             "and stops joints at their limits; its friction lifts what slides.",
             ("auto", "sap", "tamsi"),
+            group=Group.SOLVER,
         ),
         "stiffness": Setting(
             1e8,
             "Of every shape (N/m); two in contact have half. With 1e12 SAP fails in its line search; with 1e8 what weighs "
             "10 kg rests 2 µm deep.",
             minimum=1.0,
+            group=Group.SOFTNESS,
+            finer=1e9,
         ),
         "dissipation": Setting(
             1000.0,
@@ -203,6 +206,7 @@ class Drake(SimulatedEngine[Simulation]):
             "e is 0.01; with 10000 a ball dropped at 8 ms rests 1.3 mm deep.",
             minimum=0.0,
             needs=("contact_approximation", ("auto", "tamsi")),
+            group=Group.ERROR_REDUCTION,
         ),
         "hydroelastic_faces": Setting(
             False,
@@ -212,6 +216,7 @@ class Drake(SimulatedEngine[Simulation]):
             "contact law is as with corners (by TAMSI pushes to 0.01 % from 1 to 8 ms, stops at 1 ms). A step takes twice the "
             "time, and TAMSI then holds towers of six boxes at 4 ms.",
             only_with="hydroelastic_faces",
+            group=Group.GEOMETRY,
         ),
         "hydroelastic_modulus": Setting(
             1e8,
@@ -220,6 +225,7 @@ class Drake(SimulatedEngine[Simulation]):
             minimum=1.0,
             only_with="hydroelastic_faces",
             needs=("hydroelastic_faces", (True,)),
+            group=Group.SOFTNESS,
         ),
         "stiction_tolerance": Setting(
             1e-6,
@@ -227,6 +233,8 @@ class Drake(SimulatedEngine[Simulation]):
             "(6e-7 m/s measured).",
             minimum=1e-12,
             needs=("contact_approximation", ("auto", "tamsi")),
+            group=Group.FRICTION,
+            finer=1e-8,
         ),
     }
     PROBED_TOGETHER: ClassVar[int | None] = 4  # TAMSI, 1 ms: 24 boxes 7 ms a step, six times four 1.3 ms

@@ -6,6 +6,7 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
 from simspec.errors import Problem
@@ -16,6 +17,25 @@ Value = bool | int | float | str
 
 LARGEST_WHOLE = 2**31 - 1
 """The largest whole number that every engine's settings can hold."""
+
+
+class Group(StrEnum):
+    """What a setting acts on: the closed vocabulary that differences of runs are told in (``docs/explain.md``)."""
+
+    SOLVER = "solver"
+    ACCURACY = "solver accuracy"
+    ERROR_REDUCTION = "contact error reduction"
+    SOFTNESS = "contact softness"
+    FRICTION = "friction model"
+    GEOMETRY = "contact geometry"
+    DETECTOR = "collision detector"
+    RESTITUTION = "restitution"
+    JOINTS = "joint limits and dry friction"
+    ROTATION = "integration of rotations"
+    SLEEPING = "sleeping"
+    ORDER = "order of the equations"
+    BOUNDS = "bounds of the computation"
+    OTHER = "other settings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +52,11 @@ class Setting:
     it stay as they are."""
     needs: tuple[str, tuple[bool | str, ...]] | None = None
     """Another setting, and its values with which this one acts; with others it does nothing, and to give it is an error."""
+    group: Group = Group.OTHER
+    """What it acts on."""
+    finer: Value | None = None
+    """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
+    explain`` asks with it whether a difference comes from the accuracy."""
 
 
 class HasSettings(Protocol):
@@ -64,6 +89,17 @@ def written_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     found = dict(engine.chosen_settings(world, resolve_settings(engine, world)))
     off = {name for name, setting in engine.SETTINGS.items() if setting.only_with and not found[setting.only_with]}
     return {name: value for name, value in found.items() if name not in off}
+
+
+def finer_settings(engine: type[HasSettings], settings: Mapping[str, Value]) -> dict[str, Value]:
+    """The values of the settings that have a finer one, where the present one is not as fine."""
+    finer: dict[str, Value] = {}
+    for name, setting in engine.SETTINGS.items():
+        value, finest, default = settings[name], setting.finer, setting.default
+        if isinstance(finest, (int, float)) and isinstance(value, (int, float)) and isinstance(default, (int, float)):
+            if value > finest if finest <= default else value < finest:
+                finer[name] = finest
+    return finer
 
 
 def idle_settings(engine: type[HasSettings], settings: Mapping[str, Any]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
-from simspec.engines.kit.settings import Setting
+from simspec.engines.kit.settings import Group, Setting
 
 SETTINGS: Mapping[str, Setting] = {
     "solver": Setting(
@@ -13,22 +13,37 @@ SETTINGS: Mapping[str, Setting] = {
         "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg and pgs "
         "approach it.",
         ("newton", "cg", "pgs"),
+        group=Group.SOLVER,
     ),
     "iterations": Setting(
-        100, "Most iterations of the solver in a step; Newton stays far below. MuJoCo's own number.", minimum=1
+        100,
+        "Most iterations of the solver in a step; Newton stays far below. MuJoCo's own number.",
+        minimum=1,
+        group=Group.ACCURACY,
+        finer=1000,
     ),
     "ls_iterations": Setting(
         50,
         "Most iterations of the solver's line search. MuJoCo's own number.",
         minimum=1,
         needs=("solver", ("newton", "cg")),
+        group=Group.ACCURACY,
+        finer=500,
     ),
-    "tolerance": Setting(1e-8, "The solver ends when it improves by less than this. MuJoCo's own number.", minimum=0.0),
+    "tolerance": Setting(
+        1e-8,
+        "The solver ends when it improves by less than this. MuJoCo's own number.",
+        minimum=0.0,
+        group=Group.ACCURACY,
+        finer=1e-14,
+    ),
     "ls_tolerance": Setting(
         0.01,
         "The line search ends below this part of the gradient. MuJoCo's own number.",
         minimum=0.0,
         needs=("solver", ("newton", "cg")),
+        group=Group.ACCURACY,
+        finer=1e-4,
     ),
     "friction": Setting(
         NATIVE,
@@ -41,12 +56,14 @@ SETTINGS: Mapping[str, Setting] = {
         "(0.3 m/s), which the run counts and says (measured, 1 ms: docs/contact.md). friction_rate, friction_share and "
         "friction_cushion are native's.",
         (NATIVE, COULOMB),
+        group=Group.FRICTION,
     ),
     "impratio": Setting(
         1000.0,
         "How much harder friction is than the normal direction, which friction_cushion makes soft. A box at 60 % of the "
         "limit creeps 1.7e-6 m/s (measured, 1 ms), at MuJoCo's own 1 a thousand times as fast.",
         minimum=1e-6,
+        group=Group.FRICTION,
     ),
     "high_impratio": Setting(
         1e7,
@@ -55,27 +72,33 @@ SETTINGS: Mapping[str, Setting] = {
         "creeps 8e-3 m/s at 60 % of the limit, at 1e7 7e-6; at 1000 a ball of μ = 1 and c = 0.33 mm stops rolling 57 % "
         "late at 0.5 ms, at 1e5 and 1e7 within 2 % (measured). Not for all worlds: heaps then jitter at 2e-4 m/s.",
         minimum=1e-6,
+        group=Group.FRICTION,
     ),
     "noslip_iterations": Setting(
         0,
         "Sweeps after the solver that take away slow slip. None: the creep left is 1e-6 m/s, and the sweeps break the "
         "solver's own optimum.",
         minimum=0,
+        group=Group.FRICTION,
     ),
     "multiccd": Setting(
-        True, "Several contact points between shapes that meet in a face (MuJoCo 4's own choice, off in MuJoCo 3)."
+        True,
+        "Several contact points between shapes that meet in a face (MuJoCo 4's own choice, off in MuJoCo 3).",
+        group=Group.GEOMETRY,
     ),
-    "warmstart": Setting(True, "Begin each solve at the last step's solution."),
+    "warmstart": Setting(True, "Begin each solve at the last step's solution.", group=Group.ACCURACY),
     "island": Setting(
         False,
         "Solve groups of bodies that do not touch each other apart. Off: MuJoCo versions differ in what they make of it.",
         needs=("sleeping", (False,)),
+        group=Group.SOLVER,
     ),
     "sleeping": Setting(
         False,
         "Take free rigid bodies that rest out of the simulation until something touches them (MuJoCo 4; switches island "
         "on).",
         only_with="sleeping",
+        group=Group.SLEEPING,
     ),
     "sleep_tolerance": Setting(
         1e-5,
@@ -83,6 +106,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         only_with="sleeping",
         needs=("sleeping", (True,)),
+        group=Group.SLEEPING,
     ),
     "contact_error_reduction": Setting(
         0.01,
@@ -90,6 +114,7 @@ SETTINGS: Mapping[str, Setting] = {
         "throw overlapping bodies apart at β times overlap over timestep.",
         minimum=0.0,
         maximum=1.0,
+        group=Group.ERROR_REDUCTION,
     ),
     "contact_impedance": Setting(
         0.999,
@@ -97,6 +122,8 @@ SETTINGS: Mapping[str, Setting] = {
         "(measured), and higher ones solve worse.",
         minimum=1e-4,
         maximum=0.9999,
+        group=Group.SOFTNESS,
+        finer=0.9999,
     ),
     "friction_rate": Setting(
         100.0,
@@ -105,6 +132,7 @@ SETTINGS: Mapping[str, Setting] = {
         "30 by 13 % of a 50 mm slide; at 100 by 1 %).",
         minimum=1e-3,
         needs=("friction", (NATIVE,)),
+        group=Group.FRICTION,
     ),
     "friction_share": Setting(
         0.3,
@@ -115,6 +143,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=1e-3,
         maximum=1.0,
         needs=("friction", (NATIVE,)),
+        group=Group.FRICTION,
     ),
     "friction_cushion": Setting(
         1e-4,
@@ -125,25 +154,32 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=0.1,
         needs=("friction", (NATIVE,)),
+        group=Group.SOFTNESS,
+        finer=0.0,
     ),
     "explicit_pairs_limit": Setting(
         5000,
         "Pairs of shapes with friction that are listed one by one, which alone have a friction_rate. 5000 are 100 bodies, "
         "and cost 20 % of a step (measured); beyond the limit no pair is listed, and sliding bodies hop.",
         minimum=0,
+        group=Group.FRICTION,
     ),
     "limit_error_reduction": Setting(
         0.01,
         "Share of a passed joint limit that is taken back in each step; as for contact, so that a stop does not bounce.",
         minimum=0.0,
         maximum=1.0,
+        group=Group.JOINTS,
     ),
-    "limit_impedance": Setting(0.999, "As contact_impedance, for joint limits.", minimum=1e-4, maximum=0.9999),
+    "limit_impedance": Setting(
+        0.999, "As contact_impedance, for joint limits.", minimum=1e-4, maximum=0.9999, group=Group.JOINTS, finer=0.9999
+    ),
     "dry_friction_impedance": Setting(
         0.9999,
         "As contact_impedance, for dry friction in joints, which creeps the less the higher it is: 9e-8 m/s at 90 % of "
         "its limit, 1 kg and 1 ms (measured; 9e-7 at 0.999).",
         minimum=1e-4,
         maximum=0.9999,
+        group=Group.JOINTS,
     ),
 }

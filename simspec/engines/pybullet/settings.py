@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.engines.kit.settings import Setting
+from simspec.engines.kit.settings import Group, Setting
 
 SETTINGS: Mapping[str, Setting] = {
     "iterations": Setting(
@@ -12,6 +12,8 @@ SETTINGS: Mapping[str, Setting] = {
         "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
         "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19.",
         minimum=1,
+        group=Group.ACCURACY,
+        finer=2000,
     ),
     "residual_threshold": Setting(
         0.0,
@@ -19,12 +21,15 @@ SETTINGS: Mapping[str, Setting] = {
         "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
         "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0.",
         minimum=0.0,
+        group=Group.ACCURACY,
+        finer=0.0,
     ),
     "contact_erp": Setting(
         0.01,
         "Share of an overlap of two bodies that is taken back in each step; 0.01 is what all core engines can do.",
         minimum=0.0,
         maximum=1.0,
+        group=Group.ERROR_REDUCTION,
     ),
     "friction_erp": Setting(
         0.0,
@@ -34,6 +39,7 @@ SETTINGS: Mapping[str, Setting] = {
         "cylinders ends 1 mm off, not 10 (measured).",
         minimum=0.0,
         maximum=1.0,
+        group=Group.FRICTION,
     ),
     "joint_erp": Setting(
         0.01,
@@ -41,31 +47,42 @@ SETTINGS: Mapping[str, Setting] = {
         "rebounds by as much (measured); PyBullet's own 0.2 would make 20 %.",
         minimum=0.0,
         maximum=1.0,
+        group=Group.JOINTS,
     ),
-    "contact_slop": Setting(0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0),
+    "contact_slop": Setting(
+        0.0, "Overlap that is tolerated (m); 0: none is left at rest.", minimum=0.0, group=Group.ERROR_REDUCTION
+    ),
     "contact_processing_threshold": Setting(
         0.0,
         "Contacts with a gap below this are solved (m). PyBullet's own (speculative) contact kills restitution: asked "
         "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
         "off each other as they should all the same.",
         minimum=0.0,
+        group=Group.GEOMETRY,
     ),
     "contact_breaking_threshold": Setting(
-        0.02, "Contact points are kept up to this gap (m); PyBullet's default.", minimum=0.0
+        0.02,
+        "Contact points are kept up to this gap (m); PyBullet's default.",
+        minimum=0.0,
+        group=Group.GEOMETRY,
     ),
     "collision_margin": Setting(
         0.0,
         "Added around convex shapes (m); PyBullet's own 0.001 makes meshes bigger. PyBullet takes it for base links only "
         "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
         minimum=0.0,
+        group=Group.GEOMETRY,
     ),
     "sleeping": Setting(
         False,
         "Take free rigid bodies that rest (below 1 mm/s for PyBullet's 2 s) out of the simulation until something moving "
         "touches them.",
         only_with="sleeping",
+        group=Group.SLEEPING,
     ),
     "deterministic_pairs": Setting(
-        True, "Sort the pairs of bodies before solving, so that a run does not depend on what was there before."
+        True,
+        "Sort the pairs of bodies before solving, so that a run does not depend on what was there before.",
+        group=Group.ORDER,
     ),
 }
