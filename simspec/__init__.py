@@ -38,6 +38,9 @@ _HOME = {
     "Floor": "simspec.comparison.floor:Floor",
     "diff_worlds": "simspec.comparison.worlds:diff_worlds",
     "Change": "simspec.comparison.worlds:Change",
+    "explain": "simspec.attribution.sides:explain",
+    "Configuration": "simspec.attribution.configuration:Configuration",
+    "Explanation": "simspec.attribution.explanation:Explanation",
     "study": "simspec.comparison.study:study",
     "Study": "simspec.comparison.study:Study",
     "plan_sweep": "simspec.experiments.plan:plan_sweep",
@@ -78,6 +81,9 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from simspec.attribution.configuration import Configuration
+    from simspec.attribution.explanation import Explanation
+    from simspec.attribution.sides import explain
     from simspec.comparison.floor import Floor
     from simspec.comparison.floor import measure_floor as floor
     from simspec.comparison.runs import Diff, diff

@@ -41,10 +41,10 @@ def diff_worlds(a: World, b: World) -> list[Change]:
 
     Empty exactly when the two worlds are equal up to the order of their bodies.
     """
-    return list(_changes("", _tree(a), _tree(b)))
+    return list(_changes("", tree(a), tree(b)))
 
 
-def _tree(world: World) -> dict[str, Any]:
+def tree(world: World) -> dict[str, Any]:
     """The world as nested dicts, named things keyed by their names; lists only of numbers and words."""
     plain = to_plain(world)
     bodies = {}

@@ -96,10 +96,17 @@ def perturbed_state(world: World, amount: float, seed: int | None = None) -> tup
     if seed is not None:
         generator = np.random.default_rng(seed)
         dq, dv = generator.uniform(-amount, amount, len(q)), generator.uniform(-amount, amount, len(v))
+    return moved_states(world, q, v, dq, dv)
+
+
+def moved_states(
+    world: World, q: np.ndarray, v: np.ndarray, dq: np.ndarray | float, dv: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """States q (..., nq), v (..., nv) moved by relative changes, in the way of :func:`perturbed_state`."""
     moved = np.where(q == 0.0, dq, q * (1.0 + dq))
     for body, part in zip(world.bodies, layout_of(world).position, strict=True):
         if body.joint.kind in QUATERNION_JOINTS:
             turn = slice(part.stop - 4, part.stop)
-            moved[part.stop - 4] = q[part.stop - 4]
-            moved[turn] /= np.linalg.norm(moved[turn])
+            moved[..., part.stop - 4] = q[..., part.stop - 4]
+            moved[..., turn] /= np.linalg.norm(moved[..., turn], axis=-1, keepdims=True)
     return moved, v * (1.0 + dv)

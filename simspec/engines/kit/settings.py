@@ -96,9 +96,10 @@ def finer_settings(engine: type[HasSettings], settings: Mapping[str, Value]) -> 
     finer: dict[str, Value] = {}
     for name, setting in engine.SETTINGS.items():
         value, finest, default = settings[name], setting.finer, setting.default
-        if isinstance(finest, (int, float)) and isinstance(value, (int, float)) and isinstance(default, (int, float)):
-            if value > finest if finest <= default else value < finest:
-                finer[name] = finest
+        if not isinstance(finest, (int, float)) or isinstance(value, str) or isinstance(default, str):
+            continue
+        if value > finest if finest <= default else value < finest:
+            finer[name] = finest
     return finer
 
 

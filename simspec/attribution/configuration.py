@@ -1,0 +1,134 @@
+"""A world in an engine, as one of the two sides that are compared, and what is asked of it: runs, and windows."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.compiler import compile_world, missing_options
+from simspec.control.request import to_request
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.process import DEADLINE, Answer, Operation, call
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import Value, idle_settings, resolve_settings
+from simspec.scratch import scratch_folder
+from simspec.world.canonical import sha256
+from simspec.world.kinematics import initial_state
+from simspec.world.types import EngineOptions, World
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A world in an engine (a label), and the interpreter that has the engine (None: this one). ``start``: the initial (q, v)
+    where it is not the world's."""
+
+    world: World
+    engine: str
+    python: str | None = None
+    start: tuple[Floats, Floats] | None = field(default=None, compare=False)
+
+    @property
+    def kind(self) -> type[Engine]:
+        """The engine's class."""
+        return find_engine(self.engine)
+
+    @property
+    def key(self) -> tuple[str, str, str | None]:
+        """What its windows depend on."""
+        return sha256(self.world), self.engine, self.python
+
+    @property
+    def settings(self) -> dict[str, Value]:
+        """All solver settings at work: the engine's own choices included."""
+        return dict(self.kind.chosen_settings(self.world, resolve_settings(self.kind, self.world)))
+
+    @property
+    def initial(self) -> tuple[Floats, Floats]:
+        """The initial (q, v)."""
+        return initial_state(self.world) if self.start is None else self.start
+
+    def in_world(self, world: World) -> Configuration:
+        """The same engine with another world."""
+        return dataclasses.replace(self, world=world)
+
+    def with_settings(self, values: Mapping[str, Value]) -> Configuration:
+        """The same with some other settings; those that then do nothing are left out."""
+        wanted = {**resolve_settings(self.kind, self.world), **values}
+        idle = idle_settings(self.kind, wanted)
+        written = {
+            name: value
+            for name, value in wanted.items()
+            if name not in idle and value != self.kind.SETTINGS[name].default
+        }
+        options = dataclasses.replace(self.world.options(self.kind.NAME), settings=tuple(sorted(written.items())))
+        return self.in_world(_with_options(self.world, options))
+
+    def with_options_of(self, other: Configuration) -> Configuration:
+        """The same with what another side's world accepts and has computed outside the engine."""
+        theirs = other.world.options(other.kind.NAME)
+        own = self.world.options(self.kind.NAME)
+        return self.in_world(
+            _with_options(self.world, dataclasses.replace(own, accept=theirs.accept, outside=theirs.outside))
+        )
+
+    def accepting(self) -> Configuration:
+        """The same with everything accepted that the engine has approximately or outside: a counterfactual is no claim.
+        Raises UnsupportedError for what it does not support at all."""
+        pythons = {} if self.python is None else {self.engine: self.python}
+        needed = missing_options(self.world, self.engine, pythons)
+        if not needed:
+            return self
+        own = self.world.options(self.kind.NAME)
+        accept, outside = (tuple(sorted({*getattr(own, key), *needed.get(key, {})})) for key in ("accept", "outside"))
+        return self.in_world(_with_options(self.world, dataclasses.replace(own, accept=accept, outside=outside)))
+
+
+def _with_options(world: World, options: EngineOptions) -> World:
+    others = [other for other in world.engines if other.engine != options.engine]
+    return dataclasses.replace(world, engines=tuple(sorted([*others, options], key=lambda some: some.engine)))
+
+
+def run_operation(configuration: Configuration, steps: int, every: int, channels: Iterable[str] = ()) -> Operation:
+    """A run of ``steps`` from the initial state, recorded every ``every`` steps."""
+    parameters, arrays = to_request(configuration.world)
+    q, v = configuration.initial
+    asked = {**parameters, "steps": steps, "every": every, "channels": list(channels)}
+    return Operation("run", asked, {**arrays, "q": q, "v": v}, configuration.world)
+
+
+def windows_operation(
+    configuration: Configuration, q: Floats, v: Floats, starts: Sequence[int], steps: int, contacts: bool = False
+) -> Operation:
+    """Windows of ``steps`` steps from states q (k, nq), v (k, nv), each the one after ``starts`` (k) steps of a run."""
+    parameters, arrays = to_request(configuration.world)
+    channels = ["contacts"] if contacts else []
+    asked = {**parameters, "starts": list(starts), "steps": steps, "channels": channels}
+    states = {"q": np.ascontiguousarray(q), "v": np.ascontiguousarray(v)}
+    return Operation("windows", asked, {**arrays, **states}, configuration.world)
+
+
+def ask(configuration: Configuration, *operations: Operation, deadline: float = DEADLINE) -> list[Answer]:
+    """The answers of a process of the configuration's engine. Raises UnsupportedError where the engine does not support the
+    world, EngineError where it fails."""
+    with _compiled(configuration) as folder:
+        reply = call(configuration.engine, folder, operations, python=configuration.python, deadline=deadline)
+    return reply.answers
+
+
+@contextlib.contextmanager
+def _compiled(configuration: Configuration) -> Iterator[Path]:
+    pythons = {} if configuration.python is None else {configuration.engine: configuration.python}
+    compiled = compile_world(configuration.world, [configuration.engine], pythons=pythons)[configuration.engine]
+    with scratch_folder(engine_name(configuration.engine)) as place:
+        folder = place / "compiled"
+        compiled.artifacts.write(folder)
+        yield folder

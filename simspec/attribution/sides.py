@@ -1,0 +1,57 @@
+"""The two sides of a question: stored runs, or worlds in engines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from simspec.attribution.configuration import Configuration
+from simspec.attribution.explanation import Explanation, explain_sides
+from simspec.attribution.windows import MOST_WINDOWS
+from simspec.engines.kit.process import DEADLINE
+from simspec.errors import Problem, SpecError
+from simspec.runner.run import Run
+from simspec.world.kinematics import initial_state
+
+
+def side_of_run(run: Run, pythons: Mapping[str, str] | None = None, name: str = "") -> Configuration:
+    """What a run was made with, its initial state included. Raises SpecError where the run has no rows."""
+    if not run.recorded:
+        why = f": {run.failed}" if run.failed is not None else ""
+        message = f"{name or repr(run)} has no rows{why}"
+        raise SpecError([Problem(message, hint="run it again: simspec run")])
+    start = np.array(run.arrays["q"][0]), np.array(run.arrays["v"][0])
+    same = all(np.array_equal(*both) for both in zip(start, initial_state(run.world), strict=True))
+    return Configuration(run.world, run.engine, (pythons or {}).get(run.engine), None if same else start)
+
+
+def explain(
+    first: Run | Configuration,
+    second: Run | Configuration,
+    *,
+    windows: int = MOST_WINDOWS,
+    names: tuple[str, str] | None = None,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    progress: Callable[..., None] = lambda text, share=None: None,
+) -> Explanation:
+    """Where the difference of two sides comes from: each a run, or a :class:`Configuration` (a world in an engine).
+
+    windows  how many windows are looked at, at most
+    names    what the two are called (default: world and engine)
+    pythons  interpreters of engines, by label
+    deadline seconds that one engine process may take
+    progress told what is being done
+
+    Both begin short windows in states of the first side's run, and the gap at the windows' ends is measured; then one thing
+    that differs, or may, is taken away at a time (docs/explain.md). Raises SpecError where the two are of different scenes or a
+    run has no rows, UnsupportedError and EngineError where one of the two cannot be asked.
+    """
+    sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
+    told = names or (_told(sides[0]), _told(sides[1]))
+    return explain_sides(sides[0], sides[1], told, most=windows, deadline=deadline, progress=progress)
+
+
+def _told(side: Configuration) -> str:
+    return f"{side.world.name} in {side.engine}"

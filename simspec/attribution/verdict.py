@@ -1,0 +1,130 @@
+"""An explanation in sentences, the most telling first, computed from its figures alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from simspec.attribution.candidates import Kind
+from simspec.attribution.explanation import ENOUGH, RUN, Explanation, Swap, useful
+from simspec.attribution.windows import ALL
+
+WORDS: Mapping[str, str] = {
+    "free": "free motion",
+    "impact": "impacts",
+    "contact": "contact",
+    RUN: "the whole run",
+    ALL: "all windows",
+}
+"""The classes, as sentences say them."""
+MOST = 3
+"""Probes that are told in sentences; the table has all."""
+LIKE = 0.005
+"""Shares that differ by less are told once."""
+
+
+def verdict(explanation: Explanation) -> tuple[str, ...]:
+    """What accounts for the difference, in sentences."""
+    telling = explanation.telling
+    acting = useful(explanation.causes)
+    if not telling:
+        return tuple(_nothing(explanation))
+    lines = [_cause(swap, telling) for swap in acting]
+    if len(explanation.caused.names) > 1:
+        lines.append(f"Together they account for {_shares(explanation.caused.share, telling)}.")
+    if not acting:
+        if not explanation.causes:
+            lines.append(_no_cause(explanation))
+        else:
+            lines.append("No value or setting that was given differently accounts for the difference.")
+    lines += _asked(explanation, rest=bool(acting))
+    lines += _left(explanation)
+    idle = [
+        swap.name
+        for swap in explanation.causes
+        if swap not in acting and swap.failed is None and swap.name not in explanation.caused.names
+    ]
+    if idle and acting:
+        lines.append(f"Different, and without effect here: {_listed(idle)}.")
+    return tuple(lines)
+
+
+def _no_cause(explanation: Explanation) -> str:
+    if explanation.same_engine:
+        return "Nothing differs between the two, and yet their motions do: the engine does not repeat itself."
+    return "Both hold the same world, and no setting is away from its default: the difference is the engines' own."
+
+
+def _nothing(explanation: Explanation) -> Iterable[str]:
+    if not explanation.causes and explanation.same_engine:
+        yield "Nothing differs: the same world, the same settings, the same engine, and the same motion."
+    elif not explanation.causes:
+        yield "There is nothing to explain: both make the same motion, to round-off."
+    else:
+        names = [swap.name for swap in explanation.causes]
+        yield "There is nothing to explain: both make the same motion, to round-off."
+        yield f"Different, and without effect here: {_listed(names)}."
+
+
+def _cause(swap: Swap, telling: Sequence[str]) -> str:
+    before, after = swap.values
+    values = f"{before} in A, {after} in B" if swap.kind == Kind.DIFFERENCE.value else f"{before}, default {after}"
+    name = swap.name[:1].upper() + swap.name[1:]
+    return f"{name} ({values}) accounts for {_shares(swap.share, telling)}."
+
+
+def _shares(share: Mapping[str, float], telling: Sequence[str]) -> str:
+    """``99 % of the difference in contact``, or one share for all classes where they are alike."""
+    classes = [name for name in telling if name != ALL and name in share]
+    if not classes:
+        return f"{percent(share.get(ALL, 0.0))} of the difference"
+    values = [share[name] for name in classes]
+    every = [name for name in telling if name != ALL]
+    if len(classes) == len(every) > 1 and max(values) - min(values) < LIKE:
+        return f"{percent(min(values))} of the difference ({', '.join(WORDS[name] for name in classes)})"
+    first, *others = sorted(classes, key=lambda name: -share[name])
+    told = f"{percent(share[first])} of the difference in {WORDS[first]}"
+    return told + "".join(f", {percent(share[name])} in {WORDS[name]}" for name in others)
+
+
+def percent(share: float) -> str:
+    """A share as people read it: ``100 %`` only where nothing is left."""
+    value = 100.0 * share
+    if value > 99.0 and share < 1.0:
+        return f"{min(value, 99.99):.4g} %"
+    return f"{value:.1f} %" if abs(value) < 10.0 else f"{value:.0f} %"
+
+
+def _asked(explanation: Explanation, rest: bool) -> Iterable[str]:
+    of = "what is left" if rest else "the difference"
+    ways = [
+        swap
+        for swap in useful(explanation.probes)
+        if swap.kind != Kind.REMOVAL.value and swap.share.get(ALL, 0.0) > 0.0
+    ]
+    ways.sort(key=lambda swap: -swap.share[ALL])
+    told = [name for name in explanation.telling if name != RUN]
+    for swap in ways[:MOST]:
+        yield f"Of {of}, {swap.name} closes {_plain(swap.share, told)}."
+    if len(explanation.probed.names) > 1:
+        yield f"Of {of}, {_listed(explanation.probed.names)} together close {_plain(explanation.probed.share, told)}."
+    places = [swap for swap in useful(explanation.probes) if swap.kind == Kind.REMOVAL.value]
+    for swap in places:
+        if swap.share.get(ALL, 0.0) > 0.5:
+            yield f"With {swap.name}, {percent(swap.share[ALL])} of it is gone: it is there that the two differ."
+
+
+def _plain(share: Mapping[str, float], telling: Sequence[str]) -> str:
+    classes = [name for name in telling if name in share and name != ALL] or [ALL]
+    return ", ".join(f"{percent(share[name])} in {WORDS[name]}" for name in classes if name in share)
+
+
+def _left(explanation: Explanation) -> Iterable[str]:
+    left = {name: share for name, share in explanation.unexplained.items() if share > 1.0 - ENOUGH}
+    if left:
+        yield f"Unexplained: {', '.join(f'{percent(share)} in {WORDS[name]}' for name, share in left.items())}."
+    else:
+        yield f"Unexplained: less than {percent(1.0 - ENOUGH)}."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -1,0 +1,216 @@
+"""Teacher-forced windows: both sides begin every window in a state of the first side's run, so that what they differ by at its
+end has no chaos and no history in it.
+
+The gap of a window is the largest over the bodies of √(Δx² + (ρ Δα)²): Δx the distance of the two positions of the body frame
+(m), Δα the angle between the two orientations (rad), ρ the body's radius of gyration (m).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.attribution.configuration import Configuration, Floats, ask, run_operation, windows_operation
+from simspec.engines.kit.process import DEADLINE, Answer, Operation
+from simspec.errors import EngineError, Problem, SpecError
+from simspec.world.kinematics import layout_of
+from simspec.world.rotations import rotation_error
+from simspec.world.types import World
+
+LENGTH = Fraction(1, 100)
+"""s of a window at least: so short that nothing grows that is not there, so long that an impact shows in positions."""
+LONGEST = Fraction(1, 5)
+"""s of a window at most, where the two timesteps have no common multiple before."""
+MOST_WINDOWS = 240
+"""Windows that are looked at unless the caller says otherwise."""
+MOST_ROWS = 4_000_000
+"""Rows times bodies of the recording that windows are taken from; beyond, contacts are looked at less often than each step."""
+CLASSES = ("free", "impact", "contact")
+"""free: nothing touches in it; impact: bodies touch that did not touch in the window before; contact: what touches touched
+before."""
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of a run: states q (k, nq), v (k, nv) at their beginnings, in the coordinates of ``world``; ``numbers`` (k): each
+    begins after so many lengths of a window; ``kinds`` (k): index into ``CLASSES``; ``counts``: how many windows of each class
+    the run has, of which these are a sample."""
+
+    world: World
+    length: Fraction
+    numbers: NDArray[np.int64]
+    q: Floats
+    v: Floats
+    kinds: NDArray[np.int64]
+    counts: Mapping[str, int]
+
+    def __repr__(self) -> str:
+        return f"<Windows: {len(self.numbers)} of {float(self.length):g} s>"
+
+    def steps(self, world: World) -> int:
+        """Steps of ``world`` in a window. Raises SpecError where that is no whole number."""
+        steps = self.length / exact(world.physics.timestep)
+        if steps.denominator != 1:
+            raise SpecError([Problem(f"a window of {float(self.length):g} s is not a whole number of its steps")])
+        return steps.numerator
+
+    def means(self, gaps: Floats, quiet: NDArray[np.bool_] | None = None) -> dict[str, float]:
+        """The mean of something for each window (k,) by class, and over all, each class with the weight it has in the run.
+        ``quiet`` (k): the windows that count; where a class has none of these, all of its windows do."""
+        means, weights = {}, {}
+        for index, name in enumerate(CLASSES):
+            inside = self.kinds == index
+            chosen = inside if quiet is None or not (inside & quiet).any() else inside & quiet
+            if chosen.any():
+                means[name] = float(gaps[chosen].mean())
+                weights[name] = self.counts[name] * float(chosen.sum()) / float(inside.sum())
+        whole = sum(weights.values())
+        return {**means, ALL: sum(weights[name] * mean for name, mean in means.items()) / whole}
+
+
+def exact(timestep: float) -> Fraction:
+    """A timestep as the fraction that was meant: 1/240, not its nearest double."""
+    near = Fraction(timestep).limit_denominator(1_000_000)
+    return near if math.isclose(near, timestep, rel_tol=1e-12) else Fraction(timestep)
+
+
+def window_length(worlds: Sequence[World], duration: Fraction) -> Fraction:
+    """The length of a window: a whole number of steps of all worlds. Raises SpecError where there is none."""
+    steps = [exact(world.physics.timestep) for world in worlds]
+    common = steps[0]
+    for step in steps[1:]:
+        numerator = math.lcm(common.numerator * step.denominator, step.numerator * common.denominator)
+        common = Fraction(numerator, common.denominator * step.denominator)
+    if common > max(LONGEST, *steps) or common > duration:
+        told = " and ".join(f"{world.physics.timestep:g} s" for world in worlds)
+        allowed = f"timesteps with a common multiple of at most {float(min(max(LONGEST, *steps), duration)):g} s"
+        raise SpecError([Problem("there is no window that both can step through", found=told, allowed=allowed)])
+    most = math.floor(duration / common)
+    return common * min(max(1, math.ceil(LENGTH / common)), most)
+
+
+def take_windows(
+    first: Configuration, second: Configuration, most: int = MOST_WINDOWS, deadline: float = DEADLINE
+) -> tuple[Windows, Answer]:
+    """Windows of a run of ``first``, of which ``second`` may make the same; and that run, with contacts."""
+    world = first.world
+    timestep = exact(world.physics.timestep)
+    worlds = (world, second.world)
+    duration = min(exact(one.physics.timestep) * one.physics.steps for one in worlds)
+    if duration == 0:
+        raise SpecError([Problem("there is no motion to explain: the duration is 0", "physics.duration")])
+    length = window_length(worlds, duration)
+    steps = (length / timestep).numerator
+    count = math.floor(duration / length)
+    every = _every(steps, count * steps * len(world.bodies))
+    (answer,) = ask(first, run_operation(first, count * steps, every, ["contacts"]), deadline=deadline)
+    if answer.result["failed"] is not None:
+        failed = answer.result["failed"]
+        count = min(count, int(failed["step"]) // steps)
+        if not count:
+            raise EngineError(first.engine, f"the state is not finite after step {failed['step']}")
+    kinds = _kinds(answer, count, steps // every)
+    chosen = _sample(kinds, most)
+    rows = chosen * (steps // every)
+    arrays = answer.arrays
+    counts = {name: int((kinds == index).sum()) for index, name in enumerate(CLASSES)}
+    windows = Windows(world, length, chosen, arrays["q"][rows], arrays["v"][rows], kinds[chosen], counts)
+    return windows, answer
+
+
+def _every(steps: int, work: int) -> int:
+    """How often the run is recorded: every step, or so rarely that it has not too many rows; a divisor of a window's steps."""
+    least = -(-work // MOST_ROWS)
+    return next((every for every in range(1, steps + 1) if steps % every == 0 and every >= least), steps)
+
+
+def touching_pairs(arrays: Mapping[str, np.ndarray]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows (n,) and pairs of bodies (n, 2; the smaller index first) of the contacts that overlap or press."""
+    acting = (arrays["contact.normal_force"] > 0.0) | (arrays["contact.distance"] <= 0.0)
+    pairs = np.sort(arrays["contact.body"].astype(np.int64), axis=1)[acting]
+    return arrays["contact.row"].astype(np.int64)[acting], pairs
+
+
+def _kinds(answer: Answer, count: int, rows: int) -> NDArray[np.int64]:
+    """The class (count,) of each window of ``rows`` rows."""
+    row, pairs = touching_pairs(answer.arrays)
+    window = (row - 1) // rows  # a row has the contacts of the step before it
+    kinds = np.full(count, CLASSES.index("free"), dtype=np.int64)
+    keys = pairs[:, 0] * answer.arrays["pose"].shape[1] + pairs[:, 1]
+    before: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    ends = np.searchsorted(window, np.arange(count + 1))
+    for number in range(count):
+        touching = np.unique(keys[ends[number] : ends[number + 1]])
+        if len(touching):
+            new = not np.isin(touching, before).all()
+            kinds[number] = CLASSES.index("impact" if new else "contact")
+        before = touching
+    return kinds
+
+
+def _sample(kinds: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """The numbers of at most ``most`` windows, spread evenly over each class; impacts, the rarest, are thinned out last."""
+    left = {index: np.flatnonzero(kinds == index) for index in range(len(CLASSES))}
+    chosen: list[NDArray[np.int64]] = []
+    for place, index in enumerate(sorted(left, key=lambda one: len(left[one]))):
+        share = (most - sum(map(len, chosen))) // (len(CLASSES) - place)
+        numbers = left[index]
+        if len(numbers) > share:
+            numbers = numbers[np.linspace(0, len(numbers) - 1, max(1, share)).round().astype(np.int64)]
+        chosen.append(numbers)
+    return np.sort(np.concatenate(chosen))
+
+
+def map_states(source: World, target: World, q: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """States (..., nq), (..., nv) of one world in the order of another's bodies."""
+    if [body.name for body in source.bodies] == [body.name for body in target.bodies]:
+        return q, v
+    theirs, ours = layout_of(source), layout_of(target)
+    at = {body.name: index for index, body in enumerate(source.bodies)}
+    new_q, new_v = np.empty_like(q), np.empty_like(v)
+    for index, body in enumerate(target.bodies):
+        new_q[..., ours.position[index]] = q[..., theirs.position[at[body.name]]]
+        new_v[..., ours.velocity[index]] = v[..., theirs.velocity[at[body.name]]]
+    return new_q, new_v
+
+
+def ordered_poses(world: World, target: World, pose: Floats) -> Floats:
+    """Poses (..., bodies, 7) of one world in the order of another's bodies."""
+    at = {body.name: index for index, body in enumerate(world.bodies)}
+    return pose[..., [at[body.name] for body in target.bodies], :]
+
+
+def question(configuration: Configuration, windows: Windows, states: tuple[Floats, Floats] | None = None) -> Operation:
+    """The windows, as they are asked of a configuration. ``states``: others to begin in."""
+    q, v = map_states(windows.world, configuration.world, *(states or (windows.q, windows.v)))
+    steps = windows.steps(configuration.world)
+    return windows_operation(configuration, q, v, (windows.numbers * steps).tolist(), steps)
+
+
+def ends(configuration: Configuration, windows: Windows, answer: Answer) -> Floats:
+    """Poses (k, bodies, 7) at the ends of the windows, in the order of the windows' world. Raises EngineError where one is not
+    finite."""
+    pose: Floats = answer.arrays["pose"]
+    if not np.isfinite(pose).all():
+        raise EngineError(configuration.engine, "the state is not finite at the end of a window")
+    return ordered_poses(configuration.world, windows.world, pose)
+
+
+def gaps(world: World, first: Floats, second: Floats) -> Floats:
+    """The gap (k,) between poses (k, bodies, 7)."""
+    radii = np.array([_radius(world, index) for index in range(len(world.bodies))])
+    distance = np.linalg.norm(first[..., :3] - second[..., :3], axis=-1)
+    turn = radii * rotation_error(first[..., 3:], second[..., 3:])
+    gap: Floats = np.hypot(distance, turn).max(axis=-1)
+    return gap
+
+
+def _radius(world: World, index: int) -> float:
+    inertial = world.bodies[index].inertial
+    return math.sqrt(sum(inertial.inertia[:3]) / (2.0 * inertial.mass)) if inertial.mass > 0.0 else 0.0

@@ -1,0 +1,103 @@
+"""``simspec explain``: where the difference of two runs, or of two engines, comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from simspec.arguments import demand_installed, engine_names, interpreters, load_spec, print_json
+from simspec.attribution.configuration import Configuration
+from simspec.attribution.sides import explain as explain_them
+from simspec.attribution.sides import side_of_run
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.report.attribution import explanation_data, show_explanation
+from simspec.report.progress import progress
+from simspec.runner.run import Run
+from simspec.runner.store import load_run
+
+
+def explain(
+    a: str,
+    b: str | None,
+    *,
+    engine: list[str] | None,
+    others: list[str] | None,
+    windows: int,
+    sets: list[str] | None,
+    allow_outside: bool,
+    python: list[str] | None,
+    deadline: float,
+    as_json: bool,
+) -> int:
+    """Explain the difference of two run folders, or of a spec (or two) in engines. Always 0: there is nothing that could fail
+    to hold."""
+    pythons = interpreters(python, engine)
+    notes: list[str] = []
+    folders = [name for name in (a, b) if name is not None and Path(name).is_dir()]
+    if folders:
+        if len(folders) < 2 or b is None:
+            message = "cannot explain this difference"
+            raise SpecError(
+                [Problem(message, found=", ".join(filter(None, (a, b))), allowed="two run folders, or specs")]
+            )
+        if engine or others or sets:
+            message = "--engine, --set and --with are for specs: runs have their own"
+            raise SpecError([Problem(message, found=f"{a}, {b}")])
+        runs = [load_run(name) for name in (a, b)]
+        sides = [side_of_run(run, pythons, name) for run, name in zip(runs, (a, b), strict=True)]
+        names = [f"{name} ({run.label})" for run, name in zip(runs, (a, b), strict=True)]
+        notes = _other_versions(runs, names, pythons)
+        demand_installed(list(dict.fromkeys(side.engine for side in sides)), pythons)
+    else:
+        sides, names = _of_specs(a, b, engine, others, sets, allow_outside, pythons)
+    with progress(not as_json) as tell:
+        told = explain_them(*sides, windows=windows, names=(names[0], names[1]), deadline=deadline, progress=tell)
+    if as_json:
+        print_json({**explanation_data(told), "notes": notes})
+    else:
+        show_explanation(told, notes)
+    return EXIT_OK
+
+
+def _of_specs(
+    a: str,
+    b: str | None,
+    engine: list[str] | None,
+    others: list[str] | None,
+    sets: list[str] | None,
+    allow_outside: bool,
+    pythons: dict[str, str],
+) -> tuple[list[Configuration], list[str]]:
+    words = engine or []
+    if not 1 <= len(words) <= 2:
+        allowed = (
+            "--engine A --engine B; or one --engine, and what the second side has: --with PATH=VALUE, or a second spec"
+        )
+        raise SpecError([Problem("explain takes one engine or two", found=", ".join(words) or "none", allowed=allowed)])
+    if len(words) == 1 and b is None and not others:
+        hint = "add a second --engine, --with PATH=VALUE for the second side, or a second spec"
+        raise SpecError([Problem("there is only one side", found=words[0], hint=hint)])
+    labels = [engine_names([word])[0] for word in words]
+    demand_installed(labels, pythons)
+    labels = [labels[0], labels[-1]]
+    worlds = [
+        load_spec(a, sets, allow_outside, warn=False).world,
+        load_spec(b or a, [*(sets or ()), *(others or ())], allow_outside, warn=False).world,
+    ]
+    sides = [Configuration(world, label, pythons.get(label)) for world, label in zip(worlds, labels, strict=True)]
+    names = [
+        f"{a} in {labels[0]}",
+        " ".join([f"{b or a} in {labels[1]}", *(f"--with {word}" for word in others or ())]),
+    ]
+    return sides, names
+
+
+def _other_versions(runs: Sequence[Run], names: Sequence[str], pythons: dict[str, str]) -> list[str]:
+    """A note for each run that was made with another version of its engine than is asked now."""
+    notes = []
+    for run, name in zip(runs, names, strict=True):
+        made, here = run.provenance.get("engine_version"), find_engine(run.engine).version()
+        if run.engine not in pythons and made != here:
+            notes.append(f"note: {name} was made with {run.engine} {made}; {here} is asked")
+    return notes
