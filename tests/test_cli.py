@@ -19,7 +19,21 @@ from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 
 PACKAGE = Path(cli.__file__).resolve().parent
-COMMANDS = ("new", "check", "fmt", "schema", "compile", "verify", "run", "report", "view", "diff", "engines", "accept")
+COMMANDS = (
+    "new",
+    "check",
+    "fmt",
+    "schema",
+    "compile",
+    "verify",
+    "run",
+    "report",
+    "view",
+    "diff",
+    "explain",
+    "engines",
+    "accept",
+)
 FALL = """\
 simspec: 1
 name: fall

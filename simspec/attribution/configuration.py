@@ -15,9 +15,10 @@ from simspec.compiler import compile_world, missing_options
 from simspec.control.request import to_request
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.process import DEADLINE, Answer, Operation, call
+from simspec.engines.kit.process import DEADLINE, Answer, Operation, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Value, idle_settings, resolve_settings
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state
@@ -116,12 +117,22 @@ def windows_operation(
     return Operation("windows", asked, {**arrays, **states}, configuration.world)
 
 
-def ask(configuration: Configuration, *operations: Operation, deadline: float = DEADLINE) -> list[Answer]:
-    """The answers of a process of the configuration's engine. Raises UnsupportedError where the engine does not support the
-    world, EngineError where it fails."""
-    with _compiled(configuration) as folder:
-        reply = call(configuration.engine, folder, operations, python=configuration.python, deadline=deadline)
-    return reply.answers
+@dataclass(frozen=True)
+class Asking:
+    """How engines are asked: each question in a process of its own, under a ``deadline`` (s), forked from ``warm`` ones."""
+
+    warm: WarmProcesses | None = None
+    deadline: float = DEADLINE
+
+    def ask(self, configuration: Configuration, *operations: Operation) -> list[Answer]:
+        """The answers of a process of the configuration's engine. Raises UnsupportedError where the engine does not support
+        the world, EngineError where it fails."""
+        engine, python = configuration.engine, configuration.python
+        with (
+            _compiled(configuration) as folder,
+            start(engine, folder, operations, python=python, deadline=self.deadline, warm=self.warm) as running,
+        ):
+            return running.wait().answers
 
 
 @contextlib.contextmanager

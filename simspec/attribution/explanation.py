@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.attribution.candidates import Candidate, Kind, Pair, causes, probes
-from simspec.attribution.configuration import Configuration, Floats, ask, run_operation
+from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation
 from simspec.attribution.contact import FirstContact, contact_questions, first_contact
 from simspec.attribution.windows import MOST_WINDOWS, Windows, ends, gaps, ordered_poses, question, take_windows
 from simspec.comparison.floor import FLOOR_FACTOR, PERTURBATION
-from simspec.engines.kit.process import DEADLINE, Answer, side_by_side
+from simspec.engines.kit.process import Answer, side_by_side
 from simspec.errors import EngineError, SpecError
 from simspec.runner.case import moved_states
 
@@ -27,6 +27,7 @@ ENOUGH = 0.99
 """Share from which nothing more is looked for."""
 AT_ONCE = 2
 """Engine processes side by side."""
+COLD = Asking()
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,8 @@ def negligible(floor: float) -> float:
 class Gaps:
     """The gaps of pairs of configurations, each configuration asked once."""
 
-    def __init__(self, windows: Windows, deadline: float):
-        self._windows, self._deadline = windows, deadline
+    def __init__(self, windows: Windows, asking: Asking):
+        self._windows, self._asking = windows, asking
         self._ends: dict[tuple[object, ...], Floats] = {}
         self._runs: dict[tuple[object, ...], Floats] = {}
         self.quiet: NDArray[np.bool_] = np.ones(len(windows.numbers), dtype=bool)
@@ -129,8 +130,7 @@ class Gaps:
         asked[0].append(question(pair[0], windows, states))
         with side_by_side(AT_ONCE) as pool:
             jobs = [
-                pool.submit(ask, side, *operations, deadline=self._deadline)
-                for side, operations in zip(pair, asked, strict=True)
+                pool.submit(self._asking.ask, side, *operations) for side, operations in zip(pair, asked, strict=True)
             ]
             ours, theirs = (job.result() for job in jobs)
         for side, answers in zip(pair, (ours, theirs), strict=True):
@@ -153,7 +153,7 @@ class Gaps:
 
     def _end(self, side: Configuration) -> Floats:
         if side.key not in self._ends:
-            (answer,) = ask(side, question(side, self._windows), deadline=self._deadline)
+            (answer,) = self._asking.ask(side, question(side, self._windows))
             self._ends[side.key] = ends(side, self._windows, answer)
         return self._ends[side.key]
 
@@ -170,7 +170,7 @@ class Gaps:
             steps = self._windows.steps(side.world)
             count = sum(self._windows.counts.values())
             operation = run_operation(side, count * steps, steps)
-            (answer,) = ask(side, operation, deadline=self._deadline)
+            (answer,) = self._asking.ask(side, operation)
             if answer.result["failed"] is not None:
                 raise EngineError(side.engine, f"the state is not finite after step {answer.result['failed']['step']}")
             self._runs[key] = ordered_poses(side.world, self._windows.world, answer.arrays["pose"])
@@ -183,7 +183,7 @@ def explain_sides(
     names: tuple[str, str],
     *,
     most: int = MOST_WINDOWS,
-    deadline: float = DEADLINE,
+    asking: Asking = COLD,
     progress: Callable[..., None] = lambda text, share=None: None,
 ) -> Explanation:
     """Where the difference of two sides comes from. ``names``: what they are called; ``most``: windows that are looked at.
@@ -193,8 +193,8 @@ def explain_sides(
     """
     differing = causes(first, second)
     progress("running the first side")
-    windows, run = take_windows(first, second, most, deadline)
-    asked = Gaps(windows, deadline)
+    windows, run = take_windows(first, second, asking, most)
+    asked = Gaps(windows, asking)
     progress("asking both sides")
     pair = (first, second)
     gap, floor, contact = asked.begin(pair, run)
@@ -210,9 +210,9 @@ def explain_sides(
     probed, further = Joint((), caused.gap, {}), []
     if not same and judge.open(caused.gap):
         second_judge = _Judge(asked, caused.gap, floor, progress)
-        asking = list(probes(left))
-        further = second_judge.each(left, asking)
-        probed, _ = second_judge.together(left, [one for one in asking if one.kind is not Kind.REMOVAL], further)
+        candidates = list(probes(left))
+        further = second_judge.each(left, candidates)
+        probed, _ = second_judge.together(left, [one for one in candidates if one.kind is not Kind.REMOVAL], further)
     unexplained = {name: 1.0 - share for name, share in judge.shares(probed.gap).items()}
     return Explanation(
         *names,

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from simspec.attribution.configuration import Configuration
+from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.explanation import Explanation, explain_sides
 from simspec.attribution.windows import MOST_WINDOWS
 from simspec.engines.kit.process import DEADLINE
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import Problem, SpecError
 from simspec.runner.run import Run
 from simspec.world.kinematics import initial_state
@@ -50,7 +51,9 @@ def explain(
     """
     sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
     told = names or (_told(sides[0]), _told(sides[1]))
-    return explain_sides(sides[0], sides[1], told, most=windows, deadline=deadline, progress=progress)
+    with WarmProcesses() as warm:
+        asking = Asking(warm, deadline)
+        return explain_sides(sides[0], sides[1], told, most=windows, asking=asking, progress=progress)
 
 
 def _told(side: Configuration) -> str:

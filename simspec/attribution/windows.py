@@ -15,8 +15,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.attribution.configuration import Configuration, Floats, ask, run_operation, windows_operation
-from simspec.engines.kit.process import DEADLINE, Answer, Operation
+from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation, windows_operation
+from simspec.engines.kit.process import Answer, Operation
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import rotation_error
@@ -96,7 +96,7 @@ def window_length(worlds: Sequence[World], duration: Fraction) -> Fraction:
 
 
 def take_windows(
-    first: Configuration, second: Configuration, most: int = MOST_WINDOWS, deadline: float = DEADLINE
+    first: Configuration, second: Configuration, asking: Asking, most: int = MOST_WINDOWS
 ) -> tuple[Windows, Answer]:
     """Windows of a run of ``first``, of which ``second`` may make the same; and that run, with contacts."""
     world = first.world
@@ -109,7 +109,7 @@ def take_windows(
     steps = (length / timestep).numerator
     count = math.floor(duration / length)
     every = _every(steps, count * steps * len(world.bodies))
-    (answer,) = ask(first, run_operation(first, count * steps, every, ["contacts"]), deadline=deadline)
+    (answer,) = asking.ask(first, run_operation(first, count * steps, every, ["contacts"]))
     if answer.result["failed"] is not None:
         failed = answer.result["failed"]
         count = min(count, int(failed["step"]) // steps)

@@ -146,9 +146,15 @@ CASES = {
         ("contact",),
     ),
     "dart-iterations": alone("dart", "engines.dart.settings.iterations=3", "DART's iterations", "contact"),
-    "dart-detector": alone(
-        "dart", "engines.dart.settings.collision_detector=bullet", "DART's collision_detector", "contact"
+    "dart-detector": Planted(
+        ("dart", "dart"),
+        (
+            "engines.dart.settings.collision_detector=bullet",
+            "engines.dart.accept=[material.restitution, shape.box, shape.plane]",
+        ),
+        "DART's collision_detector",
+        ("contact",),
     ),
-    "initial-state": alone("mujoco", "bodies.ball.pose.xyz=[0,1,0.2]", "initial state", "whole run"),
-    "sleeping-none": alone("mujoco", "physics.gravity=[0,0,-9.81]", "", ""),
+    "initial-state": alone("mujoco", "bodies.ball.pose.xyz=[0,1,0.2]", "initial state of ball", "whole run"),
+    "nothing": alone("mujoco", "physics.gravity=[0,0,-9.81]", "", ""),
 }

@@ -1,0 +1,108 @@
+"""``simspec explain``: what it takes, what it prints, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from simspec import cli
+from simspec.attribution.sides import side_of_run
+from simspec.errors import EXIT_OK, EXIT_WRONG, EngineError, SpecError
+from simspec.runner.execution import failed_run, run
+from tests.attribution.planted import FALL, world
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Three saved runs: of a fall, of a fall under another gravity, and of another scene."""
+    folder = tmp_path_factory.mktemp("runs")
+    run(world(FALL), "mujoco").save(folder / "fall")
+    run(world(FALL, "physics.gravity=[0,0,-9]"), "mujoco").save(folder / "slow")
+    run(world(FALL.replace("  box:", "  brick:")), "mujoco").save(folder / "brick")
+    return folder
+
+
+def explain(capsys, *words):
+    code = cli.main(["explain", *map(str, words)])
+    told = capsys.readouterr()
+    return code, told.out, told.err
+
+
+def test_the_verdict_is_the_first_line(runs, capsys):
+    code, out, _ = explain(capsys, runs / "fall", runs / "slow")
+    assert code == EXIT_OK
+    first = out.splitlines()[0]
+    assert first.startswith("Gravity ([0, 0, -9.81] in A, [0, 0, -9] in B) accounts for 100 % of the difference")
+    assert "free motion (5): mean gap" in out
+    assert len(out.splitlines()) < 40
+
+
+def test_the_same_as_data(runs, capsys):
+    code, out, _ = explain(capsys, runs / "fall", runs / "slow", "--json")
+    told = json.loads(out)
+    assert code == EXIT_OK
+    assert told["causes"][0]["name"] == "gravity"
+    assert told["causes"][0]["share"]["free"] == 1.0
+    assert told["unexplained"]["all"] == 0.0
+
+
+def test_the_second_side_may_be_given_by_its_values(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
+    code, out, _ = explain(capsys, "fall.yaml", "--engine", "mujoco", "--with", "bodies.box.mass=2 kg")
+    assert code == EXIT_OK
+    assert out.startswith("There is nothing to explain")  # what falls falls alike, whatever its mass
+    assert "mass and inertia of box" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("fall", "brick"), "the two are of different scenes"),
+        (("fall",), "cannot explain this difference"),
+        (("fall", "nothing-there"), "cannot explain this difference"),
+        (("fall", "slow", "--engine", "mujoco"), "runs have their own"),
+        (("fall", "slow", "--with", "name=x"), "runs have their own"),
+    ],
+)
+def test_what_cannot_be_explained_is_a_located_error(runs, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(runs)
+    code, out, err = explain(capsys, *words)
+    assert (code, out) == (EXIT_WRONG, "")
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "one engine or two"),
+        (("--engine", "mujoco"), "there is only one side"),
+        (("--engine", "mujoco", "--engine", "dart", "--engine", "pybullet"), "one engine or two"),
+        (("--engine", "mujoco", "--with", "bodies.bax.mass=2"), "bax"),
+        (("--engine", "mujoco", "--with", "physics.duration=0 s"), "duration"),
+    ],
+)
+def test_sides_that_are_not_two_are_errors(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
+    code, out, err = explain(capsys, "fall.yaml", *words)
+    assert (code, out) == (EXIT_WRONG, "")
+    assert message in err
+
+
+def test_damaged_runs_and_runs_without_rows_are_errors(runs, tmp_path, capsys):
+    whole = run(world(FALL), "mujoco")
+    place = whole.save(tmp_path / "damaged")
+    (place / "states.parquet").write_bytes(b"PAR1")
+    code, _, err = explain(capsys, place, runs / "fall")
+    assert code == EXIT_WRONG
+    assert "states.parquet" in err
+    with pytest.raises(SpecError, match="has no rows: it crashed"):
+        side_of_run(failed_run(world(FALL), "mujoco", EngineError("mujoco", "it crashed")))
+
+
+def test_the_initial_state_is_the_run_s_own(runs):
+    moved = run(world(FALL), "mujoco", perturb=1e-3)
+    assert side_of_run(moved).start is not None
+    assert side_of_run(run(world(FALL), "mujoco")).start is None
