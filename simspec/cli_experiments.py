@@ -14,6 +14,7 @@ from simspec.commands.guard import command
 def add_experiments(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command("sweep")(command(sweep_command))
+    app.command("explain")(command(explain_command))
 
 
 def sweep_command(
@@ -75,6 +76,48 @@ def sweep_command(
         sets=sets,
         allow_outside=allow_outside,
         strict=strict,
+        python=python,
+        deadline=deadline,
+        as_json=as_json,
+    )
+
+
+def explain_command(
+    a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or a spec.")],
+    b: Annotated[str | None, typer.Argument(metavar="[B]", help="Folder of another run, or another spec.")] = None,
+    engine: Engines = None,
+    others: Annotated[
+        list[str] | None,
+        typer.Option("--with", metavar="PATH=VALUE", help="Override a value of the second side. Repeatable."),
+    ] = None,
+    windows: Annotated[int, typer.Option(metavar="COUNT", min=3, help="Windows that are looked at, at most.")] = 240,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    python: Pythons = None,
+    deadline: Deadline = DEADLINE,
+    as_json: AsJson = False,
+) -> int:
+    """Explain where the difference of two runs, or of two engines, comes from. Writes nothing.
+
+    Both begin short windows in states of A's run; one thing that differs is taken away at a time, and the share
+    of the difference that this closes is printed. Exit code 0 whatever the shares are.
+
+    \b
+    simspec explain runs/arm/ENGINE1 runs/arm/ENGINE2
+    simspec explain arm.yaml --engine ENGINE1 --engine ENGINE2
+    simspec explain arm.yaml --engine ENGINE --with physics.timestep=2ms
+    simspec explain arm.yaml arm-heavier.yaml --engine ENGINE
+    """
+    from simspec.commands.explain import explain
+
+    return explain(
+        a,
+        b,
+        engine=engine,
+        others=others,
+        windows=windows,
+        sets=sets,
+        allow_outside=allow_outside,
         python=python,
         deadline=deadline,
         as_json=as_json,
