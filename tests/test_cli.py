@@ -30,6 +30,7 @@ COMMANDS = (
     "report",
     "view",
     "diff",
+    "sweep",
     "explain",
     "engines",
     "accept",
