@@ -36,7 +36,9 @@ check: setup
 	$(BIN)/simspec schema --of engine-request --check
 	$(BIN)/simspec schema --of engine-result --check
 	$(BIN)/simspec schema --of project --check
-	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml
+	$(BIN)/simspec schema --of study --check
+	$(BIN)/simspec schema --of figures --check
+	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml specs/studies/*.yaml
 	$(BIN)/simspec engines --markdown --check
 	$(BIN)/simspec compile --check
 	$(BIN)/python tools/stacking.py --check
@@ -60,6 +62,8 @@ generated: setup
 	$(BIN)/simspec schema --of engine-request
 	$(BIN)/simspec schema --of engine-result
 	$(BIN)/simspec schema --of project
+	$(BIN)/simspec schema --of study
+	$(BIN)/simspec schema --of figures
 	$(BIN)/simspec engines --markdown
 	$(BIN)/python tools/readme.py
 	for spec in specs/*.yaml; do $(BIN)/simspec compile $$spec && $(BIN)/simspec verify $$spec || exit 1; done

@@ -104,6 +104,8 @@ class SchemaName(StrEnum):
     """The JSON Schemas that simspec writes."""
 
     LANGUAGE = "language"
+    STUDY = "study"
+    FIGURES = "figures"
     ENGINE_REQUEST = "engine-request"
     ENGINE_RESULT = "engine-result"
     PROJECT = "project"

@@ -1,9 +1,10 @@
-"""``simspec schema``: write a JSON Schema of the language, of the project file, or of the files between simspec and engines."""
+"""``simspec schema``: write a JSON Schema of specs, studies, the project file, or the files between simspec and engines."""
 
 from __future__ import annotations
 
 import functools
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from simspec import project
@@ -14,15 +15,16 @@ from simspec.language import schema as language_schema
 
 FILES = {
     name: f"{'simspec' if name == 'language' else name}.schema.json"
-    for name in ("language", "project", *published.SCHEMAS)
+    for name in (*language_schema.LANGUAGES, "project", *published.SCHEMAS)
 }
 """The file of each schema, below ``schema/``."""
 
 
 def schema(of: str, out: Path | None, check: bool, as_json: bool) -> int:
     """Write the JSON Schema called ``of`` to ``out`` (default: below ``schema/``; ``-``: standard output)."""
-    if of == "language":
-        wanted, ours = language_schema.schema_text(), language_schema.is_schema
+    ours: Callable[[bytes], bool]
+    if of in language_schema.LANGUAGES:
+        wanted, ours = language_schema.schema_text(of), functools.partial(language_schema.is_schema, of=of)
     elif of == "project":
         wanted, ours = project.schema_text(), project.is_schema
     else:

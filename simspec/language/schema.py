@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from simspec.language import walk
@@ -13,18 +14,27 @@ from simspec.language.models import File
 from simspec.language.reader import Reader
 from simspec.language.shapes import Orientation
 from simspec.language.strict import Strict
+from simspec.language.study import FiguresFile, StudyFile
 from simspec.language.sweep_values import Range
 from simspec.language.vocabulary import COMBINATIONS, SCALAR_JOINTS
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
 TITLE = "simspec: a scenario or a model for every physics engine"
+LANGUAGES: Mapping[str, tuple[type[Strict], str]] = {
+    "language": (File, TITLE),
+    "study": (StudyFile, "simspec: a study, sweeps of several scenarios"),
+    "figures": (FiguresFile, "simspec: figures from elsewhere that a study is held against"),
+}
+"""The model of each kind of file, and the title of its schema."""
 
 
-def json_schema() -> dict[str, Any]:
-    """The schema of a spec: units are allowed where numbers are, unknown keys nowhere."""
-    models = {**walk.models(File), **beside()}
+def json_schema(of: str = "language") -> dict[str, Any]:
+    """The schema of a spec, or of another kind of file (:data:`LANGUAGES`): units are allowed where numbers are, unknown keys
+    nowhere."""
+    root, title = LANGUAGES[of]
+    models = {**walk.models(root), **(beside() if root is not FiguresFile else {})}
     definitions = {name: _model(model) for name, model in sorted(models.items())}
-    return {"$schema": DIALECT, "title": TITLE, **definitions.pop(File.__name__), "definitions": definitions}
+    return {"$schema": DIALECT, "title": title, **definitions.pop(root.__name__), "definitions": definitions}
 
 
 def beside() -> dict[str, type[Strict]]:
@@ -32,18 +42,18 @@ def beside() -> dict[str, type[Strict]]:
     return {model.__name__: model for model in (Orientation, Range)}
 
 
-def schema_text() -> str:
+def schema_text(of: str = "language") -> str:
     """The schema as the text of a file."""
-    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    return json.dumps(json_schema(of), indent=2, ensure_ascii=False) + "\n"
 
 
-def is_schema(content: bytes) -> bool:
-    """Whether a file is a schema of this language, of whatever version: by its title, as JSON."""
+def is_schema(content: bytes, of: str = "language") -> bool:
+    """Whether a file is a schema of this kind of file, of whatever version: by its title, as JSON."""
     try:
         schema = json.loads(content)
     except (ValueError, RecursionError):
         return False
-    return isinstance(schema, dict) and schema.get("title") == TITLE and schema.get("$schema") == DIALECT
+    return isinstance(schema, dict) and schema.get("title") == LANGUAGES[of][1] and schema.get("$schema") == DIALECT
 
 
 def _model(model: type[Strict]) -> dict[str, Any]:

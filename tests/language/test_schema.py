@@ -10,11 +10,12 @@ import pytest
 
 from simspec.language.document import read
 from simspec.language.models import File
-from simspec.language.schema import json_schema, schema_text
+from simspec.language.schema import LANGUAGES, json_schema, schema_text
 from simspec.language.walk import fields, models
 
 ROOT = Path(__file__).parents[2]
-FILES = sorted([*(ROOT / "specs").rglob("*.yaml"), *(Path(__file__).parent / "data").rglob("*.yaml")])
+STUDIES = sorted((ROOT / "specs" / "studies").glob("*.yaml"))
+FILES = sorted({*(ROOT / "specs").rglob("*.yaml"), *(Path(__file__).parent / "data").rglob("*.yaml")} - set(STUDIES))
 SCHEMA = json_schema()
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 
@@ -29,6 +30,25 @@ def test_it_is_a_schema_of_draft_07():
 
 def test_the_committed_schema_is_current():
     assert (ROOT / "schema" / "simspec.schema.json").read_text(encoding="utf-8") == schema_text()
+
+
+@pytest.mark.parametrize("of", LANGUAGES)
+def test_schemas_of_studies_are_current_and_describe_every_field(of):
+    schema = json_schema(of)
+    jsonschema.Draft7Validator.check_schema(schema)
+    name = "simspec" if of == "language" else of
+    assert (ROOT / "schema" / f"{name}.schema.json").read_text(encoding="utf-8") == schema_text(of)
+    for model in (schema, *schema["definitions"].values()):
+        assert model["additionalProperties"] is False
+        assert all(field.get("description") for field in model["properties"].values())
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_studies_are_valid(path):
+    data = read(path).data
+    of = "study" if "simspec_study" in data else "figures"
+    assert list(jsonschema.Draft7Validator(json_schema(of)).iter_errors(data)) == []
+    assert list(jsonschema.Draft7Validator(json_schema(of)).iter_errors({**data, "sweep": {}})) != []
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
