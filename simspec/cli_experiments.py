@@ -7,7 +7,21 @@ from typing import Annotated
 
 import typer
 
-from simspec.arguments import DEADLINE, AsJson, Deadline, Engines, Outside, Pythons, Sets, SpecName, Strict
+from simspec.arguments import (
+    DEADLINE,
+    Annotations,
+    AsJson,
+    Deadline,
+    Engines,
+    GitHub,
+    JunitFile,
+    Outside,
+    Pythons,
+    Sets,
+    SpecName,
+    Strict,
+    SummaryFile,
+)
 from simspec.commands.guard import command
 
 
@@ -45,6 +59,10 @@ def sweep_command(
     strict: Strict = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
+    junit: JunitFile = None,
+    annotations: Annotations = False,
+    summary: SummaryFile = None,
+    github: GitHub = False,
     as_json: AsJson = False,
 ) -> int:
     """Do all runs that the `sweep` of a spec asks for, and store them. Runs that are stored already are not repeated.
@@ -60,6 +78,7 @@ def sweep_command(
 
     Exit code 1 if a proof or an expectation failed, 3 if a run failed or an engine was stopped.
     """
+    from simspec.commands.ci import reports_of
     from simspec.commands.sweep import sweep
 
     return sweep(
@@ -79,6 +98,7 @@ def sweep_command(
         python=python,
         deadline=deadline,
         as_json=as_json,
+        reports=reports_of(junit, annotations, summary, github),
     )
 
 

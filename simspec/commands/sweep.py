@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from simspec.arguments import engines_at_work, interpreters, load_spec, print_json, source_of
+from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.engines.kit.warm import WarmProcesses
-from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.errors import EXIT_OK, Location, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.dask import DaskExecutor, demand_address
@@ -30,7 +31,9 @@ from simspec.project import load_project
 from simspec.report.progress import progress
 from simspec.report.screen import console, say
 from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
+from simspec.report.swept import sweep_suites
 from simspec.report.terminal import show_error, show_not_taken
+from simspec.report.tested import skipped_suites
 from simspec.resources import find_spec
 from simspec.selection import Selection
 
@@ -56,43 +59,49 @@ def sweep(
     python: list[str] | None,
     deadline: float,
     as_json: bool,
+    reports: Reports = NO_REPORTS,
 ) -> int:
     """Do the sweep of ``spec`` into ``store``, and print what it came to."""
-    loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
-    pythons = interpreters(python, engine)
-    named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
-    words = named or list(load_project().default_engines)
-    selection = engines_at_work(words or None, pythons)
-    if not named:
-        selection = selection.for_world(world, loaded.locate)
-    labels = list(selection.engines)
-    plan = plan_sweep(loaded, engines=labels, versions=versions_of(labels, pythons))
-    folder = store or RUNS / plan.spec.name / SWEEP_FOLDER
-    if scheduler is not None:
-        demand_cluster(scheduler, jobs, plan)
-    at_once = side_by_side(jobs, plan) if scheduler is None else 1
-    _demand_targets(store, folder, csv, find_spec(spec))
-    if dry_run:
-        return _dry_run(plan, folder, at_once, selection, not no_verify, as_json)
-    if store is None:
-        open_folder(folder.parent, STUDY)
-    opened = Store.open(folder, create=True)
-    with progress(not as_json) as tell:
-        outcome = run_sweep(
-            plan,
-            opened,
-            functools.partial(_local, plan, at_once, pythons)
-            if scheduler is None
-            else functools.partial(DaskExecutor, address=scheduler, versions=plan.versions),
-            verify=not no_verify,
-            retry_failed=retry_failed,
-            pythons=pythons,
-            deadline=deadline,
-            source=source_of(spec, sets),
-            progress=tell,
-            wait=wait,
+    if dry_run and reports:
+        raise SpecError(
+            [Problem("--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply")]
         )
-    return _tell(outcome, selection, folder, csv, warned, as_json)
+    with reporting(reports, spec, as_json):
+        loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        pythons = interpreters(python, engine)
+        named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
+        words = named or list(load_project().default_engines)
+        selection = engines_at_work(words or None, pythons)
+        if not named:
+            selection = selection.for_world(world, loaded.locate)
+        labels = list(selection.engines)
+        plan = plan_sweep(loaded, engines=labels, versions=versions_of(labels, pythons))
+        folder = store or RUNS / plan.spec.name / SWEEP_FOLDER
+        if scheduler is not None:
+            demand_cluster(scheduler, jobs, plan)
+        at_once = side_by_side(jobs, plan) if scheduler is None else 1
+        _demand_targets(store, folder, csv, find_spec(spec))
+        if dry_run:
+            return _dry_run(plan, folder, at_once, selection, not no_verify, as_json)
+        if store is None:
+            open_folder(folder.parent, STUDY)
+        opened = Store.open(folder, create=True)
+        with progress(not as_json) as tell:
+            outcome = run_sweep(
+                plan,
+                opened,
+                functools.partial(_local, plan, at_once, pythons)
+                if scheduler is None
+                else functools.partial(DaskExecutor, address=scheduler, versions=plan.versions),
+                verify=not no_verify,
+                retry_failed=retry_failed,
+                pythons=pythons,
+                deadline=deadline,
+                source=source_of(spec, sets),
+                progress=tell,
+                wait=wait,
+            )
+        return _tell(outcome, selection, folder, csv, warned, as_json, reports, loaded.locate)
 
 
 def side_by_side(jobs: int | None, plan: Plan) -> int:
@@ -149,7 +158,14 @@ def own_csv(content: bytes) -> bool:
 
 
 def _tell(
-    outcome: Outcome, selection: Selection, folder: Path, csv: Path | None, warned: Sequence[Problem], as_json: bool
+    outcome: Outcome,
+    selection: Selection,
+    folder: Path,
+    csv: Path | None,
+    warned: Sequence[Problem],
+    as_json: bool,
+    reports: Reports,
+    locate: Callable[[str], Location | None],
 ) -> int:
     rows = list(outcome.rows())
     made = groups(outcome.plan, rows)
@@ -159,6 +175,9 @@ def _tell(
     code = outcome.exit_code(failed, unfulfilled)
     if csv is not None:
         write_file(csv, csv_text(outcome.plan, rows), own_csv)
+    if reports:
+        suites = [*sweep_suites(outcome, rows, locate), *skipped_suites(outcome.plan.spec.name, selection.not_taken)]
+        reports.write(suites, warnings=warned, as_json=as_json)
     if as_json:
         more = {"store": folder, "not_run": selection.not_taken, "warnings": warned, "problems": outcome.invalid}
         print_json({**outcome_data(outcome, made), **more, "exit_code": code})
