@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
     "errors",
+    "markup",
     "reading",
     "scratch",
     "plugins",

@@ -13,6 +13,7 @@ from simspec.comparison.contacts import first_difference, first_touches
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
 from simspec.comparison.horizon import horizon
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.markup import html_table, length
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.canonical import sha256
@@ -20,6 +21,9 @@ from simspec.world.canonical import sha256
 TOLERANCE = 1e-3
 """Default tolerance: 1 mm in position and 1 mrad in angle, what a robot cell calls the same place."""
 
+
+SHOWN_BODIES = 8
+"""Bodies that a comparison lists; the others are within what is shown."""
 
 WITHIN, OUT, INCONCLUSIVE = "within", "out", "inconclusive"
 """Verdicts of a comparison."""
@@ -95,6 +99,25 @@ class Diff:
     def __repr__(self) -> str:
         told = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
         return f"<Diff {self.first} – {self.second}: {told}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the verdict, and the bodies that differ most."""
+        head = ("body", "verdict", "largest", "rms", "out of tolerance", "noise")
+        rows = [
+            (
+                body.body,
+                body.verdict,
+                length(body.position_largest),
+                length(body.position_rms),
+                "–" if body.first_out is None else f"from {body.first_out:.4g} s ({body.cause})",
+                length(body.floor),
+            )
+            for body in self.bodies[:SHOWN_BODIES]
+        ]
+        more = len(self.bodies) - len(rows)
+        notes = [f"and {more} more bodies, with smaller differences"] if more > 0 else []
+        title = f"{self.first} – {self.second}: {self.verdict}, until {self.compared_until:.4g} s"
+        return html_table(title, head, rows, "; ".join([*notes, *self.notes]))
 
     @property
     def verdict(self) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 from simspec.errors import Problem, SpecError
+from simspec.markup import html_table
 from simspec.proof.checks import Check
 from simspec.proof.contact.probe import Figure
 from simspec.stored import StoredCertificate, parse, read_as
@@ -83,6 +84,18 @@ class Certificate:
     def __repr__(self) -> str:
         valid = ", ".join(name for name, proof in self.engines.items() if proof.valid) or "no engine"
         return f"<Certificate of {self.name!r}: {len(self.engines)} engines, valid in {valid[:100]}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the verdict of each engine, with what it approximates and the first checks that failed."""
+        rows = []
+        for name, proof in self.engines.items():
+            failed = [f"{check.level} {check.name}" for check in proof.checks if not check.passed][:3]
+            passed = sum(check.passed for check in proof.checks)
+            accepted = ", ".join(proof.approximations) or "–"
+            counted = f"{passed} of {len(proof.checks)}"
+            rows.append((name, proof.version, proof.verdict, counted, ", ".join(failed) or "–", accepted))
+        head = ("engine", "version", "verdict", "checks passed", "failed first", "approximations")
+        return html_table(f"Certificate of {self.name}", head, rows)
 
     @property
     def valid(self) -> bool:

@@ -8,12 +8,9 @@ from rich.table import Table
 from rich.text import Text
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import INCONCLUSIVE, BodyDiff, Diff
+from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
-
-SHOWN_BODIES = 8
-"""Bodies that a comparison lists; the others are within what is shown."""
 
 
 def repeatability(floors: Mapping[str, Floor]) -> Table | None:

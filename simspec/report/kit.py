@@ -9,6 +9,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from simspec.markup import length
+
+__all__ = ["length", "number", "table", "verdict"]
+
 
 def number(value: float | None, unit: str = "") -> str:
     """A number for reading: four digits, ``–`` for none."""
@@ -18,18 +22,6 @@ def number(value: float | None, unit: str = "") -> str:
         return "NaN"
     text = f"{value:.4g}"
     return f"{text} {unit}" if unit else text
-
-
-def length(value: float | None) -> str:
-    """A length (m) with the prefix that suits it, e.g. ``3.2 mm``."""
-    if value is None:
-        return "–"
-    if not math.isfinite(value):
-        return "NaN" if math.isnan(value) else "∞"
-    for factor, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
-        if abs(value) >= factor:
-            return f"{value / factor:.3g} {unit}"
-    return f"{value:.1e} m" if value else "0"
 
 
 def table(title: str, *columns: str, right: Sequence[int] = ()) -> Table:

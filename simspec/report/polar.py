@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from simspec.errors import Problem, SpecError
 from simspec.proof.contact.friction import PUSH
 from simspec.proof.contact.law import outline, project
 from simspec.proof.contact.probe import Figure
+from simspec.report.drawing import COLOURS, MARKERS, STYLE, pyplot, saved
 
 PROBE = "push-oblong"
 """The oblong slider's: that friction has the right size and direction does not follow from a square one."""
 ASIDE = 0.02
 """Of μ: what is further from the required force than this is joined to it by a stroke, and told."""
-MARKERS = ("o", "x", "+", "s", "^", "d")
-"""One per engine, in order: readable on top of each other, and without colours."""
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Told apart by colour-blind people too (Okabe and Ito)."""
 FEW, MANY = (4, 3.2), (7, 2.2)
 """Columns, and inches of a panel's side, of up to eight panels, and of more."""
 LEAST_WIDTH = 6.4
@@ -42,11 +37,11 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
                 panels.setdefault(figure.subject, {})[engine] = figure
     if not panels:
         return {}
-    plot = _matplotlib()
+    plot = pyplot()
     most, side = FEW if len(panels) <= 2 * FEW[0] else MANY
     columns = min(most, len(panels))
     rows = math.ceil(len(panels) / columns)
-    with plot.rc_context({"svg.hashsalt": "simspec", "svg.fonttype": "path", "font.size": 8}):
+    with plot.rc_context(STYLE):
         chart, axes = plot.subplots(
             rows, columns, figsize=(max(side * columns, LEAST_WIDTH), side * rows + 0.7), squeeze=False
         )
@@ -77,11 +72,7 @@ def polar_plot(figures: Mapping[str, Sequence[Figure]], cone: str) -> dict[str, 
             fontsize=9,
         )
         chart.tight_layout(rect=(0, 0, 1, 1 - 0.5 / (side * rows + 0.7)))
-        drawn = {}
-        for suffix, more in ((".svg", {"metadata": {"Date": None}}), (".png", {"dpi": 110})):
-            picture = io.BytesIO()
-            chart.savefig(picture, format=suffix[1:], **more)
-            drawn[suffix] = picture.getvalue()
+        drawn = saved(chart)
         plot.close(chart)
     return drawn
 
@@ -153,15 +144,3 @@ def _friction(figure: Figure, cone: str) -> float:
     if figure.angle is None:
         raise ValueError(f"{figure.probe} of {figure.subject} has no direction")
     return figure.expected / math.hypot(*_required(figure.angle, 1.0, cone))
-
-
-def _matplotlib() -> Any:
-    try:
-        import matplotlib
-    except ImportError as error:
-        problem = Problem("plots need matplotlib", found=str(error), hint="pip install 'simspec[plots]'")
-        raise SpecError([problem]) from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot

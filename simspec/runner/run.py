@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from simspec.errors import Problem, SpecError
 from simspec.language.strict import near
+from simspec.markup import html_table
 from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.types import World
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCHEMA = 3
 """Version of the provenance and of the files of a saved run. 2: columns of q, v, targets and efforts by name. 3: hashes."""
@@ -40,6 +44,18 @@ class Run:
     def __repr__(self) -> str:
         rows = f"{len(self.time)} records" if self.recorded else "nothing recorded"
         return f"<Run of {self.world.name!r} in {self.label}: {rows}{', failed' if self.failed is not None else ''}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what ran where, how far and how fast."""
+        rows: list[tuple[str, object]] = [("engine", self.label), ("bodies", len(self.world.bodies))]
+        rows += [("timestep, s", f"{self.world.physics.timestep:g}"), ("steps", self.provenance.get("steps", "–"))]
+        rows.append(("records", f"{len(self.time)}, to {self.time[-1]:.4g} s" if self.recorded else "none"))
+        factors = {"real-time factor": self.real_time_factor, "CPU factor": self.cpu_factor}
+        factors["end-to-end factor"] = self.end_to_end_factor
+        rows += [(name, f"{value:.4g}") for name, value in factors.items() if value is not None]
+        if self.failed is not None:
+            rows.append(("failed", self.failed))
+        return html_table(f"Run of {self.world.name}", (), rows)
 
     @property
     def time(self) -> np.ndarray:
@@ -118,6 +134,23 @@ class Run:
         from simspec.runner.store import save_run
 
         return save_run(self, Path(folder))
+
+    def to_pandas(self, table: str = "bodies") -> pd.DataFrame:
+        """A table of the run as a pandas data frame, with the columns of its Parquet file: ``bodies`` (a row for each time and
+        body), ``states``, and as recorded ``contacts``, ``energy`` and ``control``. Raises SpecError where that was not
+        recorded, or pandas is not installed."""
+        from simspec.runner.store import driven_joints
+        from simspec.runner.tables import arrow_table
+
+        if not self.recorded:
+            raise SpecError([Problem(f"{self.label} recorded nothing: {self.failed}")])
+        try:
+            import pandas
+        except ImportError as error:
+            hint = "pip install 'simspec[pandas]'"
+            raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint)]) from None
+        del pandas  # pyarrow imports it by itself
+        return arrow_table(self.world, self.arrays, driven_joints(self.provenance), table).to_pandas()
 
     def _factor(self, name: str) -> float | None:
         seconds = self.provenance.get("seconds", {}).get(name)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simspec.errors import Problem, SpecError
 from simspec.mapped import RECORDED_BYTES, block_rows, parts, release, zeros
 from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.types import World
@@ -90,6 +91,18 @@ def table_writers(
         name: functools.partial(_write, name, schema, world, arrays)
         for name, schema in schemas(world, list(arrays), joints).items()
     }
+
+
+def arrow_table(world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str], name: str) -> pa.Table:
+    """A table of a run in memory, with the columns of its file. Raises SpecError where the run did not record it."""
+    import pyarrow as pa
+
+    known = schemas(world, list(arrays), joints)
+    if name not in known:
+        hint = f"recorded are {', '.join(known)}"
+        raise SpecError([Problem(f"the run recorded no table {name!r}", found=name, hint=hint)])
+    schema = known[name]
+    return pa.concat_tables([_table(columns, schema, world) for columns in _COLUMNS[name](world, arrays)])
 
 
 def _write(name: str, schema: pa.Schema, world: World, arrays: Mapping[str, np.ndarray], target: Any) -> int:

@@ -1,0 +1,211 @@
+"""Figures for papers, as PNG and SVG: speed over the timestep, speed and contacts over time, and how runs part.
+
+Each function draws one figure from figures of ``analysis`` and gives its bytes by suffix (".svg", ".png"). They raise SpecError
+where matplotlib is not installed, and give {} where there is nothing to draw.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.analysis.intervals import Spread
+from simspec.comparison.common import Common, moving_in_common
+from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
+from simspec.comparison.runs import TOLERANCE
+from simspec.comparison.study import Study
+from simspec.errors import SpecError, visible
+from simspec.report.drawing import COLOURS, DASHES, MARKERS, STYLE, pyplot, saved
+from simspec.report.page.curves import LEAST
+from simspec.runner import metrics
+from simspec.runner.run import Run
+
+Numbers = NDArray[np.float64]
+ONE_COLUMN = (3.5, 2.6)
+"""Inches: the width of a column of a paper."""
+RESOLUTION = 300
+"""Dots per inch of a PNG."""
+MOST_POINTS = 2_000
+"""Points of a line; of longer recordings, evenly spaced rows are drawn."""
+
+
+def speed_over_timestep(
+    spreads: Mapping[str, Mapping[float, Spread]],
+    limits: Mapping[str, float | None] | None = None,
+    name: str = "real-time factor",
+) -> dict[str, bytes]:
+    """A figure of speed by engine and timestep (s), both axes logarithmic: the median over processes, a bar from the
+    least to the
+    largest. ``limits``: the largest valid timestep (s) by engine; marks of larger ones are pale. Engines without a limit
+    (None) are
+    pale throughout; those not named in ``limits`` are not judged."""
+    if not any(spreads.values()):
+        return {}
+    plot = pyplot()
+    with plot.rc_context(STYLE):
+        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        for index, (engine, by_step) in enumerate(spreads.items()):
+            steps = sorted(by_step)
+            middle = np.array([by_step[step].median for step in steps])
+            reach = [[by_step[step].median - by_step[step].least for step in steps]]
+            reach.append([by_step[step].most - by_step[step].median for step in steps])
+            look = _look(index)
+            times = 1e3 * np.array(steps)
+            axis.plot(times, middle, linewidth=0.8, alpha=0.5, color=look["color"], linestyle=look["linestyle"])
+            valid = np.array([_is_valid(engine, step, limits) for step in steps])
+            for chosen, alpha, label in ((valid, 1.0, visible(engine)), (~valid, 0.3, None)):
+                if chosen.any() or label is not None:
+                    bars = np.array(reach)[:, chosen]
+                    axis.errorbar(
+                        times[chosen],
+                        middle[chosen],
+                        bars,
+                        fmt=MARKERS[index % len(MARKERS)],
+                        markersize=4,
+                        color=look["color"],
+                        alpha=alpha,
+                        label=label,
+                        linewidth=0.8,
+                        capsize=2,
+                    )
+        axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=name)
+        _finish(axis)
+        return _saved(plot, chart)
+
+
+def _is_valid(engine: str, step: float, limits: Mapping[str, float | None] | None) -> bool:
+    if limits is None or engine not in limits:
+        return True
+    largest = limits[engine]
+    return largest is not None and step <= largest
+
+
+def speed_over_time(
+    time: Mapping[str, Numbers], factor: Mapping[str, Numbers], contacts: Mapping[str, Numbers]
+) -> dict[str, bytes]:
+    """The real-time factor over simulated time (s), with the number of contact points below it, by engine."""
+    if not factor:
+        return {}
+    plot = pyplot()
+    with plot.rc_context(STYLE):
+        chart, (above, below) = plot.subplots(2, 1, sharex=True, figsize=(ONE_COLUMN[0], 1.5 * ONE_COLUMN[1]))
+        for index, engine in enumerate(factor):
+            for axis, values in ((above, factor), (below, contacts)):
+                if engine in values:
+                    rows = _rows(len(time[engine]))
+                    axis.plot(
+                        time[engine][rows], values[engine][rows], label=visible(engine), linewidth=0.9, **_look(index)
+                    )
+        above.set(yscale="log", ylabel="real-time factor")
+        below.set(ylabel="contact points", xlabel="time, s")
+        _finish(above)
+        return _saved(plot, chart)
+
+
+def divergence(
+    runs: Sequence[Run], floors: Sequence[Floor] = (), tolerance: float | None = TOLERANCE, ends: float | None = None
+) -> dict[str, bytes]:
+    """How far each pair of runs is apart over time: the largest deviation (m) of any moving body, with what is within
+    ``FLOOR_FACTOR`` times the engines' noise shaded, the tolerance as a line, and a mark at ``ends`` (s), a horizon."""
+    lines = _divergences(runs, floors)
+    if not lines:
+        return {}
+    plot = pyplot()
+    with plot.rc_context(STYLE):
+        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        for index, (label, time, values, noise) in enumerate(lines):
+            if floors:
+                shade = {"color": "0.5", "alpha": 0.2, "linewidth": 0.0}
+                shown = np.where(np.isfinite(noise), noise, np.nan)
+                axis.fill_between(time, LEAST, np.maximum(FLOOR_FACTOR * shown, LEAST), **shade)
+            axis.plot(time, np.maximum(values, LEAST), label=visible(label), linewidth=0.9, **_look(index))
+        if floors:
+            axis.fill_between([], [], [], color="0.5", alpha=0.2, label=f"{FLOOR_FACTOR:g} × noise")
+        if tolerance:
+            axis.axhline(tolerance, color="0.3", linewidth=0.6, linestyle=":", label="tolerance")
+        if ends is not None:
+            axis.axvline(ends, color="0.3", linewidth=0.6, label="horizon")
+        axis.set(yscale="log", xlabel="time, s", ylabel="largest deviation, m")
+        _finish(axis)
+        return _saved(plot, chart)
+
+
+def _divergences(runs: Sequence[Run], floors: Sequence[Floor]) -> list[tuple[str, Numbers, Numbers, Numbers]]:
+    """For each pair its label, times (n,), deviations (n,) and noise (n,), m; pairs that have nothing in common are left
+    out."""
+    lines = []
+    for a, b in itertools.combinations([run for run in runs if run.recorded], 2):
+        try:
+            names = moving_in_common(a, b)
+            common = Common(a, b, names, [floor for floor in floors if floor.engine in (a.engine, b.engine)])
+        except SpecError:
+            continue  # said in the table of differences
+        chosen = _rows(common.rows)
+        columns = [np.array([run.index[name] for name in names], dtype=np.int64) for run in (a, b)]
+        poses = [
+            run.arrays["pose"][np.ix_(rows[chosen], own)]
+            for run, rows, own in ((a, common.rows_a, columns[0]), (b, common.rows_b, columns[1]))
+        ]
+        position, _ = deviations(*poses)
+        noise, _ = common.noise(chosen[:, None])
+        lines.append((f"{a.engine} – {b.engine}", common.time(chosen), position.max(axis=1), noise.max(axis=1)))
+    return lines
+
+
+def contacts_over_time(runs: Sequence[Run]) -> dict[str, bytes]:
+    """The number of contact points over time, by engine; {} where no run recorded them."""
+    recorded = [run for run in runs if run.recorded and "contact.row" in run.arrays]
+    if not recorded:
+        return {}
+    plot = pyplot()
+    with plot.rc_context(STYLE):
+        chart, axis = plot.subplots(figsize=ONE_COLUMN)
+        for index, run in enumerate(recorded):
+            rows = _rows(len(run.time))
+            counts = metrics.contact_counts(run.arrays)[rows]
+            axis.plot(run.time[rows], counts, label=visible(run.engine), linewidth=0.9, **_look(index))
+        axis.set(xlabel="time, s", ylabel="contact points")
+        _finish(axis)
+        return _saved(plot, chart)
+
+
+def study_figures(study: Study) -> dict[str, bytes]:
+    """Every figure of a study by the name of its file: ``divergence``, ``contacts``, each as PNG and SVG. Raises
+    SpecError where
+    matplotlib is not installed."""
+    runs = list(study.runs.values())
+    ends = [diff.horizon for diff in study.diffs if diff.horizon is not None]
+    tolerance = study.diffs[0].tolerance if study.diffs else None
+    drawn = {
+        "divergence": divergence(runs, list(study.floors.values()), tolerance, min(ends, default=None)),
+        "contacts": contacts_over_time(runs),
+    }
+    return {f"{name}{suffix}": data for name, files in drawn.items() for suffix, data in files.items()}
+
+
+def _rows(count: int) -> NDArray[np.int64]:
+    """Rows of a recording that are drawn."""
+    return np.unique(np.linspace(0, max(0, count - 1), min(count, MOST_POINTS)).astype(np.int64))
+
+
+def _look(index: int) -> dict[str, Any]:
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
+
+
+def _finish(axis: Any) -> None:
+    axis.grid(visible=True, which="major", color="0.9", linewidth=0.5)
+    axis.set_axisbelow(True)
+    # names of engines may hold what matplotlib reads as mathematics
+    for text in axis.legend(frameon=False, fontsize=6.5).get_texts():
+        text.set_parse_math(False)
+
+
+def _saved(plot: Any, chart: Any) -> dict[str, bytes]:
+    chart.tight_layout()
+    drawn = saved(chart, RESOLUTION)
+    plot.close(chart)
+    return drawn

@@ -1,0 +1,83 @@
+"""Figures for papers: drawn, the same bytes each time, and with all that they were given."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from simspec.analysis.intervals import spread
+from simspec.comparison.floor import measure_floor
+from simspec.errors import SpecError
+from simspec.report import figures
+from tests.runner.synthetic import column, free_body, run, world
+
+WORLD = world(free_body("ball"))
+PNG = b"\x89PNG\r\n"
+
+
+def moved(by: float, engine: str, **facts):
+    return run(WORLD, lambda name, t: column(by * t, 0.0, 0.0), engine=engine, contacts=[(2, 0, 0, 0.0, 1.0)], **facts)
+
+
+def lines(monkeypatch, draw):
+    """What a figure draws: for each pair of axes, the points of each line by its label."""
+    drawn = []
+
+    def keep(plot, chart):
+        drawn.extend(
+            {line.get_label(): np.array(line.get_xydata()) for line in axis.get_lines()} for axis in chart.get_axes()
+        )
+        return {}
+
+    monkeypatch.setattr(figures, "_saved", keep)
+    draw()
+    return drawn
+
+
+def test_divergence_is_that_of_the_runs(monkeypatch):
+    one, other = moved(0.0, "first"), moved(0.5, "second")
+    floor = measure_floor(one, [moved(1e-9, "first", perturb=1e-15)])
+    (axis,) = lines(monkeypatch, lambda: figures.divergence([one, other], [floor], 1e-3, 0.6))
+    assert axis["first – second"][:, 1] == pytest.approx(np.maximum(0.5 * one.time, figures.LEAST))
+    assert {"tolerance", "horizon"} <= set(axis)
+    assert axis["horizon"][0, 0] == 0.6
+
+
+def test_speed_over_the_timestep(monkeypatch):
+    spreads = {"first": {0.002: spread([4.0, 5.0, 6.0]), 0.001: spread([2.0])}, "second": {0.001: spread([3.0])}}
+    (axis,) = lines(monkeypatch, lambda: figures.speed_over_timestep(spreads, {"first": 0.001}))
+    assert any(np.array_equal(points, [[1.0, 2.0], [2.0, 5.0]]) for points in axis.values())
+
+
+def test_speed_over_time_with_contacts(monkeypatch):
+    time = {"first": np.arange(3.0)}
+    above, below = lines(
+        monkeypatch, lambda: figures.speed_over_time(time, {"first": np.ones(3)}, {"first": np.array([0.0, 1.0, 2.0])})
+    )
+    assert above["first"][:, 1].tolist() == [1.0, 1.0, 1.0]
+    assert below["first"][:, 1].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_pictures_are_the_same_each_time_and_run_nothing():
+    draw = lambda: figures.divergence([moved(0.0, "$\\input{x}$"), moved(0.5, "<script>")])  # noqa: E731
+    first, second = draw(), draw()
+    assert first == second
+    assert first[".png"].startswith(PNG)
+    assert b"<svg" in first[".svg"]
+    assert not re.search(rb"<script", first[".svg"])
+
+
+def test_nothing_to_draw():
+    assert figures.divergence([moved(0.0, "first")]) == {}
+    assert figures.speed_over_timestep({}) == {}
+    assert figures.speed_over_time({}, {}, {}) == {}
+    assert figures.contacts_over_time([]) == {}
+
+
+def test_without_matplotlib(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(SpecError, match="plots need matplotlib"):
+        figures.divergence([moved(0.0, "first"), moved(0.5, "second")])
