@@ -29,6 +29,10 @@ ONE_COLUMN = (3.5, 2.6)
 """Inches: the width of a column of a paper."""
 RESOLUTION = 300
 """Dots per inch of a PNG."""
+MOST_TICKS = 10
+"""Timesteps that are named at the axis."""
+PLAIN_FROM = 1e-3
+"""Logarithmic axes that begin above this are labelled with plain numbers."""
 MOST_POINTS = 2_000
 """Points of a line; of longer recordings, evenly spaced rows are drawn."""
 
@@ -73,6 +77,11 @@ def speed_over_timestep(
                         capsize=2,
                     )
         axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=name)
+        tried = sorted({1e3 * step for by_step in spreads.values() for step in by_step})
+        # of many timesteps every second, third, … one is named
+        axis.set_xticks(tried[:: -(-len(tried) // MOST_TICKS)])
+        axis.set_xticks([], minor=True)
+        axis.xaxis.set_major_formatter(_plain)
         _finish(axis)
         return _saved(plot, chart)
 
@@ -196,11 +205,23 @@ def _look(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": DASHES[index % len(DASHES)]}
 
 
+def _plain(value: float, place: int | None = None) -> str:
+    return f"{value:g}"
+
+
+def _few(value: float, place: int | None = None) -> str:
+    """Within a decade 2 and 5 are named: there is no room for all."""
+    return f"{value:g}" if f"{value:e}"[0] in "25" else ""
+
+
 def _finish(axis: Any) -> None:
+    if axis.get_yscale() == "log" and axis.get_ylim()[0] > PLAIN_FROM:
+        axis.yaxis.set_major_formatter(_plain)
+        axis.yaxis.set_minor_formatter(_few)
     axis.grid(visible=True, which="major", color="0.9", linewidth=0.5)
     axis.set_axisbelow(True)
     # names of engines may hold what matplotlib reads as mathematics
-    for text in axis.legend(frameon=False, fontsize=6.5).get_texts():
+    for text in axis.legend(frameon=True, framealpha=0.8, edgecolor="none", fontsize=6.5).get_texts():
         text.set_parse_math(False)
 
 
