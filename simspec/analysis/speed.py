@@ -31,7 +31,9 @@ process_load       processor time (user and system) over wall time of the whole 
 peak_memory        largest resident memory of the process
 """
 MACHINE = ("platform", "machine")
-"""Entries of the provenance that tell one machine from another."""
+"""Entries of the provenance that tell one machine from another, of a run that was not timed by itself."""
+TIMED, HARDWARE = "timed", ("cpu", "architecture", "cores", "threads", "governor")
+"""Where the provenance of a run that was timed alone describes the machine, and what of that must be equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,11 @@ def _load(processor: float | None, wall: float | None) -> float | None:
 
 
 def machine_of(provenance: Mapping[str, Any]) -> str:
-    """What a run's provenance says of the machine that it ran on."""
+    """What a run's provenance says of the machine that it ran on: its hardware where the run was timed alone,
+    otherwise its system and architecture."""
+    timed = provenance.get(TIMED)
+    if timed is not None:
+        return ", ".join(f"{name} {timed['machine'][name]}" for name in HARDWARE)
     return ", ".join(str(provenance.get(name, "unknown")) for name in MACHINE)
 
 

@@ -55,6 +55,27 @@ def test_two_machines_have_no_common_figure():
         speed_ratio(here, there)
 
 
+def test_the_hardware_tells_machines_apart_where_it_is_known():
+    def on(cpu, platform="Linux"):
+        machine = {
+            "cpu": cpu,
+            "architecture": "x86_64",
+            "cores": 2,
+            "threads": 4,
+            "governor": "unknown",
+            "kernel": platform,
+        }
+        return timed(0.5, platform=platform, timed={"core": 1, "machine": machine})
+
+    assert (
+        speed([on("a"), on("a", "Linux 2")]).machine
+        == "cpu a, architecture x86_64, cores 2, threads 4, governor unknown"
+    )
+    for others in (on("b"), timed(0.5)):
+        with pytest.raises(SpecError, match="several machines"):
+            speed([on("a"), others])
+
+
 def test_engines_and_timesteps_are_not_mixed():
     with pytest.raises(SpecError, match="several engines"):
         speed([timed(0.5), timed(0.5, engine="second")])
