@@ -47,6 +47,26 @@ def meeting_laws(world: World) -> Mapping[Pair, PairContact]:
     return MappingProxyType(laws)
 
 
+@derived
+def frictionless(world: World) -> bool:
+    """Whether the world has contact and none of its pairs of materials, also of those that never meet, has friction."""
+    return bool(world.contact.pairs) and not any(pair.friction for pair in world.contact.pairs)
+
+
+@derived
+def balls_alone(world: World) -> bool:
+    """Whether the world is without friction, all that moves is a free body by itself, and each has spheres alone as collision
+    shapes: every two shapes then meet in one point."""
+    groups = rigid_groups(world)
+    moving = [body for body in world.bodies if groups[body.name] != "world"]
+    parents = {body.joint.parent for body in moving}
+    return (
+        frictionless(world)
+        and all(body.joint.kind == "free" and body.name not in parents for body in moving)
+        and all(shape.kind == "sphere" for body in moving for shape in solid_shapes(body))
+    )
+
+
 def solid_shapes(body: Body) -> tuple[Shape, ...]:
     """The collision shapes of a body."""
     return tuple(shape for shape in body.shapes if shape.collision)

@@ -70,7 +70,11 @@ def engine_data() -> dict[str, Any]:
             "lacks": {capability.value: reason for capability, reason in engine.LACKS.items()},
             "install": f"pip install 'simspec[{engine.EXTRA}]'",
             "settings": {
-                key: {"default": setting.default, "meaning": setting.meaning, "choices": list(setting.choices)}
+                key: {
+                    "default": setting.default,
+                    "meaning": setting.meaning,
+                    "choices": list(setting.choices),
+                }
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 for key, setting in engine.SETTINGS.items()
             },
@@ -137,7 +141,10 @@ def markdown() -> str:
             if setting.needs:
                 values = " or ".join(str(value).lower() for value in setting.needs[1])
                 allowed = f"{allowed}{'; ' if allowed else ''}with {setting.needs[0]}: {values}"
-            lines.append(f"| `{key}` | `{setting.default}` | {allowed} | {_cell(setting.meaning)} |")
+            default = f"`{setting.default}`"
+            if setting.frictionless is not None:
+                default += f"; free balls without friction: `{setting.frictionless}`"
+            lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"
 

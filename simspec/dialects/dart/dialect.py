@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from simspec.contact.meeting import excluded_pairs, solid_shapes
+from simspec.contact.meeting import balls_alone, excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.copies import Node, Nodes, class_name
 from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
@@ -55,7 +55,8 @@ COPY = "{body}.{index}"
 a point."""
 
 SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
-"""Which contact solver has each cone by default (setting ``contact_solver: auto``)."""
+"""Which contact solver has each cone by default (setting ``contact_solver: auto``), but for free balls
+without friction."""
 
 SMALL_TURN = (1e-5, 1e-3)
 """Rotation vectors whose length lies in between are written as the same rotation the long way round (θ − 2π): DART turns
@@ -154,9 +155,11 @@ def node_name(node: Node) -> str:
 
 
 def contact_solver(world: World, target: Target) -> str:
-    """The setting ``contact_solver``, with ``auto`` resolved by the friction cone."""
+    """The setting ``contact_solver``, with ``auto`` resolved by the friction cone, but for free balls without friction."""
     chosen = str(target.settings["contact_solver"])
-    return SOLVERS.get(world.contact.friction_cone, "nsgs") if chosen == "auto" else chosen
+    if chosen != "auto":
+        return chosen
+    return "dantzig" if balls_alone(world) else SOLVERS.get(world.contact.friction_cone, "nsgs")
 
 
 def collision_detector(world: World, target: Target) -> str:

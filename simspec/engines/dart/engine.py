@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.meeting import frictionless
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
@@ -79,7 +80,9 @@ _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted
 
 
 def _coulomb(world: World) -> Refinement | None:
-    """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid."""
+    """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid, and something has friction."""
+    if frictionless(world):
+        return Refinement(Level.VIA_API, "nothing has friction")
     if DANTZIG in world.options("dart").settings:
         return None
     return Refinement(Level.VIA_API, "NsgsFrictionSolver, law Coulomb")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from simspec.contact.meeting import balls_alone
 from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.dart.inventory import finite, part_name
@@ -18,7 +19,7 @@ from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World
 SOLVERS = {"nsgs": "NsgsFrictionSolver", "dantzig": "DantzigBoxedLcpSolver"}
 LAWS = {"elliptic": "Coulomb", "pyramid-circumscribed": "Box"}
 CONES = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
-"""The solver that ``auto`` stands for under each cone."""
+"""The solver that ``auto`` stands for under each cone, but for free balls without friction."""
 
 Settings = Mapping[str, bool | int | float | str]
 
@@ -64,7 +65,9 @@ def expected(
 def chosen_solver(world: World, settings: Settings) -> str:
     """What the setting ``contact_solver`` stands for."""
     chosen = str(settings["contact_solver"])
-    return CONES[world.contact.friction_cone] if chosen == "auto" else chosen
+    if chosen != "auto":
+        return chosen
+    return "dantzig" if balls_alone(world) else CONES[world.contact.friction_cone]
 
 
 def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], detector: str) -> dict[str, HeldValue]:

@@ -108,6 +108,13 @@ class Nodes:
                 aspect.setFrictionCoeff(numbers.friction)
                 aspect.setRestitutionCoeff(numbers.restitution)
 
+    def without_friction(self) -> bool:
+        """Whether no collision shape has friction in DART."""
+        nodes = self._nodes.values()
+        return not any(
+            shape.getDynamicsAspect().getFrictionCoeff() for node in nodes for shape in collision_nodes(node)
+        )
+
     def apart(self) -> Iterator[tuple[Any, Any]]:
         """The pairs of nodes that must not touch; a pair may come twice."""
         sidecar = self._sidecar

@@ -65,6 +65,9 @@ def _pose(transform: Any) -> Pose:
 
 
 def _cone(sim: Simulation) -> str:
+    """The cone of DART's solver; that of the request where no shape has friction, and no solver makes use of it."""
+    if sim.nodes.without_friction():
+        return sim.sidecar.friction_cone
     solver = sim.solver.getBoxedLcpSolver()
     kind = sim.dartpy.constraint.NsgsFrictionSolver
     if isinstance(solver, kind):

@@ -10,8 +10,9 @@ SETTINGS: Mapping[str, Setting] = {
     "contact_solver": Setting(
         "auto",
         "auto: nsgs for the elliptic cone, which Dantzig's solver does not have; dantzig for the circumscribed "
-        "pyramid, where it is exact and stacks best. dantzig under the elliptic cone must be accepted, by "
-        "contact.cone.elliptic.",
+        "pyramid, where it is exact and stacks best, and for free balls without friction, where no cone matters (216 take "
+        "0.86 of the time, measured). dantzig under the elliptic cone must be accepted, by contact.cone.elliptic, where "
+        "something has friction.",
         ("auto", "nsgs", "dantzig"),
         group=Group.SOLVER,
     ),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
+from simspec.contact.meeting import balls_alone
 from simspec.errors import Problem
 from simspec.world.types import World
 
@@ -57,6 +58,8 @@ class Setting:
     finer: Value | None = None
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
     explain`` asks with it whether a difference comes from the accuracy."""
+    frictionless: Value | None = None
+    """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
 
 
 class HasSettings(Protocol):
@@ -72,13 +75,29 @@ class HasSettings(Protocol):
 
 
 def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value]:
-    """The engine's solver settings: its defaults, with those of the world's options over them.
+    """The engine's solver settings: its defaults for such a world, with those of the world's options over them.
 
     The options were checked by :func:`check_settings`.
     """
-    return {name: setting.default for name, setting in engine.SETTINGS.items()} | dict(
-        world.options(engine.NAME).settings
-    )
+    stated = dict(world.options(engine.NAME).settings)
+    return default_settings(engine, stated, balls_alone(world)) | stated
+
+
+def default_settings(engine: type[HasSettings], stated: Mapping[str, Value], frictionless: bool) -> dict[str, Value]:
+    """The defaults beside the settings that a spec states; ``frictionless``: those of worlds of free balls without friction.
+
+    A default is not replaced by the frictionless one where a stated setting would then have no effect.
+    """
+    defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
+    if not frictionless:
+        return defaults
+    known = (engine.SETTINGS.get(name) for name in stated)
+    needed = [setting.needs for setting in known if setting is not None and setting.needs is not None]
+    for name, setting in engine.SETTINGS.items():
+        value = setting.frictionless
+        if value is not None and not any(other == name and value not in values for other, values in needed):
+            defaults[name] = value
+    return defaults
 
 
 def written_settings(engine: type[HasSettings], world: World) -> dict[str, Value]:

@@ -11,9 +11,11 @@ SETTINGS: Mapping[str, Setting] = {
     "solver": Setting(
         "newton",
         "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg and pgs "
-        "approach it.",
+        "approach it. pgs for free balls without friction: they meet in single points, and 216 of them take 0.7 of "
+        "Newton's time, with the same energy, depth and spread (measured, with the tolerance below).",
         ("newton", "cg", "pgs"),
         group=Group.SOLVER,
+        frictionless="pgs",
     ),
     "iterations": Setting(
         100,
@@ -32,10 +34,12 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "tolerance": Setting(
         1e-8,
-        "The solver ends when it improves by less than this. MuJoCo's own number.",
+        "The solver ends when it improves by less than this. MuJoCo's own number. By pgs columns of balls at rest then lose "
+        "contact in one step of seven; with 1e-10 in none, as by Newton, at the same cost (measured).",
         minimum=0.0,
         group=Group.ACCURACY,
         finer=1e-14,
+        frictionless=1e-10,
     ),
     "ls_tolerance": Setting(
         0.01,

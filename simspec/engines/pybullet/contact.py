@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.contact.meeting import meeting_laws
+from simspec.contact.meeting import frictionless, meeting_laws
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement
 from simspec.world.kinematics import rigid_groups, trees
@@ -32,7 +32,9 @@ ROUND_OFF = 1e-9
 
 
 def only_balls_slide(world: World) -> Refinement | None:
-    """The elliptic cone is exact where all that has friction and moves is a free ball."""
+    """The elliptic cone is exact where all that has friction and moves is a free ball, or nothing has friction."""
+    if frictionless(world):
+        return Refinement(Level.VIA_API, "nothing has friction")
     rough = {name for pair in meeting_laws(world).values() if pair.friction for name in (pair.first, pair.second)}
     groups = rigid_groups(world)
     alone = {root for root, bodies in trees(world).items() if len(bodies) == 1 and bodies[0].joint.kind == "free"}

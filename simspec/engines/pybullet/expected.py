@@ -56,7 +56,7 @@ def expected(
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are PyBullet's own values."""
     groups = rigid_groups(world)
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
-    found = _world(world, settings, neutral)
+    found = _world(world, settings, plan, neutral)
     found["trees"] = listed(list(trees(world)))
     found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
     found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
@@ -123,12 +123,16 @@ def _tree_links(bodies: tuple[Body, ...], plan: ContactPlan) -> Iterator[_Link]:
 
 
 def _world(
-    world: World, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
+    world: World,
+    settings: Mapping[str, bool | int | float | str],
+    plan: ContactPlan,
+    neutral: Mapping[str, HeldValue],
 ) -> dict[str, HeldValue]:
     """The world's own numbers, and what its parameters were set to."""
     found = {name: value for name, value in neutral.items() if name.startswith(("world.", "count.", "parameter."))}
     laws = meeting_laws(world).values()
-    elliptic = world.contact.friction_cone == "elliptic"
+    rubs = any(part.surface.friction for body in world.bodies for part in parts(body, plan))
+    elliptic = rubs and world.contact.friction_cone == "elliptic"
     mode = int(neutral["world.solverInfo.solverMode"])  # type: ignore[arg-type]
     told: dict[str, HeldValue] = {
         "numSolverIterations": settings["iterations"],

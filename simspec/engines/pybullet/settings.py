@@ -10,19 +10,22 @@ SETTINGS: Mapping[str, Setting] = {
     "iterations": Setting(
         200,
         "Sweeps of the constraint solver in a step. PyBullet's own 50 leaves boxes creeping below the friction limit "
-        "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19.",
+        "at up to 6e-4 m/s; 200 with residual_threshold 0 leaves 1e-19. Nothing creeps where nothing has friction.",
         minimum=1,
         group=Group.ACCURACY,
         finer=2000,
+        frictionless=50,
     ),
     "residual_threshold": Setting(
         0.0,
         "The solver stops early below this residual; 0: never, so that all steps are solved alike. Above 1e-15 a body at "
         "rest is tilted by what is left, loses a point of contact, falls for a step, and trembles at up to g dt "
-        "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0.",
+        "(measured): a contact_processing_threshold of 1e-6 keeps the points, and the rest is then as quiet as with 0. A "
+        "ball without friction is not tilted.",
         minimum=0.0,
         group=Group.ACCURACY,
         finer=0.0,
+        frictionless=1e-7,
     ),
     "contact_erp": Setting(
         0.01,
@@ -62,8 +65,10 @@ SETTINGS: Mapping[str, Setting] = {
     ),
     "contact_breaking_threshold": Setting(
         0.02,
-        "Contact points are kept up to this gap (m); PyBullet's default.",
+        "Contact points are kept up to this gap (m); PyBullet's default. What does not touch is looked at in every step: "
+        "216 spheres, 10 mm apart at first, take 1.04 times as long as with 2 mm (measured).",
         minimum=0.0,
+        frictionless=0.002,
         group=Group.GEOMETRY,
     ),
     "collision_margin": Setting(

@@ -1,0 +1,105 @@
+"""Defaults that follow from a world without friction, and what they must leave alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.contact.meeting import balls_alone, frictionless
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.settings import check_settings, default_settings, resolve_settings
+from simspec.world.types import EngineOptions, World
+from tests import worlds
+
+SLICK = {
+    "mujoco": {"solver": "pgs", "tolerance": 1e-10},
+    "pybullet": {"iterations": 50, "residual_threshold": 1e-7, "contact_breaking_threshold": 0.002},
+    "dart": {"contact_solver": "dantzig"},
+}
+"""What the files of balls without friction hold beside the ordinary defaults."""
+
+
+def without_friction(world: World) -> World:
+    pairs = tuple(dataclasses.replace(pair, friction=0.0) for pair in world.contact.pairs)
+    return dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+
+
+def with_friction(world: World) -> World:
+    pairs = tuple(dataclasses.replace(pair, friction=0.3) for pair in world.contact.pairs)
+    return dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs))
+
+
+def stating(world: World, engine: str, *settings: tuple[str, Any]) -> World:
+    accept = ("contact.cone.elliptic", "contact.friction.impact")
+    return dataclasses.replace(world, engines=(EngineOptions(engine, settings, accept),))
+
+
+def written(world: World, engine: str) -> dict[str, Any]:
+    settings: dict[str, Any] = json.loads(compile_world(world, [engine])[engine].files[SIDECAR])["settings"]
+    return settings
+
+
+SLIPPERY = without_friction(worlds.spheres(3))
+ROUGH = with_friction(SLIPPERY)
+
+
+def test_which_worlds_are_without_friction():
+    assert (frictionless(SLIPPERY), balls_alone(SLIPPERY)) == (True, True)
+    assert (frictionless(ROUGH), balls_alone(ROUGH)) == (False, False)
+    nothing_meets = dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=()))
+    assert not frictionless(nothing_meets)
+
+
+def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
+    moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
+    oblong = dataclasses.replace(moving.shapes[0], kind="box", size=(0.2, 0.1, 0.1))
+    changed = {
+        "a box": dataclasses.replace(moving, shapes=(oblong,)),
+        "a hinge": dataclasses.replace(moving, joint=dataclasses.replace(moving.joint, kind="hinge", parent=None)),
+    }
+    for name, body in changed.items():
+        bodies = tuple(body if one is moving else one for one in SLIPPERY.bodies)
+        world = dataclasses.replace(SLIPPERY, bodies=bodies)
+        assert (frictionless(world), balls_alone(world)) == (True, False), name
+
+
+@pytest.mark.parametrize("engine", SLICK)
+def test_balls_without_friction_have_the_faster_settings(engine):
+    slick, rough = (written(stating(world, engine), engine) for world in (SLIPPERY, ROUGH))
+    assert {name: value for name, value in slick.items() if rough[name] != value} == SLICK[engine]
+    defaults = {name: setting.default for name, setting in find_engine(engine).SETTINGS.items()}
+    assert resolve_settings(find_engine(engine), ROUGH) == defaults
+
+
+@pytest.mark.parametrize("engine", SLICK)
+def test_what_a_spec_states_stays(engine):
+    for name, value in SLICK[engine].items():
+        ordinary = written(stating(ROUGH, engine), engine)[name]
+        assert ordinary != value
+        world = stating(SLIPPERY, engine, (name, ordinary))
+        assert written(world, engine)[name] == ordinary
+
+
+def test_a_stated_setting_keeps_what_it_needs():
+    """The line search is Newton's: who states its iterations gets Newton, who states PGS with them is refused."""
+    mujoco = find_engine("mujoco")
+    world = stating(SLIPPERY, "mujoco", ("ls_iterations", 20))
+    assert resolve_settings(mujoco, world)["solver"] == "newton"
+    assert written(world, "mujoco")["solver"] == "newton"
+    other = stating(SLIPPERY, "mujoco", ("warmstart", False))
+    assert resolve_settings(mujoco, other)["solver"] == "pgs"
+
+
+@pytest.mark.parametrize("engine", engines())
+def test_frictionless_defaults_are_of_the_setting_s_kind_and_range(engine):
+    known = find_engine(engine)
+    for name, setting in known.SETTINGS.items():
+        if setting.frictionless is not None:
+            assert setting.frictionless != setting.default
+            assert check_settings(known, [(name, setting.frictionless)]) == []
+    assert default_settings(known, {"no_such_setting": 1}, True).keys() == known.SETTINGS.keys()
