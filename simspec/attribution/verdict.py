@@ -51,7 +51,7 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
 def _no_cause(explanation: Explanation) -> str:
     if explanation.same_engine:
         return "Nothing differs between the two, and yet their motions do: the engine does not repeat itself."
-    return "Both hold the same world, and no setting is away from its default: the difference is the engines' own."
+    return "Nothing given differs: the same world, and no setting is away from its default. The difference is the engines' own."
 
 
 def _nothing(explanation: Explanation) -> Iterable[str]:

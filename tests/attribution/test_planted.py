@@ -34,7 +34,7 @@ def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_abo
     assert (cause.name, cause.values) == ("PyBullet's contact_erp", ("0.2", "0.01"))
     assert cause.share["contact"] > 0.2
     assert explanation.contact is not None
-    assert explanation.contact.bodies == ("floor", "rester")
+    assert explanation.contact.bodies == ("floor", "slider")
     without = next(swap for swap in explanation.probes if swap.name == "no contact")
     assert without.share["all"] > 0.99
     assert "free" not in explanation.telling
