@@ -7,6 +7,8 @@
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
+# make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
+# make study    the whole study: hours; ended at any moment, the same command does what is left
 # make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
@@ -14,7 +16,7 @@ JOBS ?= 2
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills page-bundle clean
+.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills study study-small page-bundle clean
 
 setup: .venv/ready
 
@@ -97,6 +99,12 @@ selftest: setup
 kills: setup
 	$(BIN)/python tools/kills.py
 	$(BIN)/python tools/kill_sweeps.py
+
+study-small: setup
+	$(BIN)/simspec study koerber-2021 --small
+
+study: setup
+	$(BIN)/simspec study koerber-2021 --deadline 3600
 
 # page/bundle is committed: only who changes page/src needs this; tests hold it against its sources
 page-bundle:

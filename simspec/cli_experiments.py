@@ -28,6 +28,7 @@ from simspec.commands.guard import command
 def add_experiments(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command("sweep")(command(sweep_command))
+    app.command("study")(command(study_command))
     app.command("explain")(command(explain_command))
 
 
@@ -140,5 +141,51 @@ def explain_command(
         allow_outside=allow_outside,
         python=python,
         deadline=deadline,
+        as_json=as_json,
+    )
+
+
+def study_command(
+    study: Annotated[str, typer.Argument(metavar="STUDY", help="A study file, or the name of a study of the library.")],
+    small: Annotated[bool, typer.Option("--small", help="The small study: what the file says under `small`.")] = False,
+    store: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where runs are stored (default runs/NAME/sweep); may be shared.")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print the plan and its cost; run and write nothing.")
+    ] = False,
+    no_verify: Annotated[
+        bool, typer.Option("--no-verify", help="Skip the proof that the engines have the same model.")
+    ] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait while another sweep writes to the store.")] = False,
+    python: Pythons = None,
+    deadline: Deadline = DEADLINE,
+    allow_outside: Outside = False,
+    as_json: AsJson = False,
+) -> int:
+    """Do all sweeps of a study, and write its tables: runs/NAME/study.md and study.json (with --small: runs/NAME-small).
+
+    Runs that are stored already are not repeated. Ended at any moment, the same command does what is left.
+
+    \b
+    simspec study koerber-2021 --small --dry-run
+    simspec study koerber-2021 --small
+    simspec study mine.yaml --store /data/store
+
+    A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if values make a
+    scenario invalid, 3 if an engine was stopped.
+    """
+    from simspec.commands.study import study as run_study
+
+    return run_study(
+        study,
+        small=small,
+        store=store,
+        dry_run=dry_run,
+        no_verify=no_verify,
+        wait=wait,
+        python=python,
+        deadline=deadline,
+        allow_outside=allow_outside,
         as_json=as_json,
     )

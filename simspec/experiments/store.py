@@ -182,8 +182,9 @@ class Store:
         """Remove a run, which is done again."""
         self._collection.drop(place_of(key))
 
-    def load(self, key: str) -> Run:
-        """The run of a key, every array bit for bit. Raises SpecError, which names the file, where something is damaged."""
+    def load(self, key: str, tables: bool = True) -> Run:
+        """The run of a key, every array bit for bit; without ``tables`` it has no arrays, and is read faster. Raises SpecError,
+        which names the file, where something is damaged."""
         facts = self.facts(key)
         path = self.path / place_of(key) / RUN_FILE
         try:
@@ -205,8 +206,8 @@ class Store:
         }
         if asked.artifacts_sha256 is not None:
             provenance["artifacts_sha256"] = asked.artifacts_sha256
-        arrays = load_tables(self.path / place_of(key), world, result.tables, joints)
-        if not arrays and result.failed is None:
+        arrays = load_tables(self.path / place_of(key), world, result.tables, joints) if tables else {}
+        if tables and not arrays and result.failed is None:
             raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])
         return Run(world, result.engine, arrays, provenance, facts.circumstances.get("error", result.failed))
 

@@ -146,10 +146,7 @@ def load_study_file(path: str | Path, *, allow_outside: bool = False) -> StudySo
     problem, located.
     """
     path = Path(path)
-    try:
-        document = read(path)
-    except FileNotFoundError:
-        raise SpecError([Problem(f"{path}: no such file")]) from None
+    document = read(path)
     data = _model(document, StudyFile, "a study starts with simspec_study: 1")
     source = StudySource(path, document, data, allow_outside)
     source.read_figures()

@@ -9,16 +9,24 @@ import pytest
 from simspec.language.document import parse
 from simspec.language.expectations import KINDS
 from simspec.language.load import Spec
-from simspec.language.reference import missing, tables, update
+from simspec.language.reference import missing, study_tables, tables, update
 from simspec.runner.measures import MEASURES
 
 PAGE = Path(__file__).parents[2] / "docs" / "language.md"
+STUDIES = PAGE.with_name("studies.md")
 
 
 def test_the_tables_are_current():
     text = PAGE.read_text(encoding="utf-8")
     assert missing(text) == []
     assert update(text) == text, "stale: python -m simspec.language.reference writes them"
+
+
+def test_the_tables_of_studies_are_current():
+    text = STUDIES.read_text(encoding="utf-8")
+    assert missing(text, study_tables()) == []
+    assert update(text) == text, "stale: python -m simspec.language.reference writes them"
+    assert "[Sweep](language.md#sweep)" in text
 
 
 def test_the_tables_say_what_the_models_say():

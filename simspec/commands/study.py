@@ -1,0 +1,228 @@
+"""``simspec study``: all sweeps of a study into one store, and its tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simspec.arguments import engines_at_work, interpreters, print_json
+from simspec.commands.sweep import side_by_side
+from simspec.engines.kit.warm import WarmProcesses
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, SpecError
+from simspec.experiments.cost import costs, estimate
+from simspec.experiments.executors.contract import Supplies
+from simspec.experiments.executors.local import LocalExecutor
+from simspec.experiments.index import Index, refresh
+from simspec.experiments.machine import disturbances
+from simspec.experiments.plan import Plan, plan_sweep
+from simspec.experiments.store import Store
+from simspec.experiments.sweep import Outcome
+from simspec.experiments.sweep import sweep as run_sweep
+from simspec.experiments.timing import timed_tasks
+from simspec.experiments.versions import versions_of
+from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_file
+from simspec.outputs.marker import STORE, STUDY
+from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.writing import change_file, open_folder
+from simspec.report.kit import table
+from simspec.report.page.sheets import Sheet, sheet
+from simspec.report.progress import duration, progress
+from simspec.report.screen import console, say
+from simspec.report.study import Done, markdown, tables
+from simspec.report.terminal import show_error
+from simspec.resources import resource_folder
+
+RUNS, SWEEP_FOLDER = Path("runs"), "sweep"
+TABLES_FILE, PAGE_FILE = "study.json", "study.md"
+SCHEMA = 1
+Planned = tuple[SweepOfStudy, Plan]
+
+
+def study(
+    name: str,
+    *,
+    small: bool,
+    store: Path | None,
+    dry_run: bool,
+    no_verify: bool,
+    wait: bool,
+    python: list[str] | None,
+    deadline: float,
+    allow_outside: bool,
+    as_json: bool,
+) -> int:
+    """Do the sweeps of a study, and write and print its tables."""
+    source = load_study_file(find_study(name), allow_outside=allow_outside)
+    pythons = interpreters(python, None)
+    planned = [(one, _plan(one, pythons)) for one in source.sweeps(small)]
+    folder = RUNS / (f"{source.name}-small" if small else source.name)
+    place = store or folder / SWEEP_FOLDER
+    demand([folder_problem(place, STORE, source.files()), folder_problem(folder, STUDY, source.files())])
+    if dry_run:
+        return _dry_run(source, planned, place, as_json)
+    open_folder(folder, STUDY)
+    opened = Store.open(place, create=True)
+    if any(plan.measure == "speed" for _, plan in planned):
+        for why in disturbances():
+            say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
+    done = []
+    for one, plan in planned:
+        say(f"{source.name}: {one.name}, {len(plan):,} runs", error=True)
+        with progress(not as_json) as tell:
+            outcome = run_sweep(
+                plan,
+                opened,
+                functools.partial(_local, plan, pythons),
+                verify=not no_verify,
+                pythons=pythons,
+                deadline=deadline,
+                source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name},
+                progress=tell,
+                wait=wait,
+            )
+        figures = [figure for figure in source.figures if figure.sweep == one.name]
+        done.append(Done(one, outcome, opened, figures))
+    return _tell(source, done, folder, small, as_json)
+
+
+def find_study(name: str) -> Path:
+    """The file of a study: a path, or the name of a study that is shipped with simspec."""
+    path = Path(name)
+    if path.is_file() or path.suffix:
+        return path
+    shipped = resource_folder("specs") / "studies" / f"{path.name}.yaml"
+    return shipped if shipped.is_file() else path
+
+
+def _plan(one: SweepOfStudy, pythons: Mapping[str, str]) -> Plan:
+    named = one.spec.data.sweep.engines if one.spec.data.sweep is not None else None
+    selection = engines_at_work(list(named) if named else None, pythons)
+    if not named:
+        selection = selection.for_world(one.spec.resolve(), one.spec.locate)
+    labels = list(selection.engines)
+    return plan_sweep(one.spec, engines=labels, versions=versions_of(labels, pythons))
+
+
+def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
+    """Runs on this machine: where speed is measured, one at a time, on a processor of its own."""
+    if plan.measure == "speed":
+        return LocalExecutor(supplies, 1, pythons, do_run=timed_tasks(pythons))
+    return LocalExecutor(supplies, side_by_side(None, plan), pythons, warm=WarmProcesses())
+
+
+def _tell(source: StudySource, done: Sequence[Done], folder: Path, small: bool, as_json: bool) -> int:
+    parts: list[tuple[Done, list[Any]]] = [(one, tables(one)) for one in done]
+    made = {one.sweep.name: [sheet(part) for part in own] for one, own in parts}
+    code = max((exit_code(one.outcome) for one in done), default=EXIT_OK)
+    data = study_data(source, done, made, small)
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    change_file(folder, STUDY, TABLES_FILE, lambda before: text)
+    change_file(folder, STUDY, PAGE_FILE, lambda before: page(source, made, data))
+    if as_json:
+        print_json({**data, "folder": folder, "exit_code": code})
+        return code
+    for one, own in parts:
+        for part in own:
+            console().print(part)
+        if one.outcome.invalid:
+            show_error(SpecError(one.outcome.invalid))
+    for line in data["said"]:
+        say(line, error=True)
+    console().print(f"written: {folder / PAGE_FILE}, {folder / TABLES_FILE}", soft_wrap=True)
+    return code
+
+
+def exit_code(outcome: Outcome) -> int:
+    """What a sweep of a study ends with: runs that fail or do not do what is expected are what a study is to find out."""
+    if outcome.invalid_count:
+        return EXIT_WRONG
+    if outcome.stopped:
+        return EXIT_ENGINE
+    return EXIT_FAILED if outcome.unproven else EXIT_OK
+
+
+def study_data(
+    source: StudySource, done: Sequence[Done], made: Mapping[str, Sequence[Sheet]], small: bool
+) -> dict[str, Any]:
+    """A study as plain data."""
+    said = []
+    for one in done:
+        outcome = one.outcome
+        missing = sum(row is None for _, row in outcome.rows())
+        proof = "proof not asked for" if not outcome.verified else "every model proven"
+        proof = f"proof FAILED for {len(outcome.unproven)} models" if outcome.unproven else proof
+        said.append(
+            f"{one.sweep.name}: {len(outcome.plan):,} runs, {outcome.ran:,} of them now"
+            + (f", {missing:,} not done" if missing else "")
+            + f"; {proof}"
+        )
+        said += [f"{one.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
+        said += [f"{one.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]
+        said += [f"{one.sweep.name}: {note}" for note in outcome.notes]
+    return {
+        "schema": SCHEMA,
+        "study": source.name,
+        "description": source.data.description,
+        "small": small,
+        "figures": source.figures_source,
+        "said": said,
+        "sweeps": {name: [dataclasses.asdict(one) for one in own] for name, own in made.items()},
+    }
+
+
+def page(source: StudySource, made: Mapping[str, Sequence[Sheet]], data: Mapping[str, Any]) -> str:
+    """A study as a page of Markdown."""
+    parts = [f"# {source.name}", "", source.data.description, ""]
+    if data["small"]:
+        parts += ["The small study: fewer timesteps, seeds and repetitions.", ""]
+    if source.figures_source:
+        parts += [f"Figures from elsewhere: {source.figures_source}.", ""]
+    for name, own in made.items():
+        parts += [f"## {name}", "", *(f"{markdown(one)}" for one in own)]
+    return "\n".join([*parts, "## How it was done", "", *(f"- {line}" for line in data["said"])]) + "\n"
+
+
+def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_json: bool) -> int:
+    index = refresh(Store.open(place), repair=False) if place.is_dir() and any(place.iterdir()) else Index()
+    shown = table(
+        f"{source.name}: to do",
+        "sweep",
+        "engine",
+        "runs",
+        "of",
+        "steps",
+        "time, one after the other",
+        right=range(2, 6),
+    )
+    told, known, total = [], True, 0.0
+    asked: set[str] = set()
+    for one, plan in planned:
+        cells = list(plan)
+        left = [cell for cell in cells if index.done(cell.key) is None and cell.key not in asked]
+        asked.update(cell.key for cell in cells)
+        cost = estimate(plan, left, costs(index.rows.values(), plan.spec.name))
+        for engine in plan.engines:
+            seconds = cost.seconds[engine]
+            runs = sum(cell.engine == engine for cell in cells)
+            known = known and (seconds is not None or not cost.runs[engine])
+            total += (seconds or 0.0) if cost.runs[engine] else 0.0
+            time = "not measured yet" if seconds is None else f"about {duration(seconds)}"
+            time = time if cost.runs[engine] else "–"
+            shown.add_row(one.name, engine, f"{cost.runs[engine]:,}", f"{runs:,}", f"{cost.steps[engine]:,}", time)
+            told.append(
+                {"sweep": one.name, "engine": engine, "to_do": cost.runs[engine], "runs": runs}
+                | {"steps": cost.steps[engine], "seconds": seconds}
+            )
+    if as_json:
+        print_json({"study": source.name, "store": place, "sweeps": told, "seconds": total if known else None})
+        return EXIT_OK
+    console().print(shown)
+    end = (
+        f"about {duration(total)}, from what such runs took in this store" if known else "the time of some is not known"
+    )
+    console().print(f"{end}; each model is verified first (not in the estimate)", soft_wrap=True)
+    return EXIT_OK

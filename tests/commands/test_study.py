@@ -1,0 +1,152 @@
+"""A study from its file to its tables: everything is run once, stored, and shown, and what is not equal is said to be so."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec.cli import app
+from simspec.report.study import ranking
+
+SPEC = """\
+simspec: 1
+name: bounce
+physics: {timestep: 1 ms, duration: 60 ms}
+contact:
+  materials:
+    rubber: {friction: 0}
+bodies:
+  floor: {fixed: true, shapes: [{plane: {}, material: rubber}]}
+  ball: {pose: {xyz: [0, 0, 0.105]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
+record: {every: 20 ms, channels: [pose, velocity, contacts, energy]}
+expect:
+  - no_penetration_deeper_than: {depth: 5 mm}
+"""
+STUDY = """\
+simspec_study: 1
+name: bounces
+description: A ball in two engines
+figures: figures.yaml
+sweeps:
+  steps:
+    spec: bounce.yaml
+    sweep:
+      engines: [mujoco, pybullet]
+      over:
+        physics.timestep: [1 ms, 4 ms]
+      repeat: 2
+    small:
+      sweep:
+        over:
+          physics.timestep: [4 ms]
+    show: [speed, load, validity, determinism]
+  times:
+    spec: bounce.yaml
+    sweep:
+      engines: [mujoco]
+      over:
+        physics.duration: [20 ms, 60 ms]
+    show: [over_time]
+  mistakes:
+    spec: bounce.yaml
+    sweep:
+      engines: [mujoco, pybullet]
+      cases:
+        weak: {physics.gravity: [0, 0, -1]}
+    unequal:
+      weak-in-one: {pybullet: weak}
+    small: {}
+    show: [unequal]
+"""
+FIGURES = """\
+simspec_figures: 1
+source: a paper
+figures:
+  - {sweep: steps, quantity: real_time_factor, engine: Other, timesteps: [1 ms], values: [12.25], source: table 1}
+  - {sweep: steps, quantity: largest_valid_timestep, engine: Other, values: [0.003], unit: s, source: in its text}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    for name, text in (("bounce", SPEC), ("study", STUDY), ("figures", FIGURES)):
+        (folder / f"{name}.yaml").write_text(text)
+    before = os.getcwd()
+    os.chdir(folder)
+    yield folder
+    os.chdir(before)
+
+
+def study(*words, code=0):
+    result = CliRunner().invoke(app, ["study", *words])
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_a_study_is_run_once_and_shown(folder):
+    told = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
+    sheets = {sheet["title"]: sheet for own in told["sweeps"].values() for sheet in own}
+    assert len(sheets) == 8
+
+    speed = next(sheet for title, sheet in sheets.items() if "wall time" in title)
+    assert [cell["text"] for cell in speed["head"]] == ["timestep", "mujoco", "pybullet", "Other (elsewhere)"]
+    assert [row[0]["text"] for row in speed["rows"]] == ["1 ms", "4 ms"]
+    assert [row[-1]["text"] for row in speed["rows"]] == ["12.25", "–"]
+    assert all("(2 processes)" in row[1]["text"] for row in speed["rows"])
+
+    validity = next(sheet for title, sheet in sheets.items() if "expected" in title)
+    assert [row[0]["text"] for row in validity["rows"]] == ["mujoco", "pybullet", "Other (elsewhere)"]
+    assert validity["rows"][0][1]["text"].startswith("at least 4 ms")
+    assert validity["rows"][2][1]["text"] == "3 ms: in its text"
+
+    same = next(sheet for title, sheet in sheets.items() if "again" in title)
+    assert [row[2]["text"] for row in same["rows"]] == ["2 runs, bitwise equal"] * 4
+
+    times = next(sheet for title, sheet in sheets.items() if "over time" in title)
+    assert [row[0]["text"] for row in times["rows"]] == ["0 to 0.02 s", "0.02 to 0.06 s"]
+    assert [row[2]["text"] for row in times["rows"]] == ["0", "1"]  # it meets the floor after 32 ms
+
+    unequal = sheets["mistakes: weak-in-one: these models are NOT EQUAL"]
+    assert unequal["note"] == "pybullet has weak: physics.gravity: [0, 0, -1]; mujoco: the scenario itself"
+    assert "NOT EQUAL" not in next(title for title in sheets if title.startswith("mistakes: equal"))
+
+    page = (folder / "runs" / "bounces" / "study.md").read_text()
+    assert "these models are NOT EQUAL" in page
+    assert "proof not asked for" in page
+    again = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
+    assert all(", 0 of them now" in line for line in again["said"])
+    assert again["sweeps"] == told["sweeps"]  # tables are functions of the store
+
+
+def test_the_small_study_has_its_own_folder_and_may_share_the_store(folder):
+    told = json.loads(study("study.yaml", "--small", "--no-verify", "--store", "runs/bounces/sweep", "--json").stdout)
+    assert list(told["sweeps"]) == ["steps", "mistakes"]
+    assert all(", 0 of them now" in line for line in told["said"])
+    assert (folder / "runs" / "bounces-small" / "study.json").is_file()
+
+
+def test_models_that_are_not_equal_are_each_proven(folder):
+    told = json.loads(study("study.yaml", "--small", "--json").stdout)
+    assert all("every model proven" in line for line in told["said"])
+
+
+def test_the_plan_of_the_real_study(folder):
+    told = json.loads(study("koerber-2021", "--small", "--dry-run", "--json").stdout)
+    runs = {(one["sweep"], one["engine"]): one["runs"] for one in told["sweeps"]}
+    assert runs["spheres", "mujoco"] == runs["robot-pick", "dart"] == 15  # 5 timesteps, 3 initial states
+    assert told["seconds"] is None
+    assert not (folder / "runs" / "koerber-2021-small").exists()
+
+
+def test_what_is_no_study_is_refused(folder):
+    assert "simspec_study" in study("bounce.yaml", code=2).stderr
+    assert "No such file" in study("none.yaml", code=2).stderr
+
+
+def test_ranking():
+    assert ranking({"a": 2.0, "b": 6.0, "c": 1.0}) == "b = 3 × a = 2 × c"
+    assert ranking({}) == ""
