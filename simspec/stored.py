@@ -224,6 +224,36 @@ class Report(BaseModel):
     diffs: list[dict[str, Any]]
 
 
+class StoredCell(Stored):
+    """A cell of a table, with its classes on a page."""
+
+    text: str
+    classes: str
+
+
+class StoredTableShown(Stored):
+    """A table as it is shown."""
+
+    title: str
+    head: list[StoredCell]
+    rows: list[list[StoredCell]]
+    note: str
+
+
+class StudyTables(Stored):
+    """``study.json``: the tables of ``simspec study``, by sweep; ``said``: how each sweep was done, ``bad``: which of these
+    lines say that something is wrong."""
+
+    schema_: int = Field(alias="schema")
+    study: str
+    description: str
+    small: bool
+    figures: str
+    said: list[str]
+    bad: list[int]
+    sweeps: dict[str, list[StoredTableShown]]
+
+
 def parse(content: bytes | str, what: str) -> Any:
     """JSON as plain data. Raises SpecError, which names ``what``, for anything else."""
     try:

@@ -11,9 +11,11 @@ from simspec.outputs.marker import RUN, STUDY
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import change_file, write_file
 from simspec.report.page.document import is_page, page
+from simspec.report.page.section import Section
 from simspec.report.plain import PAGE_FILE, text
 from simspec.report.screen import say
-from simspec.report.stored_study import load_study
+from simspec.report.stored_study import StoredStudy, load_study
+from simspec.report.study_page import study_section, study_tables
 from simspec.runner.store import is_run
 
 
@@ -37,7 +39,10 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
         raise SpecError([Problem(message, hint="use -o FILE")])
     if out is not None:
         demand([file_problem(out, is_page)])
-    studies = [load_study(folder) for folder in folders]
+    studies: list[StoredStudy | Section] = []
+    for folder in folders:
+        tables = study_tables(folder)
+        studies.append(load_study(folder) if tables is None else study_section(tables))
     content = page(studies).encode()
     if out is not None:
         return write_file(out, content, is_page)

@@ -33,12 +33,12 @@ from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
 from simspec.report.study import Done, markdown, tables
+from simspec.report.study_page import SCHEMA, TABLES_FILE
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
 
 RUNS, SWEEP_FOLDER = Path("runs"), "sweep"
-TABLES_FILE, PAGE_FILE = "study.json", "study.md"
-SCHEMA = 1
+PAGE_FILE = "study.md"
 Planned = tuple[SweepOfStudy, Plan]
 
 
@@ -149,9 +149,12 @@ def study_data(
     source: StudySource, done: Sequence[Done], made: Mapping[str, Sequence[Sheet]], small: bool
 ) -> dict[str, Any]:
     """A study as plain data."""
-    said = []
+    said: list[str] = []
+    bad: list[int] = []
     for one in done:
         outcome = one.outcome
+        if exit_code(outcome) != EXIT_OK:
+            bad.append(len(said))
         missing = sum(row is None for _, row in outcome.rows())
         proof = "proof not asked for" if not outcome.verified else "every model proven"
         proof = f"proof FAILED for {len(outcome.unproven)} models" if outcome.unproven else proof
@@ -170,6 +173,7 @@ def study_data(
         "small": small,
         "figures": source.figures_source,
         "said": said,
+        "bad": bad,
         "sweeps": {name: [dataclasses.asdict(one) for one in own] for name, own in made.items()},
     }
 

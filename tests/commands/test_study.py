@@ -122,6 +122,23 @@ def test_a_study_is_run_once_and_shown(folder):
     assert again["sweeps"] == told["sweeps"]  # tables are functions of the store
 
 
+def test_its_page_has_its_tables(folder):
+    study("study.yaml", "--no-verify")
+    result = CliRunner().invoke(app, ["report", "runs/bounces"])
+    assert result.exit_code == 0, result.output
+    page = (folder / "runs" / "bounces" / "report.html").read_text()
+    assert "these models are NOT EQUAL" in page
+    assert page.count("<table>") == 9  # eight, and where they came from
+    assert "Other (elsewhere)" in page
+    tables = folder / "runs" / "bounces" / "study.json"
+    whole = tables.read_text()
+    tables.write_text(whole.replace('"schema": 1', '"schema": 2', 1))
+    result = CliRunner().invoke(app, ["report", "runs/bounces"])
+    assert result.exit_code == 2
+    assert "schema 2, this simspec reads 1" in result.stderr
+    tables.write_text(whole)
+
+
 def test_the_small_study_has_its_own_folder_and_may_share_the_store(folder):
     told = json.loads(study("study.yaml", "--small", "--no-verify", "--store", "runs/bounces/sweep", "--json").stdout)
     assert list(told["sweeps"]) == ["steps", "mistakes"]

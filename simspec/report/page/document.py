@@ -25,8 +25,8 @@ MOST_STUDIES = 6
 _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&\u2028\u2029"}
 
 
-def page(studies: Sequence[StoredStudy]) -> str:
-    """The report of some studies as one HTML file. The same studies give the same text.
+def page(studies: Sequence[StoredStudy | Section]) -> str:
+    """The report of some studies, or of parts that were made already, as one HTML file. The same studies give the same text.
 
     Raises SpecError where there are more than ``MOST_STUDIES``.
     """
@@ -34,7 +34,7 @@ def page(studies: Sequence[StoredStudy]) -> str:
         message = f"a page has 1 to {MOST_STUDIES} studies"
         raise SpecError([Problem(message, found=str(len(studies)), hint="write several pages")])
     packed = Packed()
-    sections = [section(stored, packed) for stored in studies]
+    sections = [stored if isinstance(stored, Section) else section(stored, packed) for stored in studies]
     return _text(sections, packed)
 
 
