@@ -37,6 +37,8 @@ sweeps:
       engines: [mujoco, pybullet]
       over:
         physics.timestep: [1 ms, 4 ms]
+      cases:
+        weak: {physics.gravity: [0, 0, -1]}  # no part of what is shown of the scenario itself
       repeat: 2
     small:
       sweep:
