@@ -149,6 +149,12 @@ def test_foreign_text_is_text(text):
     assert "](" not in re.sub(r"\\.", "", shown)
 
 
+def test_what_an_annotation_escapes_is_what_is_read_again():
+    text = "100%25 of a:b,c"
+    (line,) = annotation_lines([Suite("s", "e", (Entry(text, Status.FAILED, "1\n2%"),))])
+    assert line == "::error title=e%3A 100%2525 of a%3Ab%2Cc::s / e: 100%2525 of a:b,c: 1%0A2%25"
+
+
 def test_the_worst_ten_are_annotated_and_the_rest_is_counted():
     entries = [Entry(f"e{n}", Status.FAILED, "far", excess=float(n)) for n in range(14)]
     entries.append(Entry("broken", Status.ERROR, "crashed"))
