@@ -82,6 +82,7 @@ lock:
 benchmarks: setup
 	$(BIN)/python benchmarks/overhead.py
 	$(BIN)/python benchmarks/compile.py
+	$(BIN)/python benchmarks/scale.py
 
 # the whole robot scenario; python tools/stacking.py is the sweep over timesteps
 scenario-full: setup
