@@ -86,6 +86,7 @@ SAID = {
     ("dart", "iterations", "contact_solver", "dantzig"),
     ("dart", "tolerance", "contact_solver", "dantzig"),
     ("drake", "dissipation", "contact_approximation", "sap"),
+    ("drake", "hydroelastic_modulus", "hydroelastic_faces", False),
     ("drake", "stiction_tolerance", "contact_approximation", "sap"),
     ("mujoco", "friction_cushion", "friction", "coulomb"),
     ("mujoco", "friction_rate", "friction", "coulomb"),

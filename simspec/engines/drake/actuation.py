@@ -13,7 +13,9 @@ from simspec.world.types import World
 
 NATIVE = (
     "PD controllers of Drake's actuators, by SAP, implicit in time: clip(kp (q* − q − dt v') + kd (v* − v')) with the velocity "
-    "v' after the step, to SAP's tolerance (3.5e-8 rad of a wheel of 0.02 kg m², measured). Drake weakens gains of which "
+    "v' after the step, to SAP's tolerance (3.5e-8 rad of a wheel of 0.02 kg m²; one at its effort limit loses up to 1e-6 of "
+    "its momentum in each step; measured). The targets are those of the beginning of a step, so that it follows dt v* "
+    "behind them. Drake weakens gains of which "
     "dt kd + dt² kp is above 3900 times the inertia, which take more than 99.97 % of the error back in a step"
 )
 

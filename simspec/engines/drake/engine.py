@@ -108,7 +108,7 @@ class Drake(SimulatedEngine[Simulation]):
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
-    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7)
+    NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),

@@ -28,6 +28,10 @@ class NativeLaw:
     """Whether the joint's own damping d acts by the velocity after the step where a controller is at its limit, which makes it
     weaker by 1 + dt d / I."""
 
+    residual: float = 0.0
+    """Share of a joint's momentum that the engine's solver may leave out in each step, its relative tolerance: at speed v as if
+    by a damping of ``residual`` I / dt."""
+
     @property
     def sags(self) -> bool:
         """Whether a constant load moves the joint away from its target, as it does with a spring."""
