@@ -31,6 +31,7 @@ COMMANDS = (
     "view",
     "diff",
     "sweep",
+    "study",
     "explain",
     "engines",
     "accept",

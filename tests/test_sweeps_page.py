@@ -13,7 +13,7 @@ from simspec import cli
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "sweeps.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"<!-- (spec|output): (.*?) -->\n```\w*\n(.*?)```", re.DOTALL)
-TIMES = re.compile(r"[\d.]+ ×|about .*|\d+ verified now")
+TIMES = re.compile(r"[\d.,]+ ×|about .*|\d+ verified now")
 """What is another each time: speeds, and the proofs that this test leaves out."""
 
 

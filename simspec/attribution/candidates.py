@@ -13,7 +13,7 @@ from simspec.attribution.configuration import Configuration
 from simspec.attribution.differences import INITIAL_STATE, Difference, differences, taking
 from simspec.attribution.windows import map_states
 from simspec.engines.kit.settings import Group, Value, finer_settings, resolve_settings
-from simspec.language.vocabulary import FRICTION_CONES
+from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.world.types import Body, PairContact, World
 
 Pair = tuple[Configuration, Configuration]
@@ -250,10 +250,7 @@ def _with_pairs(world: World, change: Callable[[PairContact], PairContact]) -> W
     materials = tuple(
         dataclasses.replace(
             material,
-            **{
-                name: getattr(change(_own(world, material.name)), name)
-                for name in ("friction", "restitution", "torsional_friction", "rolling_friction")
-            },
+            **{name: getattr(change(_own(world, material.name)), name) for name in COMBINED_QUANTITIES},
         )
         for material in contact.materials
     )

@@ -11,6 +11,8 @@ from typing import Any
 from simspec.language import walk
 from simspec.language.document import scalar
 from simspec.language.models import File
+from simspec.language.strict import Strict
+from simspec.language.study import FiguresFile, StudyFile
 
 WIDTH = 120
 """Columns that a line may have; a list or mapping that does not fit is written over several lines."""
@@ -26,6 +28,9 @@ BLOCK_FIELDS = frozenset(
 """Fields that are always written over several lines, one entry each."""
 BLOCK_ITEMS = frozenset(("bodies", "models", "control", "engines", "expect"))
 """Fields whose items are, too."""
+
+OTHER_FILES: Mapping[str, type[Strict]] = {"simspec_study": StudyFile, "simspec_figures": FiguresFile}
+"""Files that are no specs, by the key of their version."""
 
 _PLAIN = re.compile(r"[A-Za-z0-9_./][A-Za-z0-9_./ ^*°²³µ%·()+×−-]*")
 _IN_FLOW = re.compile(r"[\[\]{},]|: |\s#")
@@ -86,10 +91,16 @@ def lines(root: Node, header: list[str], footer: list[str]) -> list[str]:
     """The whole document."""
     text_lines = [*header]
     if root.kind == "mapping" and root.entries:
-        text_lines += _block(root, File, 0)
+        text_lines += _block(root, _model_of(root), 0)
     else:
         text_lines.append(_inline(root))
     return _tidy([*text_lines, *footer])
+
+
+def _model_of(root: Node) -> type[Strict]:
+    """The model of a document, by its version's key; a spec's where it has none."""
+    names = {entry.name for entry in root.entries}
+    return next((model for key, model in OTHER_FILES.items() if key in names), File)
 
 
 def _tidy(lines: list[str]) -> list[str]:

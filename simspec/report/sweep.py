@@ -199,7 +199,7 @@ def results_table(found: Sequence[Group]) -> Table:
         runs = f"{len(group.rows)}" if len(group.rows) == group.asked else f"{len(group.rows)} of {group.asked}"
         cells += [group.engine, Text(f"{runs}, {failed} failed", style="bold red") if failed else runs]
         factor = group.real_time_factor()
-        cells.append("–" if factor is None else f"{factor:.3g} ×")
+        cells.append("–" if factor is None else f"{factor:,.0f} ×" if factor >= 100.0 else f"{factor:.3g} ×")
         for name, _, unit in shown:
             middle, spread = group.quantity(name)
             told = length(middle) if unit == "m" else number(middle, unit)

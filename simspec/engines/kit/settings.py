@@ -60,6 +60,8 @@ class Setting:
     explain`` asks with it whether a difference comes from the accuracy."""
     frictionless: Value | None = None
     """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
+    frictionless_unless: tuple[str, Value] | None = None
+    """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
 
 
 class HasSettings(Protocol):
@@ -86,7 +88,7 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
 def default_settings(engine: type[HasSettings], stated: Mapping[str, Value], frictionless: bool) -> dict[str, Value]:
     """The defaults beside the settings that a spec states; ``frictionless``: those of worlds of free balls without friction.
 
-    A default is not replaced by the frictionless one where a stated setting would then have no effect.
+    A default is not replaced by the frictionless one where a stated setting would then have no effect, or excludes it.
     """
     defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
     if not frictionless:
@@ -95,6 +97,8 @@ def default_settings(engine: type[HasSettings], stated: Mapping[str, Value], fri
     needed = [setting.needs for setting in known if setting is not None and setting.needs is not None]
     for name, setting in engine.SETTINGS.items():
         value = setting.frictionless
+        if setting.frictionless_unless is not None and setting.frictionless_unless in stated.items():
+            continue
         if value is not None and not any(other == name and value not in values for other, values in needed):
             defaults[name] = value
     return defaults

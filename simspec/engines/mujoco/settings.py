@@ -16,6 +16,7 @@ SETTINGS: Mapping[str, Setting] = {
         ("newton", "cg", "pgs"),
         group=Group.SOLVER,
         frictionless="pgs",
+        frictionless_unless=("friction", "coulomb"),
     ),
     "iterations": Setting(
         100,
