@@ -141,13 +141,15 @@ class Plan:
                         index += 1
 
     def _tails(self) -> Iterator[tuple[float, int | None, int, bytes]]:
-        """Perturbation, seed, repetition, and what of them is hashed."""
+        """Perturbation, seed, repetition, and what of them is hashed; and that the run is timed, where it is: a run that was
+        done beside others is no answer to what it costs."""
+        timed = " speed" if self.measure == "speed" else ""
         perturb = self.sweep.perturb
         seeds: Iterable[int] = () if perturb is None else range(1, perturb.seeds + 1)
         moved = ((perturb.amount, seed) for seed in seeds) if perturb is not None else ()
         for amount, seed in itertools.chain(((0.0, None),), moved):
             for repeat in range(self.sweep.repeat):
-                yield amount, seed, repeat, f"{amount!r} {seed} {repeat}".encode()
+                yield amount, seed, repeat, f"{amount!r} {seed} {repeat}{timed}".encode()
 
     def _choice(self, case: str | None, overrides: OverrideList) -> _Choice:
         return _Choice(case, overrides, self._asked.digests(overrides))

@@ -84,9 +84,11 @@ class Outcome:
         return EXIT_FAILED if self.unproven or unfulfilled else EXIT_OK
 
 
-def stored_key(case: Case, cell: Cell, versions: Mapping[str, str]) -> str:
-    """Under which key the run of a cell is stored: equal for cells that ask for the same in different ways."""
-    return sha256({"case": case.key(versions), "repeat": cell.repeat})
+def stored_key(case: Case, cell: Cell, versions: Mapping[str, str], measure: str = "physics") -> str:
+    """Under which key the run of a cell is stored: equal for cells that ask for the same in different ways. Timed runs
+    (``measure``: speed) have keys of their own."""
+    timed = {"measure": measure} if measure == "speed" else {}
+    return sha256({"case": case.key(versions), "repeat": cell.repeat, **timed})
 
 
 def cell_data(cell: Cell) -> dict[str, Any]:
@@ -221,7 +223,7 @@ class _Driver:
             self._advance(self._weight(cell))
             return
         versions = self._plan.versions[cell.engine]
-        key = stored_key(case, cell, versions)
+        key = stored_key(case, cell, versions, self._plan.measure)
         with self._lock:
             self._index.know(cell.key, key)
             there = self._index.rows.get(key)

@@ -67,6 +67,18 @@ def test_a_plan_a_sweep_and_nothing_left_to_do(place):
     assert [run["values"] for run in told["runs"]] == [{"physics.timestep": "1 ms"}, {"physics.timestep": "2 ms"}]
 
 
+def test_a_run_that_was_not_timed_is_no_answer_to_what_it_costs(place):
+    call("--no-verify", "--jobs", "2")
+    speed = ("--no-verify", "--set", "sweep.measure=speed")
+    assert "done: 0; to do: 2" in call("--dry-run", *speed)
+    assert "2 runs now, 0 before" in call(*speed)
+    store = Store.open(place / "runs/fall/sweep")
+    timed = ["timed" in store.load(key).provenance for key in store.keys()]  # noqa: SIM118 - no mapping
+    assert sorted(timed) == [False, False, True, True]
+    assert "0 runs now, 2 before" in call(*speed)
+    assert "0 runs now, 2 before" in call("--no-verify")
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

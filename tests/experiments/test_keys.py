@@ -27,7 +27,7 @@ NO_RUN_DEPENDS_ON: dict[str, st.SearchStrategy] = {
     "name": names,
     "description": st.text("abc ", max_size=9),
     "expect": st.sampled_from([[], [{"stays_within": {"body": "ball", "lower": [-9, -9, -9], "upper": [9, 9, 9]}}]]),
-    "sweep": st.fixed_dictionaries({"repeat": st.just(1), "measure": st.sampled_from(["physics", "speed"])}),
+    "sweep": st.fixed_dictionaries({"repeat": st.just(1), "only_cases": st.just(False)}),
     "dart": st.fixed_dictionaries({"settings": st.fixed_dictionaries({"iterations": wholes})}),
     "pybullet": st.fixed_dictionaries({"accept": st.just(["contact.cone.elliptic"])}),
     "show": st.sampled_from([[], ["ball"], ["ball", "rod"]]),
