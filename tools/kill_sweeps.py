@@ -23,6 +23,8 @@ import tempfile
 import time
 from pathlib import Path
 
+import kills
+
 SPEC = """\
 simspec: 1
 name: fall
@@ -37,8 +39,6 @@ sweep:
 DEADLINE = 600.0
 GRACE = 15.0
 """s that processes have to notice that their parent is gone."""
-TOKEN = "SIMSPEC_KILLS"
-"""An environment variable by which every process that a sweep starts is known."""
 
 
 class Sweeps:
@@ -53,7 +53,7 @@ class Sweeps:
 
     def start(self, store: Path) -> subprocess.Popen[bytes]:
         """A sweep on its way."""
-        environment = {**os.environ, "TMPDIR": str(self.root / "temporary"), TOKEN: self.token}
+        environment = {**os.environ, "TMPDIR": str(self.root / "temporary"), kills.TOKEN: self.token}
         environment["XDG_CACHE_HOME"] = str(self.root / "cache")
         line = [sys.executable, "-m", "simspec", "sweep", "fall.yaml", "--store", str(store), "--json", *self.words]
         return subprocess.Popen(
@@ -76,19 +76,9 @@ class Sweeps:
     def left_running(self) -> list[int]:
         """Processes of killed sweeps that are still there after they have had time to notice."""
         ends = time.monotonic() + GRACE
-        while (running := self._running()) and time.monotonic() < ends:
+        while (running := kills.processes_with(self.token)) and time.monotonic() < ends:
             time.sleep(0.1)
         return running
-
-    def _running(self) -> list[int]:
-        found = []
-        for entry in Path("/proc").glob("[0-9]*/environ"):
-            try:
-                if f"{TOKEN}={self.token}".encode() in entry.read_bytes().split(b"\0"):
-                    found.append(int(entry.parent.name))
-            except OSError:
-                continue  # ended meanwhile, or another user's
-        return found
 
 
 def contents(store: Path) -> dict[str, object]:

@@ -61,6 +61,18 @@ def commands(engines: list[str]) -> dict[str, list[str]]:
     }
 
 
+def processes_with(token: str) -> list[int]:
+    """Processes with this value of TOKEN in their environment (where the system lists them)."""
+    processes = []
+    for entry in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"{TOKEN}={token}".encode() in entry.read_bytes().split(b"\0"):
+                processes.append(int(entry.parent.name))
+        except OSError:
+            continue  # ended meanwhile, or another user's
+    return processes
+
+
 class Sandbox:
     """A folder to work in, with temporary files and processes of its own."""
 
@@ -140,15 +152,8 @@ class Sandbox:
         return [f"{path}: {path.read_text()[-2000:]}" if path.suffix == ".txt" else str(path) for path in found]
 
     def running(self) -> list[int]:
-        """Processes that a command started and that are still there (where the system lists them)."""
-        found = []
-        for entry in Path("/proc").glob("[0-9]*/environ"):
-            try:
-                if f"{TOKEN}={self.token}".encode() in entry.read_bytes().split(b"\0"):
-                    found.append(int(entry.parent.name))
-            except OSError:
-                continue  # ended meanwhile, or another user's
-        return found
+        """Processes that a command started and that are still there."""
+        return processes_with(self.token)
 
     def left_running(self) -> list[int]:
         """The same, after they have had time to notice."""
