@@ -232,8 +232,9 @@ class StoredCell(Stored):
 
 
 class StoredTableShown(Stored):
-    """A table as it is shown."""
+    """A table as it is shown. ``name``: by which pages ask for it, unique in its sweep."""
 
+    name: str
     title: str
     head: list[StoredCell]
     rows: list[list[StoredCell]]

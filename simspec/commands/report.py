@@ -15,7 +15,7 @@ from simspec.report.page.section import Section
 from simspec.report.plain import PAGE_FILE, text
 from simspec.report.screen import say
 from simspec.report.stored_study import StoredStudy, load_study
-from simspec.report.study_page import study_section, study_tables
+from simspec.report.study.page_section import study_section, study_tables
 from simspec.runner.store import is_run
 
 

@@ -32,8 +32,10 @@ from simspec.report.kit import table
 from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
-from simspec.report.study import Done, markdown, tables
-from simspec.report.study_page import SCHEMA, TABLES_FILE
+from simspec.report.study.done import Done
+from simspec.report.study.markdown import markdown
+from simspec.report.study.page_section import SCHEMA, TABLES_FILE
+from simspec.report.study.registry import shown_of
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
 
@@ -115,8 +117,8 @@ def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalE
 
 
 def _tell(source: StudySource, done: Sequence[Done], folder: Path, small: bool, as_json: bool) -> int:
-    parts: list[tuple[Done, list[Any]]] = [(one, tables(one)) for one in done]
-    made = {one.sweep.name: [sheet(part) for part in own] for one, own in parts}
+    parts = [(one, shown_of(one)) for one in done]
+    made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
     code = max((exit_code(one.outcome) for one in done), default=EXIT_OK)
     data = study_data(source, done, made, small)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -126,8 +128,8 @@ def _tell(source: StudySource, done: Sequence[Done], folder: Path, small: bool, 
         print_json({**data, "folder": folder, "exit_code": code})
         return code
     for one, own in parts:
-        for part in own:
-            console().print(part)
+        for shown in own:
+            console().print(shown.table)
         if one.outcome.invalid:
             show_error(SpecError(one.outcome.invalid))
     for line in data["said"]:
@@ -146,7 +148,7 @@ def exit_code(outcome: Outcome) -> int:
 
 
 def study_data(
-    source: StudySource, done: Sequence[Done], made: Mapping[str, Sequence[Sheet]], small: bool
+    source: StudySource, done: Sequence[Done], made: Mapping[str, Mapping[str, Sheet]], small: bool
 ) -> dict[str, Any]:
     """A study as plain data."""
     said: list[str] = []
@@ -174,11 +176,13 @@ def study_data(
         "figures": source.figures_source,
         "said": said,
         "bad": bad,
-        "sweeps": {name: [dataclasses.asdict(one) for one in own] for name, own in made.items()},
+        "sweeps": {
+            name: [{"name": key, **dataclasses.asdict(one)} for key, one in own.items()] for name, own in made.items()
+        },
     }
 
 
-def page(source: StudySource, made: Mapping[str, Sequence[Sheet]], data: Mapping[str, Any]) -> str:
+def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Mapping[str, Any]) -> str:
     """A study as a page of Markdown."""
     parts = [f"# {source.name}", "", source.data.description, ""]
     if data["small"]:
@@ -186,7 +190,7 @@ def page(source: StudySource, made: Mapping[str, Sequence[Sheet]], data: Mapping
     if source.figures_source:
         parts += [f"Figures from elsewhere: {source.figures_source}.", ""]
     for name, own in made.items():
-        parts += [f"## {name}", "", *(f"{markdown(one)}" for one in own)]
+        parts += [f"## {name}", "", *(markdown(one) for one in own.values())]
     return "\n".join([*parts, "## How it was done", "", *(f"- {line}" for line in data["said"])]) + "\n"
 
 

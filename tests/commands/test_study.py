@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.report.study import ranking
+from simspec.report.study.unequal import ranking
 
 SPEC = """\
 simspec: 1

@@ -1,0 +1,27 @@
+"""What a study can show (``show``), by word."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from simspec.report.study.determinism import determinism_tables
+from simspec.report.study.done import Done, Shown
+from simspec.report.study.over_time import over_time_tables
+from simspec.report.study.speed import load_tables, speed_tables
+from simspec.report.study.unequal import unequal_tables
+from simspec.report.study.validity import validity_tables
+
+SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
+    "speed": speed_tables,
+    "load": load_tables,
+    "validity": validity_tables,
+    "over_time": over_time_tables,
+    "determinism": determinism_tables,
+    "unequal": unequal_tables,
+}
+"""By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
+
+
+def shown_of(done: Done) -> list[Shown]:
+    """All that the study shows of a sweep."""
+    return [shown for word in done.sweep.words.show for shown in SHOWN[word](done)]
