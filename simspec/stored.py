@@ -232,9 +232,11 @@ class StoredCell(Stored):
 
 
 class StoredTableShown(Stored):
-    """A table as it is shown. ``name``: by which pages ask for it, unique in its sweep."""
+    """A table as it is shown. ``name``: by which pages ask for it, unique in its sweep; ``records``: its
+    figures as data, not rounded."""
 
     name: str
+    records: list[dict[str, Any]]
     title: str
     head: list[StoredCell]
     rows: list[list[StoredCell]]

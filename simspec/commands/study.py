@@ -32,7 +32,7 @@ from simspec.report.kit import table
 from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
-from simspec.report.study.done import Done
+from simspec.report.study.done import Done, Record
 from simspec.report.study.markdown import markdown
 from simspec.report.study.page_section import SCHEMA, TABLES_FILE
 from simspec.report.study.registry import shown_of
@@ -119,8 +119,9 @@ def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalE
 def _tell(source: StudySource, done: Sequence[Done], folder: Path, small: bool, as_json: bool) -> int:
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
+    records = {one.sweep.name: {shown.name: shown.records for shown in own} for one, own in parts}
     code = max((exit_code(one.outcome) for one in done), default=EXIT_OK)
-    data = study_data(source, done, made, small)
+    data = study_data(source, done, made, records, small)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     change_file(folder, STUDY, TABLES_FILE, lambda before: text)
     change_file(folder, STUDY, PAGE_FILE, lambda before: page(source, made, data))
@@ -148,9 +149,13 @@ def exit_code(outcome: Outcome) -> int:
 
 
 def study_data(
-    source: StudySource, done: Sequence[Done], made: Mapping[str, Mapping[str, Sheet]], small: bool
+    source: StudySource,
+    done: Sequence[Done],
+    made: Mapping[str, Mapping[str, Sheet]],
+    records: Mapping[str, Mapping[str, Sequence[Record]]],
+    small: bool,
 ) -> dict[str, Any]:
-    """A study as plain data."""
+    """A study as plain data: its tables as they are printed, each with its figures as data."""
     said: list[str] = []
     bad: list[int] = []
     for one in done:
@@ -177,7 +182,11 @@ def study_data(
         "said": said,
         "bad": bad,
         "sweeps": {
-            name: [{"name": key, **dataclasses.asdict(one)} for key, one in own.items()] for name, own in made.items()
+            name: [
+                {"name": key, **dataclasses.asdict(one), "records": list(records[name][key])}
+                for key, one in own.items()
+            ]
+            for name, own in made.items()
         },
     }
 

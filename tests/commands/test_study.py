@@ -116,6 +116,21 @@ def test_a_study_is_run_once_and_shown(folder):
     assert unequal["note"] == "pybullet has weak: physics.gravity: [0, 0, -1]; mujoco: the scenario itself"
     assert "NOT EQUAL" not in next(title for title in sheets if title.startswith("mistakes: equal"))
 
+    records = {sheet["name"]: sheet["records"] for own in told["sweeps"].values() for sheet in own}
+    at = {"timestep": 0.001, "engine": "mujoco", "quantity": "real_time_factor"}
+    own = next(row for row in records["speed.real_time_factor"] if at.items() <= row.items())
+    assert min(own["values"]) <= own["median"] <= max(own["values"])
+    assert len(own["values"]) == 2
+    elsewhere = [row for row in records["speed.real_time_factor"] if "elsewhere" in row]
+    assert [(row["engine"], row["timestep"], row["value"]) for row in elsewhere] == [("Other", 0.001, 12.25)]
+    shares = [row for row in records["validity"] if "share" in row]
+    assert shares[0].items() >= {"engine": "mujoco", "timestep": 0.001, "share": 1.0, "runs": 1}.items()
+    assert records["validity"][-1].items() >= {"elsewhere": True, "timestep": None, "value": 0.003}.items()
+    assert [row["bitwise"] for row in records["determinism"]] == [True] * 4
+    assert [row["contacts"] for row in records["over_time"]] == [0.0, 1.0]
+    weak = {"engine": "pybullet", "case": "weak"}
+    assert any(weak.items() <= row.items() for row in records["unequal.models.weak-in-one"])
+
     page = (folder / "runs" / "bounces" / "study.md").read_text()
     assert "these models are NOT EQUAL" in page
     assert "proof not asked for" in page

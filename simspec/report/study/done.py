@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,9 @@ from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.language.study import Figure
 from simspec.language.study_specs import SweepOfStudy
+
+Record = Mapping[str, Any]
+"""A row of data: text, truth values, finite numbers, None, and lists of these, by name. SI units."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +45,16 @@ class Done:
 @dataclass(frozen=True)
 class Shown:
     """One thing that a study shows of a sweep. ``name``: by which pages ask for the table (``docs/studies.md``), unique in its
-    sweep."""
+    sweep; ``records``: its figures as data, not rounded."""
 
     name: str
     table: Table
+    records: Sequence[Record] = ()
+
+
+def finite(value: float | None) -> float | None:
+    """A number as data: None where there is none, or none that JSON has."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def speeds_of(done: Done, case: str | None = None) -> dict[float, dict[str, Speed]]:
@@ -70,3 +80,13 @@ def figure_at(figure: Figure, timestep: float) -> float | None:
 
 def milliseconds(timestep: float) -> str:
     return f"{1e3 * timestep:g} ms"
+
+
+def figure_records(figures: Iterable[Figure]) -> list[Record]:
+    """Figures from elsewhere as data, a record for each value; ``elsewhere`` tells them from those of runs."""
+    return [
+        {"elsewhere": True, "engine": one.engine, "models": one.models, "quantity": one.quantity, "unit": one.unit}
+        | {"source": one.source, "timestep": timestep, "value": value}
+        for one in figures
+        for timestep, value in zip(one.timesteps or (None,), one.values, strict=True)
+    ]

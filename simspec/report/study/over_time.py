@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.experiments.index import Row
 from simspec.report.kit import number, table
-from simspec.report.study.done import Done, Shown
+from simspec.report.study.done import Done, Record, Shown
 
 
 def over_time_tables(done: Done) -> list[Shown]:
@@ -25,18 +25,22 @@ def over_time_tables(done: Done) -> list[Shown]:
     made = table(f"{done.sweep.name}: Real-time factor over time", "time", *heads, right=range(1 + len(heads)))
     times = sorted({time for own in costs.values() for time in own})
     counted = {engine: _contacts(done, row) for engine, row in longest.items()}
+    records: list[Record] = []
     for begin, end in itertools.pairwise([0.0, *times]):
         cells = []
         for engine in done.engines:
             own = {0.0: [0.0], **costs[engine]}
             spent = median(own[end]) - median(own[begin]) if begin in own and end in own else 0.0
-            cells += [number((end - begin) / spent if spent > 0.0 else None), _mean(counted.get(engine), begin, end)]
+            factor = (end - begin) / spent if spent > 0.0 else None
+            contacts = _mean(counted.get(engine), begin, end)
+            cells += [number(factor), "–" if contacts is None else f"{contacts:.0f}"]
+            records.append({"begin": begin, "end": end, "engine": engine, "cpu_factor": factor, "contacts": contacts})
         made.add_row(f"{begin:g} to {end:g} s", *cells)
     made.caption = (
         "Simulated time over processor time, from the difference of runs of two durations (medians); – where noise hides it. "
         "Contacts: points, the mean of the records"
     )
-    return [Shown("over_time", made)]
+    return [Shown("over_time", made, records)]
 
 
 def _contacts(done: Done, row: Row) -> tuple[np.ndarray, np.ndarray] | None:
@@ -47,9 +51,9 @@ def _contacts(done: Done, row: Row) -> tuple[np.ndarray, np.ndarray] | None:
     return arrays["time"], np.bincount(np.asarray(arrays["contact.row"]), minlength=len(arrays["time"]))
 
 
-def _mean(counted: tuple[np.ndarray, np.ndarray] | None, begin: float, end: float) -> str:
+def _mean(counted: tuple[np.ndarray, np.ndarray] | None, begin: float, end: float) -> float | None:
     if counted is None:
-        return "–"
+        return None
     time, count = counted
     inside = (time > begin + 1e-9) & (time <= end + 1e-9)
-    return f"{count[inside].mean():.0f}" if inside.any() else "–"
+    return float(count[inside].mean()) if inside.any() else None

@@ -10,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from simspec.report.kit import length, number, table
-from simspec.report.study.done import Done, Shown, milliseconds, speeds_of
+from simspec.report.study.done import Done, Record, Shown, figure_records, milliseconds, speeds_of
 
 SPREAD = "spread at the end"
 EQUAL = "equal models"
@@ -21,8 +21,8 @@ def unequal_tables(done: Done) -> list[Shown]:
     """``unequal.equal`` first, then ``unequal.models.NAME`` of each comparison: speed, spread, and who is ahead; and
     ``unequal.elsewhere``."""
     unequal = done.sweep.words.unequal
-    made = [Shown("unequal.equal", _comparison(done, EQUAL, {}))]
-    made += [Shown(f"unequal.models.{name}", _comparison(done, name, own)) for name, own in unequal.items()]
+    made = [Shown("unequal.equal", *_comparison(done, EQUAL, {}))]
+    made += [Shown(f"unequal.models.{name}", *_comparison(done, name, own)) for name, own in unequal.items()]
     elsewhere = [one for one in done.figures if one.timesteps is not None]
     if elsewhere:
         shown = table(
@@ -39,11 +39,11 @@ def unequal_tables(done: Done) -> list[Shown]:
                 told = number(value, "" if one.unit == "1" else one.unit)
                 shown.add_row(one.engine, one.models, one.quantity.replace("_", " "), milliseconds(timestep), told)
         shown.caption = "; ".join(dict.fromkeys(one.source for one in elsewhere))
-        made.append(Shown("unequal.elsewhere", shown))
+        made.append(Shown("unequal.elsewhere", shown, figure_records(elsewhere)))
     return made
 
 
-def _comparison(done: Done, name: str, own: Mapping[str, str]) -> Table:
+def _comparison(done: Done, name: str, own: Mapping[str, str]) -> tuple[Table, list[Record]]:
     sweep = done.outcome.plan.sweep
     told = [f"{engine} has {case}: {_values(sweep.cases[case])}" for engine, case in own.items()]
     others = [engine for engine in done.engines if engine not in own]
@@ -61,13 +61,19 @@ def _comparison(done: Done, name: str, own: Mapping[str, str]) -> Table:
         for cell, row in done.runs(own.get(engine), whole=True):
             if cell.engine == engine and SPREAD in row.quantities:
                 spreads.setdefault((row.timestep, engine), []).append(row.quantities[SPREAD])
+    records: list[Record] = []
     for timestep, speeds_at in sorted(factors.items()):
         cells = []
         for engine in done.engines:
             wide = spreads.get((timestep, engine))
-            cells += [number(speeds_at.get(engine)), length(median(wide) if wide else None)]
+            spread = median(wide) if wide else None
+            cells += [number(speeds_at.get(engine)), length(spread)]
+            records.append(
+                {"timestep": timestep, "engine": engine, "case": own.get(engine), "cpu_factor": speeds_at.get(engine)}
+                | {"spread": spread}
+            )
         shown.add_row(milliseconds(timestep), *cells, ranking(speeds_at))
-    return shown
+    return shown, records
 
 
 def ranking(factors: Mapping[str, float]) -> str:
