@@ -103,6 +103,9 @@ def convergence(runs: Sequence[Run]) -> Convergence:
     # times that all three recorded, to half of the smallest timestep
     at = np.clip(np.searchsorted(inner.time, outer.time - 0.5 * steps[2]), 0, len(inner.time) - 1)
     same = np.abs(inner.time[at] - outer.time) <= 0.5 * steps[2]
+    if not (outer.time[same] > 0.0).any():
+        hint = "a record.every that is a whole number of all three timesteps"
+        raise SpecError([Problem("the three runs have no recorded time in common but the beginning", hint=hint)])
     coarse, fine = outer.rms[same], inner.rms[at[same]]
     ratio = steps[0] / steps[1]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -19,6 +19,7 @@ from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
+from simspec.experiments.roundings import rounding_lines
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
@@ -170,6 +171,7 @@ def study_data(
             + (f", {missing:,} not done" if missing else "")
             + f"; {proof}"
         )
+        said += [f"{one.sweep.name}: {line}" for line in rounding_lines(outcome.plan)]
         said += [f"{one.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
         said += [f"{one.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]
         said += [f"{one.sweep.name}: {note}" for note in outcome.notes]
@@ -238,6 +240,9 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
         print_json({"study": source.name, "store": place, "sweeps": told, "seconds": total if known else None})
         return EXIT_OK
     console().print(shown)
+    for one, plan in planned:
+        for line in rounding_lines(plan):
+            console().print(f"{one.name}: {line}", soft_wrap=True)
     end = (
         f"about {duration(total)}, from what such runs took in this store" if known else "the time of some is not known"
     )

@@ -19,6 +19,7 @@ from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Cell, Plan, plan_sweep
+from simspec.experiments.roundings import rounded_data, rounding_sets
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
@@ -207,6 +208,7 @@ def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: 
     proofs = "each model is verified first (not in the estimate)" if verify else "without proof"
     if as_json:
         told: dict[str, Any] = {"plan": plan.describe(), "store": folder, "done": done, "jobs": jobs}
+        told["rounded"] = {name: rounded_data(rounded) for name, rounded in rounding_sets(plan).items()}
         told |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}
         print_json({**told, "verify": verify, "not_run": selection.not_taken, "exit_code": EXIT_OK})
         return EXIT_OK

@@ -31,6 +31,17 @@ class Common:
             run = a if floor.engine == a.engine else b
             self._floors.append((floor, 0.5 * run.world.physics.timestep, self._columns(run)))
 
+    def shared(self) -> str:
+        """What there is to say of recorded times that the other run did not record, though it went on: records at rounded
+        intervals of two timesteps meet now and then only. Empty where all of one run's are common."""
+        end = min(float(run.time[-1]) for run in self._runs) + 0.5 * min(
+            run.world.physics.timestep for run in self._runs
+        )
+        counts = [int(np.searchsorted(run.time, end)) for run in self._runs]
+        if self.rows >= min(counts):
+            return ""
+        return f"{self.rows:,} recorded times are common, of {counts[0]:,} and {counts[1]:,}: these alone are compared"
+
     def _columns(self, run: Run) -> np.ndarray:
         return np.array([run.index[name] for name in self._names], dtype=np.int64)
 
@@ -99,6 +110,10 @@ def moving_in_common(a: Run, b: Run) -> list[str]:
     return both
 
 
+def _interval(run: Run) -> float:
+    return run.world.record.every_steps * run.world.physics.timestep
+
+
 def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
     """The rows of both runs at equal times (to half of the smaller timestep). Raises SpecError when there are none."""
     near = 0.5 * min(a.world.physics.timestep, b.world.physics.timestep)
@@ -111,6 +126,13 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
         end = count + len(same)
         rows_a[count:end], rows_b[count:end] = part.start + same, at[same]
         count = end
-    if not count:
-        raise SpecError([Problem(f"{a.label} and {b.label} have no recorded time in common")])
+    beginning = count and a.time[rows_a[count - 1]] == 0.0
+    if not count or (beginning and min(len(a.time), len(b.time)) > 1):
+        # initial states are alike by construction: their comparison shows nothing
+        but = " but the beginning" if beginning else ""
+        told = " / ".join(f"every {_interval(run):g} s at {run.world.physics.timestep:g} s a step" for run in (a, b))
+        hint = "a record.every that is a whole number of both timesteps" if beginning else None
+        raise SpecError(
+            [Problem(f"{a.label} and {b.label} have no recorded time in common{but}", found=told, hint=hint)]
+        )
     return rows_a[:count], rows_b[:count]

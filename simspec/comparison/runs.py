@@ -178,6 +178,7 @@ def diff(
     notes = _notes(a, b, floors)
     names = moving_in_common(a, b)
     common = Common(a, b, names, floors)
+    notes += [common.shared()] if common.shared() else []
     last = horizon(common, FLOOR_FACTOR, tolerance, angle_tolerance) if floors else common.rows
     compared = max(1, last)
     departures = Departures(common, tolerance, angle_tolerance)

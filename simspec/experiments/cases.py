@@ -11,6 +11,7 @@ from typing import Any
 from simspec.errors import Problem, SpecError
 from simspec.experiments.asked import digest
 from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.roundings import roundings
 from simspec.language.document import Key
 from simspec.language.load import Spec
 from simspec.language.overrides import Override
@@ -70,7 +71,9 @@ def _made(plan: Plan, cell: Cell) -> _Made:
 
 def _make(plan: Plan, cell: Cell) -> _Made:
     try:
-        spec = plan.spec.with_overrides(list(_located(plan, cell))) if cell.overrides else plan.spec
+        overrides = list(_located(plan, cell))
+        overrides += (Override(one.path, one.taken, None, None) for one in roundings(plan, cell))
+        spec = plan.spec.with_overrides(overrides) if overrides else plan.spec
         return _Made(spec, spec.resolve())
     except SpecError as error:
         return _Made(None, None, error.problems)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import median
@@ -9,6 +10,8 @@ from typing import Any
 
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
+from simspec.language.models import WHOLE
+from simspec.language.sweep import ROUND_UP
 from simspec.language.units import UnitError, parse
 
 USUAL_START = 0.5
@@ -51,14 +54,20 @@ class Steps:
     """How many steps the cells of a plan take, told from their values without resolving them."""
 
     def __init__(self, plan: Plan):
-        physics = plan.spec.data.physics
+        physics, trajectory = plan.spec.data.physics, plan.spec.data.trajectory
         self._usual = {"physics.timestep": physics.timestep, "physics.duration": physics.duration}
+        until = None if trajectory is None else trajectory.until
+        self._usual["trajectory.until"] = math.inf if until is None else until
+        self._up = plan.sweep.times == ROUND_UP
         self._known: dict[Any, float] = {}
 
     def of(self, cell: Cell) -> int:
         """The steps of one cell."""
         times = {**self._usual, **{path: self._time(value) for path, value in cell.overrides if path in self._usual}}
-        return round(times["physics.duration"] / times["physics.timestep"]) if times["physics.timestep"] > 0.0 else 0
+        if times["physics.timestep"] <= 0.0:
+            return 0
+        steps = min(times["physics.duration"], times["trajectory.until"]) / times["physics.timestep"]
+        return math.ceil(steps * (1.0 - WHOLE)) if self._up else round(steps)
 
     def _time(self, value: Any) -> float:
         """A time (s); 0 for what is none: the cell is an error where it is resolved."""

@@ -17,7 +17,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.experiments.asked import Asked, key_of
 from simspec.language.load import Spec
-from simspec.language.sweep import MOST_CELLS, Sweep, combinations
+from simspec.language.sweep import MOST_CELLS, ROUND_UP, Sweep, combinations
 from simspec.language.sweep_values import DIGITS, Distribution, amount_of
 
 OverrideList = tuple[tuple[str, Any], ...]
@@ -118,6 +118,7 @@ class Plan:
             "perturbed": self.members - 1,
             "repeat": sweep.repeat,
             "measure": sweep.measure,
+            "times": sweep.times,
         }
 
     def __iter__(self) -> Iterator[Cell]:
@@ -142,14 +143,14 @@ class Plan:
 
     def _tails(self) -> Iterator[tuple[float, int | None, int, bytes]]:
         """Perturbation, seed, repetition, and what of them is hashed; and that the run is timed, where it is: a run that was
-        done beside others is no answer to what it costs."""
-        timed = " speed" if self.measure == "speed" else ""
+        done beside others is no answer to what it costs. So is that times are rounded: without, some cells are errors."""
+        words = (" speed" if self.measure == "speed" else "") + (" round_up" if self.sweep.times == ROUND_UP else "")
         perturb = self.sweep.perturb
         seeds: Iterable[int] = () if perturb is None else range(1, perturb.seeds + 1)
         moved = ((perturb.amount, seed) for seed in seeds) if perturb is not None else ()
         for amount, seed in itertools.chain(((0.0, None),), moved):
             for repeat in range(self.sweep.repeat):
-                yield amount, seed, repeat, f"{amount!r} {seed} {repeat}{timed}".encode()
+                yield amount, seed, repeat, f"{amount!r} {seed} {repeat}{words}".encode()
 
     def _choice(self, case: str | None, overrides: OverrideList) -> _Choice:
         return _Choice(case, overrides, self._asked.digests(overrides))

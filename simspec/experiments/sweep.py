@@ -26,6 +26,7 @@ from simspec.experiments.executors.local import packed
 from simspec.experiments.index import Index, Row, refresh, row_of
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.result import TaskResult
+from simspec.experiments.roundings import rounded_data, roundings
 from simspec.experiments.store import Store
 from simspec.experiments.supplies import LocalSupplies, Prepared
 from simspec.runner.case import Case
@@ -91,10 +92,12 @@ def stored_key(case: Case, cell: Cell, versions: Mapping[str, str], measure: str
     return sha256({"case": case.key(versions), "repeat": cell.repeat, **timed})
 
 
-def cell_data(cell: Cell) -> dict[str, Any]:
-    """Who asks, as plain data: the key of the cell, and what it changes in the spec."""
+def cell_data(plan: Plan, cell: Cell) -> dict[str, Any]:
+    """Who asks, as plain data: the key of the cell, what it changes in the spec, and the times that it rounds up."""
     overrides = [[path, value] for path, value in cell.overrides]
-    return {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
+    asked = {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
+    rounded = rounded_data(roundings(plan, cell))
+    return {**asked, **({"rounded": rounded} if rounded else {})}
 
 
 def sweep(
@@ -261,7 +264,7 @@ class _Driver:
                 cell.seed,
                 cell.repeat,
                 self._deadline,
-                cell_data(cell),
+                cell_data(self._plan, cell),
                 self._source,
             )
         )
@@ -287,7 +290,7 @@ class _Driver:
             self._weights[key] = self._weight(cell)
         task = Task(
             key, cell.engine, sha256(case.resolved), "", cell.perturb, cell.seed, cell.repeat, self._deadline,
-            cell_data(cell), self._source,
+            cell_data(self._plan, cell), self._source,
         )  # fmt: skip
         self._store_result(task, packed(task, run), case.resolved)
 

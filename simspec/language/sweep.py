@@ -24,6 +24,8 @@ MOST_CELLS = 10_000_000
 MOST_REPEATS = 100_000
 """Repetitions of one run."""
 MEASURES = ("physics", "speed")
+EXACT, ROUND_UP = TIMES = ("exact", "round_up")
+"""What becomes of times that are no whole number of a run's timesteps (:mod:`simspec.language.rounding`)."""
 
 
 class Samples(Strict):
@@ -75,6 +77,11 @@ class Sweep(Strict):
     measure: Annotated[str, Word(MEASURES)] = Field(
         "physics",
         description="physics: what happens, with runs side by side; speed: what it costs, with one run at a time",
+    )
+    times: Annotated[str, Word(TIMES)] = Field(
+        EXACT,
+        description="Times that are no whole number of a run's timesteps: exact, an error of that run; round_up, they are "
+        "rounded up to the next step, those of expectations to the next record",
     )
 
     @classmethod

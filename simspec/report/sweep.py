@@ -16,6 +16,7 @@ from rich.text import Text
 from simspec.experiments.cost import Estimate
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.roundings import rounded_data, rounding_lines, roundings
 from simspec.experiments.sweep import Outcome
 from simspec.report.kit import length, number, table
 from simspec.report.progress import duration
@@ -107,7 +108,7 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: str) -> 
     """Print what a sweep would do."""
     screen = console()
     screen.print(f"{plan.spec.name}: {len(plan):,} runs of {plan.worlds:,} sets of values in {', '.join(plan.engines)}")
-    for line in axes(plan):
+    for line in [*axes(plan), *rounding_lines(plan)]:
         screen.print(f"  {line}", soft_wrap=True)
     shown = table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
     for engine in plan.engines:
@@ -150,6 +151,8 @@ def show_outcome(outcome: Outcome, found: Sequence[Group]) -> None:
     screen.print(results_table(found))
     if len(found) > MOST_ROWS:
         screen.print(f"{len(found) - MOST_ROWS:,} more rows: --csv FILE has all", soft_wrap=True)
+    for line in rounding_lines(outcome.plan):
+        screen.print(f"note: {line}", soft_wrap=True)
     said = f"{outcome.ran:,} runs now, {outcome.done:,} before"
     missing = sum(group.asked - len(group.rows) for group in found)
     said += f", {missing:,} not run" if missing else ""
@@ -259,6 +262,8 @@ def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
     runs = []
     for cell, row in outcome.rows():
         one = {"index": cell.index, "engine": cell.engine, "case": cell.case, "values": dict(cell.overrides)}
+        if rounded := roundings(outcome.plan, cell):
+            one["rounded"] = rounded_data(rounded)
         one |= {"sample": cell.sample, "repeat": cell.repeat, "perturb": cell.perturb, "seed": cell.seed}
         if row is not None:
             one |= {

@@ -45,6 +45,26 @@ def test_the_order_is_observed(order):
     assert told.error[1:] == pytest.approx(5.0 * told.time[1:] * 0.001**order)
 
 
+def recorded_at(one, times):
+    """A run whose rows, but the first, are said to be of other times."""
+    return dataclasses.replace(one, arrays={**one.arrays, "time": np.concatenate([one.time[:1], times])})
+
+
+def test_records_that_never_meet_are_no_consistency():
+    coarse, middle, fine = falling(0.004), falling(0.002), falling(0.001)
+    # as of a sweep that rounds times up: every record of one lies between two steps of the other
+    apart = recorded_at(middle, middle.time[1:] + 0.0013)
+    with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
+        consistency(coarse, apart)
+    with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
+        convergence([coarse, apart, fine])
+    # each pair meets, and never all three
+    some = recorded_at(fine, np.where(np.arange(1, len(fine.time)) % 4 == 0, fine.time[1:] + 0.0006, fine.time[1:]))
+    assert len(consistency(middle, some).time) > 1
+    with pytest.raises(SpecError, match="the three runs have no recorded time in common but the beginning"):
+        convergence([coarse, middle, some])
+
+
 def test_what_is_not_one_scenario_is_refused():
     with pytest.raises(SpecError, match="smaller timestep"):
         consistency(falling(0.002), falling(0.002))

@@ -322,12 +322,30 @@ def shifted(one, by: float):
 def test_rows_more_than_half_a_step_apart_are_not_of_one_time(steps):
     """A body at 1 m/s is 10 mm further after each step: rows of neighbouring steps are not comparable."""
     a, b = run(TWO, drifting(1.0)), shifted(run(TWO, drifting(1.0), engine="second"), steps * TWO.physics.timestep)
-    assert diff(a, b).compared_until == 0.0  # the first rows alone are of one time
+    with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
+        diff(a, b)  # the first rows alone are of one time
     late = dataclasses.replace(
         b, arrays={name: values[1:] for name, values in b.arrays.items() if "contact" not in name}
     )
     with pytest.raises(SpecError, match="have no recorded time in common"):
         diff(a, late)
+
+
+def test_records_that_meet_now_and_then_are_compared_there_and_it_is_said():
+    """Records every second at 1 ms, and every 1.001 s at 7 ms: as of a sweep that rounds times up."""
+    a = run(TWO, drifting(1.0))
+    where = [k for k in range(len(a.time)) if k % 3 == 0]
+    few = {name: values[where] for name, values in a.arrays.items() if "contact" not in name}
+    few["time"] = few["time"] + 0.6 * TWO.physics.timestep * (np.arange(len(where)) % 2)
+    b = dataclasses.replace(a, arrays=few)
+    made = diff(a, b)
+    common = sum(k % 2 == 0 for k in range(len(where)))
+    assert made.within
+    assert f"{common} recorded times are common, of {where[-1] + 1} and {len(where)}" in " ".join(made.notes)
+    every_third = dataclasses.replace(b, arrays={**few, "time": a.time[where]})
+    assert not any("are common" in note for note in diff(a, every_third).notes), (
+        "all of the other run's times are compared"
+    )
 
 
 def test_rows_within_half_a_step_are_of_one_time():

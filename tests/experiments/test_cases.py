@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 import simspec
 from simspec.errors import SpecError
 from simspec.experiments import cases
 from simspec.experiments.cases import case_of, world_of
+from simspec.experiments.cost import Steps
 from simspec.experiments.plan import plan_sweep
+from simspec.experiments.roundings import rounding_lines, roundings
 from simspec.runner.case import Case
 from simspec.world.canonical import sha256
 from tests.experiments.swept import ENGINES, SWEEP, VERSIONS, spec
@@ -104,3 +108,41 @@ def test_the_spec_itself_stays_as_it_is():
     for cell in list(made)[:100:7]:
         case_of(made, cell)
     assert made.spec.to_yaml() == before
+
+
+def test_times_are_rounded_up_where_the_sweep_asks_for_it_and_only_there():
+    over = {"over": {"physics.timestep": ["1 ms", "3 ms"]}}
+    exact, rounding = plan(over, ["dart"]), plan({**over, "times": "round_up"}, ["dart"])
+    whole, odd = rounding
+    assert roundings(rounding, whole) == ()
+    assert world_of(rounding, whole) == world_of(exact, next(iter(exact)))
+    world = world_of(rounding, odd)
+    assert (world.physics.steps, world.record.every_steps) == (7, 4)
+    assert dict(world.expectations[0].parameters)["at"] == 0.021
+    told = {one.path: (one.written, one.taken) for one in roundings(rounding, odd)}
+    assert told["physics.duration"] == (0.02, 0.021)
+    assert told["record.every"] == (0.01, 0.012)
+    assert rounding_lines(exact) == []
+    (line,) = rounding_lines(rounding)
+    assert line.startswith("times rounded up at physics.timestep=3 ms: physics.duration 0.02 s to 0.021 s")
+    assert "a time of an expectation by up to 0.001 s" in line
+    with pytest.raises(SpecError, match="whole number of timesteps"):
+        world_of(exact, list(exact)[1])
+    # what is an error without rounding is never found done by a cell that rounded
+    assert {cell.key for cell in exact}.isdisjoint(cell.key for cell in rounding)
+
+
+def test_the_steps_of_cells_with_rounded_times_are_counted_without_resolving():
+    made = plan({"over": {"physics.timestep": ["1 ms", "3 ms", "7 ms"]}, "times": "round_up"}, ["dart"])
+    assert (
+        [Steps(made).of(cell) for cell in made] == [world_of(made, cell).physics.steps for cell in made] == [20, 7, 3]
+    )
+
+
+def test_the_steps_of_a_run_that_is_cut_short():
+    moved = {"trajectory": {"until": "10 ms", "points": [{"at": 0, "positions": {"rod": 0}}]}}
+    made = plan(
+        {"over": {"physics.timestep": ["1 ms", "2 ms"], "trajectory.until": ["4 ms", "1 s"]}}, ["dart"], **moved
+    )
+    assert [Steps(made).of(cell) for cell in made] == [4, 20, 2, 10]
+    assert [Steps(plan(None, ["dart"], **moved)).of(cell) for cell in plan(None, ["dart"], **moved)] == [10]

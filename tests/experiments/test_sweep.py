@@ -15,7 +15,7 @@ from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store, place_of
 from simspec.experiments.sweep import MOST_DEATHS, Outcome, sweep
 from simspec.language.load import Spec
-from simspec.report.sweep import csv_text, groups, outcome_data, results_table, short_names
+from simspec.report.sweep import csv_text, groups, outcome_data, results_table, short_names, show_outcome
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 
@@ -188,6 +188,27 @@ def test_values_that_make_the_spec_invalid_are_told_and_the_rest_is_done(store):
     outcome = do(store, Engines(), spec(over={"physics.timestep": ["1 ms", "3 ms", "2 ms"]}))
     assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (4, 2, 2)
     assert "whole number of timesteps" in str(outcome.invalid[0])
+
+
+def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, capsys):
+    engines = Engines()
+    of = spec(over={"physics.timestep": ["1 ms", "3 ms"]}, times="round_up")
+    outcome = do(store, engines, of)
+    assert (outcome.ran, outcome.invalid_count) == (4, 0)
+    asked = {row.timestep: store.facts(row.key).asked.cell for _, row in outcome.rows()}
+    assert "rounded" not in asked[0.001]
+    assert asked[0.003]["rounded"] == [["physics.duration", 0.1, 0.102], ["record.every", 0.01, 0.012]]
+    made = groups(outcome.plan, outcome.rows())
+    told = outcome_data(outcome, made)
+    assert told["plan"]["times"] == "round_up"
+    assert [run.get("rounded") for run in told["runs"]][1:3] == [None, asked[0.003]["rounded"]]
+    show_outcome(outcome, made)
+    assert (
+        "note: times rounded up at physics.timestep=3 ms: physics.duration 0.1 s to 0.102 s" in capsys.readouterr().out
+    )
+    # what needs no rounding is the same run, however it is asked for; what does stays an error without
+    exact = do(store, engines, spec(over={"physics.timestep": ["1 ms", "3 ms"]}))
+    assert (exact.ran, exact.done, exact.invalid_count) == (0, 2, 2)
 
 
 FULL = "OSError: [Errno 28] No space left on device"
