@@ -127,8 +127,8 @@ class SweptRun(Stored):
     """``run.json`` of a run in a store of sweeps.
 
     ``result``: what the same case gives again to the bit, its tables by name; ``asked``: by whom the case was asked for first,
-    and what no run depends on; ``circumstances``: when, how long, on what. ``result_sha256`` and ``sha256``: hashes of
-    ``result``, and of all but itself.
+    and what no run depends on; ``circumstances`` and ``circumstance_tables``: when, how long, on what. ``result_sha256`` and
+    ``sha256``: hashes of ``result``, and of all but itself.
     """
 
     schema_: int = Field(alias="schema")
@@ -136,8 +136,14 @@ class SweptRun(Stored):
     result: SweptResult
     asked: SweptAsked
     circumstances: dict[str, Any]
+    circumstance_tables: dict[str, StoredTable] = {}
     result_sha256: str
     sha256: str
+
+    @property
+    def tables(self) -> dict[str, StoredTable]:
+        """All tables of the run: those of its result, and those that a repetition does not give again."""
+        return {**self.result.tables, **self.circumstance_tables}
 
 
 class SweptResult(Stored):

@@ -59,7 +59,9 @@ def once(world: World, engine: str) -> np.ndarray:
         write_folder(compile_world(world, [engine])[engine].files, place)
         session = Session(engine, place)
         stepper = Stepper(session, from_request(*to_request(world)))
-        recording = Recording(session, world.record.channels, stepper.control, f"{folder}/recorded-", MOST_BYTES)
+        recording = Recording(
+            session, world.record.channels, stepper.control, f"{folder}/recorded-", MOST_BYTES, stepper.seconds
+        )
         recording.take(0)
         rows, done = [], 0
         while done < world.physics.steps:

@@ -19,6 +19,8 @@ from simspec.world.types import World
 
 CIRCUMSTANCES = ("started", "seconds", "usage", "timed", "warnings", "python_version", "platform", "machine")
 """Parts of a run's provenance that are not the same when it is repeated (warnings: an engine's own output)."""
+CIRCUMSTANCE_TABLES = ("seconds",)
+"""Tables that are not the same when a run is repeated."""
 ASKED = ("spec", "world_sha256", "artifacts_sha256")
 """Parts that are of the sweep that asked first: another one may ask for the same run."""
 LEFT_OUT = ("schema", "case", "engine")
@@ -92,7 +94,7 @@ def result_of(
             "artifacts_sha256": asked.get("artifacts_sha256"),
         },
         circumstances,
-        table_writers(world, run.arrays, driven_joints(run.provenance)) if run.recorded else {},
+        table_writers(world, run.columns, driven_joints(run.provenance)) if run.recorded else {},
     )
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.errors import Problem, SpecError
-from simspec.experiments.result import TaskResult, shared_world, whole_world
+from simspec.experiments.result import CIRCUMSTANCE_TABLES, TaskResult, shared_world, whole_world
 from simspec.outputs.collection import Collection, open_collection
 from simspec.outputs.marker import STORE, read_marker
 from simspec.outputs.reading import open_regular, read_bytes
@@ -141,10 +141,11 @@ class Store:
         """The facts of a run, all of whose files are those of their hashes. Raises SpecError, which names the file."""
         facts = self.facts(key)
         folder = self.path / place_of(key)
-        strange = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in facts.result.tables)}
+        tables = facts.tables
+        strange = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in tables)}
         if strange:
             raise SpecError([Problem(f"{folder / min(strange)}: is not a file of this run")])
-        for name, table in facts.result.tables.items():
+        for name, table in tables.items():
             path = folder / f"{name}.parquet"
             try:
                 with os.fdopen(open_regular(path, LARGEST_TABLE, self.path), "rb") as file:
@@ -206,10 +207,12 @@ class Store:
         }
         if asked.artifacts_sha256 is not None:
             provenance["artifacts_sha256"] = asked.artifacts_sha256
-        arrays = load_tables(self.path / place_of(key), world, result.tables, joints) if tables else {}
+        arrays = load_tables(self.path / place_of(key), world, facts.tables, joints) if tables else {}
+        spent = arrays.pop("seconds", None)
         if tables and not arrays and result.failed is None:
             raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])
-        return Run(world, result.engine, arrays, provenance, facts.circumstances.get("error", result.failed))
+        failed = facts.circumstances.get("error", result.failed)
+        return Run(world, result.engine, arrays, provenance, failed, spent)
 
     # --- worlds and proofs ----------------------------------------------------------------------------------------------
 
@@ -277,6 +280,7 @@ def _write(result: TaskResult, fresh: Path) -> None:
         put(path, lambda file, write=write, rows=rows: rows.append(write(file)))  # type: ignore[misc]
         with open(path, "rb") as file:
             tables[name] = {"sha256": digest(file), "rows": rows[0]}
+    measured = {name: tables.pop(name) for name in CIRCUMSTANCE_TABLES if name in tables}
     stored = {**result.result, "tables": tables}
     facts = {
         "schema": SCHEMA,
@@ -284,6 +288,7 @@ def _write(result: TaskResult, fresh: Path) -> None:
         "result": stored,
         "asked": dict(result.asked),
         "circumstances": dict(result.circumstances),
+        "circumstance_tables": measured,
         "result_sha256": sha256(stored),
     }
     facts["sha256"] = sha256(facts)

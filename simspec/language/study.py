@@ -23,7 +23,6 @@ SHOWN = ("speed", "load", "validity", "over_time", "determinism", "unequal")
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")
 """Quantities of figures from elsewhere."""
-DURATION = "physics.duration"
 MOST_FIGURES = 1000
 """Numbers of one series."""
 
@@ -70,10 +69,6 @@ class StudySweep(Strict):
             yield Fault(("show",), "there are no unequal models to show", None, None, "unequal: {NAME: {ENGINE: CASE}}")
         if data.get("unequal") and "unequal" not in shown:
             yield Fault(("unequal",), "unequal models are not shown", None, "show: [unequal]")
-        over = sweeps.get("over")
-        if "over_time" in shown and not (isinstance(over, Mapping) and DURATION in over):
-            message = "speed over time is taken from runs of several durations"
-            yield Fault(("show",), message, None, None, f"sweep: {{over: {{{DURATION}: [...]}}}}")
         if "determinism" in shown and sweeps.get("repeat", 1) == 1:
             yield Fault(("show",), "determinism is shown by repeated runs", None, None, "sweep: {repeat: 2}")
 

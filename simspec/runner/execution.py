@@ -139,6 +139,7 @@ class PendingRun:
 def _finish(case: Case, facts: Mapping[str, Any], reply: Reply) -> Run:
     world, answer = case.resolved, reply.answers[0]
     arrays = dict(answer.arrays)
+    spent = arrays.pop("seconds", None)
     arrays["time"] = zeros(arrays["step"].shape)
     for part in parts(len(arrays["step"]), 16, arrays["step"], arrays["time"]):
         arrays["time"][part] = arrays["step"][part] * world.physics.timestep
@@ -161,7 +162,7 @@ def _finish(case: Case, facts: Mapping[str, Any], reply: Reply) -> Run:
     }
     if answer.result["control"] is not None:
         provenance["control"] = answer.result["control"]
-    return Run(world, case.engine, arrays, provenance, _not_finite(world, answer.result["failed"]))
+    return Run(world, case.engine, arrays, provenance, _not_finite(world, answer.result["failed"]), spent)
 
 
 PARTS = {

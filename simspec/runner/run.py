@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError
 from simspec.language.strict import near
@@ -33,6 +34,8 @@ class Run:
     time, the initial state first; units and frames as in :mod:`simspec.engines.kit.contract`. Empty when the engine gave none.
     ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
     ``failed``: None, or why there is no (whole) result: a crash, a hang, a state that stopped being finite.
+    ``seconds``: no result, as a repetition gives others: for each recorded row the wall and processor time (s) spent until then
+    (rows, columns :data:`simspec.engines.kit.arrays.SECONDS`); None where the engine's program does not say.
     """
 
     world: World
@@ -40,6 +43,7 @@ class Run:
     arrays: Mapping[str, np.ndarray] = field(repr=False)
     provenance: Mapping[str, Any] = field(repr=False)
     failed: str | None = None
+    seconds: NDArray[np.float64] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         rows = f"{len(self.time)} records" if self.recorded else "nothing recorded"
@@ -66,6 +70,11 @@ class Run:
     def recorded(self) -> bool:
         """Whether there are arrays to look at (also a run that failed on the way may have some)."""
         return bool(len(self.arrays.get("time", ())))
+
+    @property
+    def columns(self) -> Mapping[str, np.ndarray]:
+        """All that is stored in tables: ``arrays``, and ``seconds`` where they were measured."""
+        return self.arrays if self.seconds is None else {**self.arrays, "seconds": self.seconds}
 
     @cached_property
     def index(self) -> Mapping[str, int]:
@@ -137,8 +146,8 @@ class Run:
 
     def to_pandas(self, table: str = "bodies") -> pd.DataFrame:
         """A table of the run as a pandas data frame, with the columns of its Parquet file: ``bodies`` (a row for each time and
-        body), ``states``, and as recorded ``contacts``, ``energy`` and ``control``. Raises SpecError where that was not
-        recorded, or pandas is not installed."""
+        body), ``states``, and as recorded ``contacts``, ``energy``, ``control`` and ``seconds``. Raises SpecError where that
+        was not recorded, or pandas is not installed."""
         from simspec.runner.store import driven_joints
         from simspec.runner.tables import arrow_table
 
@@ -150,7 +159,7 @@ class Run:
             hint = "pip install 'simspec[pandas]'"
             raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint)]) from None
         del pandas  # pyarrow imports it by itself
-        return arrow_table(self.world, self.arrays, driven_joints(self.provenance), table).to_pandas()
+        return arrow_table(self.world, self.columns, driven_joints(self.provenance), table).to_pandas()
 
     def _factor(self, name: str) -> float | None:
         seconds = self.provenance.get("seconds", {}).get(name)

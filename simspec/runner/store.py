@@ -50,7 +50,7 @@ def save_run(run: Run, folder: Path) -> Path:
     def build(fresh: Path) -> Iterator[str]:
         written = {}
         if run.recorded:
-            for name, rows in tables.write_tables(run.world, run.arrays, driven_joints(run.provenance), fresh):
+            for name, rows in tables.write_tables(run.world, run.columns, driven_joints(run.provenance), fresh):
                 file = f"{name}.parquet"
                 with open(fresh / file, "rb") as content:
                     written[name] = {"sha256": digest(content), "rows": rows}
@@ -139,7 +139,8 @@ def load_run(folder: Path | str) -> Run:
     if not arrays and facts.failed is None:
         raise SpecError([Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed")])
     provenance = facts.plain()
-    return Run(world, facts.engine, arrays, provenance, facts.failed)
+    spent = arrays.pop("seconds", None)
+    return Run(world, facts.engine, arrays, provenance, facts.failed, spent)
 
 
 def _unreadable(path: Path, error: BaseException) -> SpecError:
@@ -152,8 +153,8 @@ def _unreadable(path: Path, error: BaseException) -> SpecError:
 def load_tables(
     folder: Path, world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]
 ) -> dict[str, np.ndarray]:
-    """The arrays of a run of ``world`` from its tables in ``folder``; ``joints``: those with controllers. Raises SpecError
-    where a table is not the one of its hash, or tables contradict each other."""
+    """The arrays of a run of ``world`` from its tables in ``folder``, and ``seconds`` where they are stored; ``joints``: those
+    with controllers. Raises SpecError where a table is not the one of its hash, or tables contradict each other."""
     if not stored:
         return {}
     try:
@@ -174,7 +175,7 @@ def load_tables(
 
 def _wanted(world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]) -> dict[str, pa.Schema]:
     """The columns of the stored tables. Raises ValueError where they cannot be those of a run."""
-    extra = {"energy": "energy", "control": "control.target", "contacts": "contact.row"}
+    extra = {"energy": "energy", "control": "control.target", "contacts": "contact.row", "seconds": "seconds"}
     wanted = tables.schemas(world, [extra[name] for name in stored if name in extra], joints)
     if set(wanted) != set(stored):
         raise ValueError(f"tables {', '.join(sorted(stored))[:200]}, should be {', '.join(sorted(wanted))}")

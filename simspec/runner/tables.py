@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import Problem, SpecError
 from simspec.mapped import RECORDED_BYTES, block_rows, parts, release, zeros
 from simspec.world.coordinates import Coordinates, coordinates
@@ -34,6 +35,7 @@ MOST_COLUMNS = 4096
 """Columns of q and v by name: each costs 1 kB in the file and 15 kB of memory beside its values. Beyond that (300 free bodies)
 q and v are two columns of lists, and the names stand in the table's metadata under ``simspec.coordinates``."""
 COORDINATES = b"simspec.coordinates"
+SECONDS_COLUMNS = tuple(f"{name}_seconds" for name in SECONDS)
 LARGEST_TABLE = RECORDED_BYTES
 """Bytes that a table may have unpacked, by its own metadata, which is looked at first."""
 LARGEST_FOOTER = 64 * 2**20
@@ -62,6 +64,8 @@ def schemas(world: World, arrays: Sequence[str], joints: Sequence[str]) -> dict[
         measured = [*AXES, *(f"n{axis}" for axis in AXES), "distance", "normal_force"]
         pair = [("first", name), ("second", name)]
         tables["contacts"] = pa.schema([("row", integer), *when, *pair, *((column, number) for column in measured)])
+    if "seconds" in arrays:
+        tables["seconds"] = pa.schema([*when, *((column, number) for column in SECONDS_COLUMNS)])
     return tables
 
 
@@ -185,6 +189,11 @@ def _control(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np
         yield [step, time, *target.T, *effort.T]
 
 
+def _seconds(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
+    for step, time, seconds in _parts(arrays, "step", "time", "seconds"):
+        yield [step, time, *seconds.T]
+
+
 def _contacts(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
     names = [f"contact.{name}" for name in ("row", "body", "position", "normal", "distance", "normal_force")]
     for row, pair, position, normal, distance, force in _parts(arrays, *names):
@@ -193,7 +202,14 @@ def _contacts(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[n
         yield [row, step, time, *pair.T, *position.T, *normal.T, distance, force]
 
 
-_COLUMNS = {"states": _states, "bodies": _bodies, "energy": _energy, "control": _control, "contacts": _contacts}
+_COLUMNS = {
+    "states": _states,
+    "bodies": _bodies,
+    "energy": _energy,
+    "control": _control,
+    "contacts": _contacts,
+    "seconds": _seconds,
+}
 
 
 # --- reading --------------------------------------------------------------------------------------------------------------
@@ -321,7 +337,7 @@ def read_arrays(
         _demand_times(arrays, "bodies", table, place // count)
         _put(part, (pose, columns(table, POSE_COLUMNS)), (velocity, columns(table, VELOCITY_COLUMNS)))
     arrays["pose"], arrays["velocity"] = (values.reshape(times, count, values.shape[1]) for values in (pose, velocity))
-    by_table = {"energy": {"energy": ["kinetic", "potential"]}}
+    by_table = {"energy": {"energy": ["kinetic", "potential"]}, "seconds": {"seconds": list(SECONDS_COLUMNS)}}
     by_table["control"] = {f"control.{part}": [f"{part}.{name}" for name in joints] for part in ("target", "effort")}
     for name, wanted in by_table.items():
         if name not in read:

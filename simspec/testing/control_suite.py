@@ -12,6 +12,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
@@ -80,6 +81,8 @@ class ControlSuite(Suite):
         assert max(about["error"]) < 0.05
         assert about["clipped"] == [0] * len(HINGES)
         assert made.provenance["seconds"]["control"] > 0.0
+        if made.seconds is not None:
+            assert (np.diff(made.seconds[:, SECONDS.index("control")]) > 0.0).all()
 
     def test_the_same_controlled_run_twice_gives_the_same_bits(self, bench: Bench) -> None:
         world = bench.allowed(with_load())

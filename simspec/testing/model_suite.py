@@ -17,7 +17,7 @@ import pytest
 from simspec.contact.rules import combine as combined
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.kit.arrays import CONTACT_FIELDS
+from simspec.engines.kit.arrays import CONTACT_FIELDS, SECONDS
 from simspec.engines.kit.process import Answer, Operation
 from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import EngineError, UnsupportedError
@@ -208,6 +208,22 @@ class ModelSuite(Suite):
         one, other = bench.ask(world, run_operation(world, STEPS), run_operation(world, STEPS))
         for name in ("q", "v"):
             assert one.arrays[name].tobytes() == other.arrays[name].tobytes()
+
+    def test_seconds_are_told_for_each_row(self, bench: Bench) -> None:
+        """A program of its own need not tell them; the totals are its word, which the rows must fit."""
+        world = bench.allowed(worlds.spheres()) or bench.allowed(worlds.hinges())
+        assert world is not None
+        answer = bench.run(world, 50, 10)
+        if bench.kind.command(bench.place) is not None and "seconds" not in answer.arrays:
+            return
+        seconds = {name: answer.arrays["seconds"][:, column] for column, name in enumerate(SECONDS)}
+        for name in ("step", "step_cpu", "record", "record_cpu"):
+            assert seconds[name][0] == 0.0
+            assert (np.diff(seconds[name]) > 0.0).all(), name
+        assert seconds["step"][-1] == pytest.approx(answer.result["step_seconds"])
+        assert seconds["step_cpu"][-1] == pytest.approx(answer.result["cpu_seconds"])
+        assert 0.0 < seconds["record"][-1] < answer.result["record_seconds"]  # the last row's own is not in it
+        assert not seconds["control"].any()
 
     # --- contact --------------------------------------------------------------------------------------------------
 

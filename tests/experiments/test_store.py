@@ -48,6 +48,7 @@ def test_a_run_comes_back_to_the_bit(store):
     assert after.arrays.keys() == before.arrays.keys()
     for name, values in before.arrays.items():
         assert after.arrays[name].tobytes() == np.ascontiguousarray(values).tobytes()
+    assert after.seconds.tobytes() == before.seconds.tobytes()
     assert after.real_time_factor == before.real_time_factor == 4.0
 
 
@@ -62,11 +63,13 @@ def test_worlds_are_stored_once_whatever_they_are_called_and_engines_are_told(st
 
 def test_two_runs_of_one_case_differ_in_circumstances_alone(store, tmp_path):
     again = Store.open(tmp_path / "again", create=True)
-    slower = dataclasses.replace(made(), provenance={**made().provenance, "seconds": {"step": 9.0}, "started": "later"})
+    told = {**made().provenance, "seconds": {"step": 9.0}, "started": "later"}
+    slower = dataclasses.replace(made(), provenance=told, seconds=2.0 * made().seconds)
     with again.writing():
         again.publish(result_of(slower, KEYS[0], cell={"key": "another"}), WORLD)
     first, second = store.facts(KEYS[0]), again.facts(KEYS[0])
     assert first.result == second.result
+    assert first.circumstance_tables["seconds"].sha256 != second.circumstance_tables["seconds"].sha256
     assert first.result_sha256 == second.result_sha256
     assert first.sha256 != second.sha256
 
@@ -101,6 +104,8 @@ def edit_facts(path):
 
 DAMAGE = {
     "a table, one bit": lambda folder: edit_bytes(folder / "bodies.parquet"),
+    "a table of circumstances, one bit": lambda folder: edit_bytes(folder / "seconds.parquet"),
+    "a table of circumstances is missing": lambda folder: (folder / "seconds.parquet").unlink(),
     "a table is missing": lambda folder: (folder / "states.parquet").unlink(),
     "a table is empty": lambda folder: (folder / "states.parquet").write_bytes(b""),
     "a table of another run": lambda folder: shutil.copy(folder / "energy.parquet", folder / "states.parquet"),

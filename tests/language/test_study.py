@@ -92,7 +92,6 @@ def test_the_small_study_has_what_says_so_with_its_own_words(folder):
         ("{mujoco: heavy}", "{}", "no engine has a case of its own", 19),
         ("show: [speed, unequal]", "show: [speed]", "unequal models are not shown", 18),
         ("show: [speed, unequal]", "show: [unequal, determinism]", "determinism is shown by repeated runs", 20),
-        ("show: [speed, unequal]", "show: [unequal, over_time]", "speed over time is taken from runs of several", 20),
         ("show: [speed, unequal]", "show: [unequal, pace]", "not an allowed word", 20),
         ("over:\n        physics.timestep", "over:\n        physics.timestp", "the spec has no 'physics.timestp'", 8),
         ("figures: figures.yaml", "figures: none.yaml", "no such file", 3),

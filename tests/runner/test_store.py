@@ -42,9 +42,16 @@ def test_every_array_comes_back_bit_for_bit(tmp_path, contacts):
     for name, array in one.arrays.items():
         assert np.array_equal(again.arrays[name], array), name
         assert again.arrays[name].shape == array.shape, name
+    assert again.seconds.tobytes() == one.seconds.tobytes()
     assert again.world == one.world
     assert again.provenance == one.provenance
     assert (again.engine, again.failed) == (one.engine, one.failed)
+
+
+def test_a_run_whose_engine_does_not_tell_seconds_has_none(tmp_path):
+    dataclasses.replace(noisy(), seconds=None).save(tmp_path / "run")
+    assert not (tmp_path / "run" / "seconds.parquet").exists()
+    assert load_run(tmp_path / "run").seconds is None
 
 
 def test_the_tables_are_made_for_people(tmp_path):

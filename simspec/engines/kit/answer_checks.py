@@ -10,6 +10,7 @@ import numpy as np
 
 from simspec.control.reference import driven_joints
 from simspec.engines.kit.answer_forms import BadAnswerError, Operation, planned_rows
+from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import clipped
 from simspec.language.vocabulary import JOINT_KINDS, QUATERNION_JOINTS, SHAPE_KINDS
 from simspec.mapped import all_finite, parts, release, zeros
@@ -102,7 +103,32 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
         raise BadAnswerError("controllers that were not requested")
     if "contact.row" in arrays:
         check_contacts(arrays, rows, certain)
+    if "seconds" in arrays:
+        _check_seconds(result, arrays["seconds"])
     return {**arrays, "step": planned}
+
+
+ROUNDING = 1e-9
+"""s, and relative: by how much the last row of ``seconds`` may exceed the totals, which may be added up in another order."""
+
+
+def _check_seconds(result: Mapping[str, Any], seconds: np.ndarray) -> None:
+    """Seconds never fall, and the last row is within the totals."""
+    last = np.zeros(len(SECONDS))
+    for part in parts(len(seconds), seconds[:1].nbytes, seconds):
+        rows = np.vstack([last, seconds[part]])
+        if not (np.isfinite(rows).all() and (np.diff(rows, axis=0) >= 0.0).all()):
+            raise BadAnswerError("seconds are not finite, or fall from one row to the next")
+        last = rows[-1]
+    totals = {
+        "step": "step_seconds",
+        "step_cpu": "cpu_seconds",
+        "control": "control_seconds",
+        "record": "record_seconds",
+    }
+    for name, total in totals.items():
+        if last[SECONDS.index(name)] > result[total] * (1.0 + ROUNDING) + ROUNDING:
+            raise BadAnswerError(f"seconds: more in {name} than {total}")
 
 
 def _check_control(

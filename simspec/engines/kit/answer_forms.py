@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from simspec.control.reference import driven_joints
 from simspec.engines.kit import worker
+from simspec.engines.kit.arrays import SECONDS
 from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 
@@ -24,12 +25,14 @@ class Form:
     """An array that an operation answers: the names or numbers of its dimensions, and its kind (f8, i8).
 
     A dimension is a name in :func:`dimensions_of` of the request, or, where that has none, one that all arrays of the answer
-    share. ``when``: the condition (see :func:`conditions`) under which it must be there, and else must not.
+    share. ``when``: the condition (see :func:`conditions`) under which it must be there, and else must not; ``optional``: it
+    may be missing also then.
     """
 
     shape: tuple[str | int, ...]
     kind: Literal["f8", "i8"] = "f8"
     when: str = ""
+    optional: bool = False
 
 
 STATE = {
@@ -67,6 +70,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "control.target": Form(("rows", "joints"), when="control"),
         "control.effort": Form(("rows", "joints"), when="control"),
         **CONTACTS,
+        "seconds": Form(("rows", len(SECONDS)), optional=True),
     },
 }
 """The arrays of each operation of ``operations.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""

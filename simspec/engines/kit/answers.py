@@ -107,8 +107,9 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
     forms = FORMS[operation.op]
     asked = conditions(operation)
     wanted = {name: form for name, form in forms.items() if not form.when or form.when in asked}
-    if set(entry.arrays) != set(wanted):
-        odd = ", ".join(sorted(set(entry.arrays) ^ set(wanted)))
+    needed = {name for name, form in wanted.items() if not form.optional}
+    if not needed <= set(entry.arrays) <= set(wanted):
+        odd = ", ".join(sorted((set(entry.arrays) - set(wanted)) | (needed - set(entry.arrays))))
         raise BadAnswerError(clipped(f"missing or unrequested arrays: {odd}"))
     dimensions = dimensions_of(operation)
     arrays = {}

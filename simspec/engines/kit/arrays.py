@@ -20,6 +20,10 @@ CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
 the world (m); ``normal``: unit vector in the world, pointing from the second body to the first; ``distance``: gap in m,
 negative when the bodies overlap; ``normal_force``: N, ≥ 0."""
 
+SECONDS = ("step", "step_cpu", "control", "control_cpu", "record", "record_cpu")
+"""Columns of ``seconds`` of a run: wall and processor time (s) since its begin, until the row was reached: in the engine's step
+calls, in the controllers with passing states and efforts, and in recording the rows before."""
+
 
 @dataclass(frozen=True, slots=True)
 class CollisionUnit:

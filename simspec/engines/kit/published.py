@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from simspec.engines.kit.answer_forms import FORMS, RESULTS, Refusal, Result
+from simspec.engines.kit.answer_forms import FORMS, RESULTS, Form, Refusal, Result
 from simspec.engines.kit.request import request_schema
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -21,7 +21,7 @@ TITLES = {
 def _result_schema() -> dict[str, Any]:
     """``result.json``; ``operations`` says for each operation the arrays and the plain result that it must answer."""
     arrays = {
-        op: {name: {"kind": form.kind, "shape": list(form.shape), **_when(form.when)} for name, form in forms.items()}
+        op: {name: {"kind": form.kind, "shape": list(form.shape), **_needed(form)} for name, form in forms.items()}
         for op, forms in FORMS.items()
     }
     plain = {op: model.model_json_schema(by_alias=True) for op, model in RESULTS.items()}
@@ -29,8 +29,9 @@ def _result_schema() -> dict[str, Any]:
     return {**TypeAdapter(Result | Refusal).json_schema(by_alias=True), "x-operations": about}
 
 
-def _when(condition: str) -> dict[str, str]:
-    return {"when": condition} if condition else {}
+def _needed(form: Form) -> dict[str, Any]:
+    """When an array must be there, where that is not always."""
+    return {**({"when": form.when} if form.when else {}), **({"optional": True} if form.optional else {})}
 
 
 SCHEMAS: Mapping[str, Callable[[], Mapping[str, Any]]] = {

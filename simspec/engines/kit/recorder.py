@@ -21,13 +21,14 @@ from simspec.errors import EngineError
 class Stepper:
     """Steps a session's engine, with the controllers at work between the steps.
 
-    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and wall time of the
-    laws and of passing states and efforts (``control``).
+    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and both of the laws
+    and of passing states and efforts (``control``, ``control_cpu``).
     """
 
     def __init__(self, session: Session, control: Control | None):
         self._session, self.control = session, control
-        self.seconds = {"step": 0.0, "cpu": 0.0, "control": 0.0} if control is None else control.seconds
+        none = {"step": 0.0, "cpu": 0.0, "control": 0.0, "control_cpu": 0.0}
+        self.seconds = none if control is None else control.seconds
         self._joints: Actuation | None = None
         self._servos: Servos | None = None
         if control is not None:
@@ -58,9 +59,15 @@ class Recording:
     :func:`record` for their meaning. Raises EngineError when that becomes more than ``most`` bytes."""
 
     def __init__(
-        self, session: Session, channels: Iterable[str], control: Control | None, place: Path | str, most: int
+        self,
+        session: Session,
+        channels: Iterable[str],
+        control: Control | None,
+        place: Path | str,
+        most: int,
+        stepping: Mapping[str, float],
     ):
-        self._session, self._control, self._place = session, control, Path(place)
+        self._session, self._control, self._place, self._stepping = session, control, Path(place), stepping
         channels = frozenset(channels)
         self._energy = "energy" in channels
         self._contacts = Contacts(self._place) if "contacts" in channels else None
@@ -71,12 +78,12 @@ class Recording:
         self._row = 0
         self.failed: dict[str, Any] | None = None
         """The first number that was not finite: ``step``, ``channel``, and ``place`` in the channel's row."""
-        self.seconds = 0.0
-        """Wall time of all rows."""
+        self.seconds = self.cpu_seconds = 0.0
+        """Wall and processor time of all rows."""
 
     def take(self, done: int) -> bool:
         """Add a row, after ``done`` steps. Returns whether all of it is finite."""
-        started = time.perf_counter()
+        started, started_cpu = time.perf_counter(), time.process_time()
         session, control = self._session, self._control
         pose, velocity = session.body_states()
         q, v = session.get_state()
@@ -86,6 +93,15 @@ class Recording:
         if control is not None:
             row["control.target"] = control.target if done else q[control.q_places]
             row["control.effort"] = control.applied
+        spent = self._stepping
+        row["seconds"] = (
+            spent["step"],
+            spent["cpu"],
+            spent["control"],
+            spent["control_cpu"],
+            self.seconds,
+            self.cpu_seconds,
+        )
         columns = self._columns
         if columns is None:
             columns = self._columns = self._begin(row)
@@ -105,6 +121,7 @@ class Recording:
             raise EngineError(session.name, why)
         self._row += 1
         self.seconds += time.perf_counter() - started
+        self.cpu_seconds += time.process_time() - started_cpu
         return self.failed is None
 
     def _begin(self, row: dict[str, Any]) -> Columns:
@@ -157,7 +174,8 @@ def record(
     (see ``control/request.py``). Row k of every array is the state *after* step ``step[k]``, the initial state first. Contacts
     are ragged: ``contact.row`` says to which row each belongs. ``control.target`` and ``control.effort`` (rows, joints): q* at
     the row's time, and the efforts of the step before it (zero in the first row; NaN for what the engine's own controllers
-    drive), of the result's ``control.joints``.
+    drive), of the result's ``control.joints``. ``seconds`` (rows, ``SECONDS``): wall and processor time spent until the row was
+    reached.
 
     ``operation["progress"]`` may name a ``file``, to which the share that is done is written ``every`` so many seconds.
 
@@ -171,7 +189,9 @@ def record(
         session.set_state(arrays["q"], arrays["v"])
     stepper = Stepper(session, from_request(operation, arrays))
     control = stepper.control
-    recording = Recording(session, operation["channels"], control, place, operation.get("most", MOST_BYTES))
+    recording = Recording(
+        session, operation["channels"], control, place, operation.get("most", MOST_BYTES), stepper.seconds
+    )
     steps, every = operation["steps"], operation["every"]
     done = 0
     begun = time.perf_counter()

@@ -1,59 +1,48 @@
-"""Speed over time, from runs of several durations, with the number of contacts."""
+"""Speed over simulated time, with the number of contacts."""
 
 from __future__ import annotations
 
-import itertools
-from statistics import median
+from collections.abc import Mapping, Sequence
 
-import numpy as np
-
-from simspec.experiments.index import Row
+from simspec.analysis.pace import Paced, over_time, paced
 from simspec.report.kit import number, table
-from simspec.report.study.done import Done, Record, Shown
+from simspec.report.study.done import Done, Record, Shown, milliseconds
 
 
 def over_time_tables(done: Done) -> list[Shown]:
-    """``over_time``: the cost of each interval is the difference of the costs of two runs that end at its ends."""
-    costs: dict[str, dict[float, list[float]]] = {engine: {} for engine in done.engines}
-    longest: dict[str, Row] = {}
+    """``over_time``; of runs of several timesteps or durations a table each, ``over_time.4ms.2s``."""
+    runs: dict[tuple[float, float], dict[str, list[Paced]]] = {}
     for cell, row in done.runs(whole=True):
-        if row.cpu_seconds is not None:
-            costs[cell.engine].setdefault(round(row.steps * row.timestep, 9), []).append(row.cpu_seconds)
-        if cell.engine not in longest or row.steps > longest[cell.engine].steps:
-            longest[cell.engine] = row
-    heads = [head for engine in done.engines for head in (f"{engine}, real time", "contacts")]
-    made = table(f"{done.sweep.name}: Real-time factor over time", "time", *heads, right=range(1 + len(heads)))
-    times = sorted({time for own in costs.values() for time in own})
-    counted = {engine: _contacts(done, row) for engine, row in longest.items()}
+        about = (row.timestep, row.steps * row.timestep)
+        own = runs.setdefault(about, {}).setdefault(cell.engine, [])
+        own.append(paced(done.store.load(row.key)))
+    several = len(runs) > 1
+    return [
+        _shown(done, about[0], own, f"over_time.{1e3 * about[0]:g}ms.{about[1]:g}s" if several else "over_time")
+        for about, own in sorted(runs.items(), key=lambda item: item[0])
+    ]
+
+
+def _shown(done: Done, timestep: float, runs: Mapping[str, Sequence[Paced]], name: str) -> Shown:
+    paces = {engine: over_time(runs[engine]) for engine in done.engines if engine in runs}
+    heads = [head for engine in paces for head in (f"{engine}, real time", "contacts")]
+    title = f"{done.sweep.name}: Real-time factor over time, timestep {milliseconds(timestep)}"
+    made = table(title, "time", *heads, right=range(1 + len(heads)))
     records: list[Record] = []
-    for begin, end in itertools.pairwise([0.0, *times]):
+    for index, (begin, end) in enumerate(next(iter(paces.values())).intervals):
         cells = []
-        for engine in done.engines:
-            own = {0.0: [0.0], **costs[engine]}
-            spent = median(own[end]) - median(own[begin]) if begin in own and end in own else 0.0
-            factor = (end - begin) / spent if spent > 0.0 else None
-            contacts = _mean(counted.get(engine), begin, end)
+        for engine, pace in paces.items():
+            factor, contacts = pace.cpu_factors[index], pace.contacts[index]
             cells += [number(factor), "–" if contacts is None else f"{contacts:.0f}"]
-            records.append({"begin": begin, "end": end, "engine": engine, "cpu_factor": factor, "contacts": contacts})
+            records.append(
+                {"timestep": timestep, "begin": begin, "end": end, "engine": engine, "contacts": contacts}
+                | {"cpu_factor": factor, "real_time_factor": pace.real_time_factors[index]}
+                | {f"{kind}_seconds": values[index] for kind, values in pace.seconds.items()}
+            )
         made.add_row(f"{begin:g} to {end:g} s", *cells)
+    counts = sorted({len(own) for own in runs.values()})
     made.caption = (
-        "Simulated time over processor time, from the difference of runs of two durations (medians); – where noise hides it. "
-        "Contacts: points, the mean of the records"
+        f"Simulated time over processor time of the steps, median of {', '.join(map(str, counts))} runs; – where it was not "
+        "measured. Contacts: points, the mean of the records"
     )
-    return [Shown("over_time", made, records)]
-
-
-def _contacts(done: Done, row: Row) -> tuple[np.ndarray, np.ndarray] | None:
-    """The recorded times of a run, and how many points of contact there were; None where they were not recorded."""
-    arrays = done.store.load(row.key).arrays
-    if "contact.row" not in arrays:
-        return None
-    return arrays["time"], np.bincount(np.asarray(arrays["contact.row"]), minlength=len(arrays["time"]))
-
-
-def _mean(counted: tuple[np.ndarray, np.ndarray] | None, begin: float, end: float) -> float | None:
-    if counted is None:
-        return None
-    time, count = counted
-    inside = (time > begin + 1e-9) & (time <= end + 1e-9)
-    return float(count[inside].mean()) if inside.any() else None
+    return Shown(name, made, records)

@@ -230,6 +230,13 @@ BAD = {
     "contact in no row": array("contact.row", put(-1, 11)),
     "contact rows that go back": array("contact.row", put(-1, 0)),
     "NaN in a force": array("contact.normal_force", put(0, np.nan)),
+    "seconds that fall": array("seconds", put((3, 0), 0.0)),
+    "seconds before the begin": array("seconds", put((0, 4), -1e-9)),
+    "NaN seconds in a row": array("seconds", put((2, 5), np.nan)),
+    "infinite seconds in a row": array("seconds", put((-1, 3), np.inf)),
+    "more seconds than in all": array("seconds", put((-1, 1), 1e6)),
+    "five kinds of seconds": entry(lambda one: one["arrays"]["seconds"].update(shape=[11, 5])),
+    "seconds of fewer rows": entry(lambda one: one["arrays"]["seconds"].update(shape=[10, 6])),
     "result.json a folder": replaced("result.json", lambda path: path.mkdir()),
     "array a folder": replaced("0.pose.bin", lambda path: path.mkdir()),
 }  # fmt: skip

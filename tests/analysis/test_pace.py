@@ -1,0 +1,73 @@
+"""Speed over time from seconds that say what they are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.analysis.pace import over_time, paced
+from simspec.engines.kit.arrays import SECONDS
+from simspec.errors import SpecError
+from tests.runner.synthetic import free_body, run, world
+
+WORLD = world(free_body("a"), free_body("b"))
+"""100 steps of 10 ms, a record every 10: 11 rows in 1 s."""
+
+
+def spending(*steps: float, **more):
+    """A run whose ten intervals between rows cost so many seconds of steps, and half of it processor time."""
+    seconds = np.zeros((11, len(SECONDS)))
+    seconds[1:, SECONDS.index("step")] = np.cumsum(steps)
+    seconds[1:, SECONDS.index("step_cpu")] = 0.5 * np.cumsum(steps)
+    return dataclasses.replace(run(WORLD, **more), seconds=seconds)
+
+
+def pace(*runs, **more):
+    return over_time([paced(one) for one in runs], **more)
+
+
+def test_each_interval_has_its_own_cost():
+    of = pace(spending(*[0.1] * 5, *[0.2] * 5))
+    assert of.intervals == tuple((pytest.approx(k / 10), pytest.approx((k + 1) / 10)) for k in range(10))
+    assert of.real_time_factors == pytest.approx([1.0] * 5 + [0.5] * 5)
+    assert of.cpu_factors == pytest.approx([2.0] * 5 + [1.0] * 5)
+    assert of.seconds["step"] == pytest.approx([0.1] * 5 + [0.2] * 5)
+    assert of.seconds["control"] == (0.0,) * 10
+
+
+def test_rows_are_put_together_and_the_rest_is_not_lost():
+    of = pace(spending(*[0.1] * 10), intervals=4)
+    assert of.intervals == tuple(pytest.approx(pair) for pair in ((0.0, 0.3), (0.3, 0.6), (0.6, 0.9), (0.9, 1.0)))
+    assert of.seconds["step"] == pytest.approx([0.3, 0.3, 0.3, 0.1])
+    assert of.real_time_factors == pytest.approx([1.0] * 4)
+
+
+def test_one_disturbed_repeat_does_not_count():
+    quiet, disturbed = spending(*[0.1] * 10), spending(*[0.1] * 3, 7.0, *[0.1] * 6)
+    assert pace(quiet, disturbed, quiet).real_time_factors == pytest.approx([1.0] * 10)
+
+
+def test_contacts_are_those_of_the_records_in_the_interval():
+    contacts = [(0, 0, 1, -0.1, 1.0), (1, 0, 1, -0.1, 1.0), (2, 0, 1, -0.1, 1.0), (2, 0, 1, -0.1, 1.0)]
+    of = pace(spending(*[0.1] * 10, contacts=contacts), intervals=5)
+    assert of.contacts == (1.5, 0.0, 0.0, 0.0, 0.0)  # the initial state's are of no interval
+
+
+def test_what_was_not_measured_in_every_run_is_none():
+    silent = dataclasses.replace(spending(*[0.1] * 10), seconds=None)
+    of = pace(spending(*[0.1] * 10), silent)
+    assert of.real_time_factors == (None,) * 10
+    assert of.seconds["record"] == (None,) * 10
+    assert of.contacts == (0.0,) * 10
+    unrecorded = dataclasses.replace(silent, arrays={k: v for k, v in silent.arrays.items() if k[:7] != "contact"})
+    assert pace(unrecorded).contacts == (None,) * 10
+    assert pace(spending(0.0, *[0.1] * 9)).real_time_factors[0] is None
+
+
+def test_runs_that_cannot_be_put_together_are_refused():
+    longer = dataclasses.replace(WORLD, physics=dataclasses.replace(WORLD.physics, steps=110))
+    for runs in ((), (spending(*[0.1] * 10), run(WORLD, engine="other")), (spending(*[0.1] * 10), run(longer))):
+        with pytest.raises(SpecError):
+            pace(*runs)
