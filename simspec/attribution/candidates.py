@@ -68,7 +68,10 @@ def causes(first: Configuration, second: Configuration) -> list[Candidate]:
         found.append(_of_world(first, Difference(INITIAL_STATE, "", (), ())))
     if first.kind is second.kind:
         return [*found, *_same_engine(first, second)]
-    return [*found, *_away_from_default(first, 0), *_away_from_default(second, 1)]
+    stated = [*_stated_otherwise(first, second, 0), *_stated_otherwise(second, first, 1)]
+    told = {about for candidate in stated for about in candidate.about}
+    away = [*_away_from_default(first, 0), *_away_from_default(second, 1)]
+    return [*found, *stated, *(candidate for candidate in away if not told & set(candidate.about))]
 
 
 def _starts_differ(first: Configuration, second: Configuration) -> bool:
@@ -126,6 +129,30 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
             (first.engine, second.engine),
             (f"{name}.version",),
             lambda pair: (pair[0], dataclasses.replace(pair[1], engine=first.engine, python=first.python)),
+        )
+
+
+def _stated_otherwise(configuration: Configuration, other: Configuration, side: int) -> Iterator[Candidate]:
+    """Settings that a side's world states of its engine, and that the other side's world, of another engine, has otherwise:
+    both are of one scene, in which somebody changed them. A world that states nothing about the engine says nothing."""
+    name, at_work = configuration.kind.NAME, configuration.settings
+    if not any(options.engine == name for options in other.world.engines):
+        return
+    given = resolve_settings(configuration.kind, configuration.world)
+    theirs = resolve_settings(configuration.kind, other.world)
+    for setting, _ in configuration.world.options(name).settings:
+        declared = configuration.kind.SETTINGS[setting]
+        changed = configuration.with_settings({setting: theirs[setting]})
+        if given[setting] == theirs[setting] or changed.settings[setting] == at_work[setting]:
+            continue
+        values = written(given[setting]), written(theirs[setting])
+        yield Candidate(
+            f"{configuration.kind.TITLE}'s {setting}",
+            Kind.DIFFERENCE,
+            declared.group.value,
+            values if side == 0 else values[::-1],
+            (f"{name}.{setting}",),
+            _setting(side, {setting: theirs[setting]}),
         )
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from simspec.attribution.candidates import Kind
-from simspec.attribution.explanation import ENOUGH, RUN, Explanation, Swap, useful
+from simspec.attribution.explanation import Explanation
+from simspec.attribution.intervals import Interval
+from simspec.attribution.judge import ENOUGH, Swap, acting, useful
+from simspec.attribution.measure import RUN
 from simspec.attribution.windows import ALL
 
 WORDS: Mapping[str, str] = {
@@ -18,6 +21,8 @@ WORDS: Mapping[str, str] = {
 """The classes, as sentences say them."""
 MOST = 3
 """Probes that are told in sentences; the table has all."""
+NARROW = 0.01
+"""Intervals that are narrower are not told."""
 LIKE = 0.005
 """Shares that differ by less are told once."""
 
@@ -25,27 +30,27 @@ LIKE = 0.005
 def verdict(explanation: Explanation) -> tuple[str, ...]:
     """What accounts for the difference, in sentences."""
     telling = explanation.telling
-    acting = useful(explanation.causes)
+    active = acting(explanation.causes)
     if not telling:
         return tuple(_nothing(explanation))
-    lines = [_cause(swap, telling) for swap in acting]
+    lines = [_cause(swap, telling) for swap in active]
     if len(explanation.caused.names) > 1:
-        lines.append(f"Together they account for {_shares(explanation.caused.share, telling)}.")
-    if not acting:
-        if not explanation.causes:
-            lines.append(_no_cause(explanation))
-        else:
-            lines.append("No value or setting that was given differently accounts for the difference.")
-    lines += _asked(explanation, rest=bool(acting))
+        lines.append(
+            f"Together they account for {_shares(explanation.caused.share, telling, explanation.caused.interval)}."
+        )
+    idle = [swap.name for swap in explanation.causes if swap not in active and swap.failed is None]
+    if not active:
+        lines.append(_idle(idle) if explanation.causes else _no_cause(explanation))
+    lines += _asked(explanation, rest=bool(active))
     lines += _left(explanation)
-    idle = [
-        swap.name
-        for swap in explanation.causes
-        if swap not in acting and swap.failed is None and swap.name not in explanation.caused.names
-    ]
-    if idle and acting:
+    if idle and active:
         lines.append(f"Different, and without effect here: {_listed(idle)}.")
     return tuple(lines)
+
+
+def _idle(idle: Sequence[str]) -> str:
+    told = "No value or setting that was given differently acts here"
+    return f"{told}: {_listed(idle)}. The difference is the engines' own." if idle else f"{told}."
 
 
 def _no_cause(explanation: Explanation) -> str:
@@ -68,22 +73,34 @@ def _nothing(explanation: Explanation) -> Iterable[str]:
 def _cause(swap: Swap, telling: Sequence[str]) -> str:
     before, after = swap.values
     values = f"{before} in A, {after} in B" if swap.kind == Kind.DIFFERENCE.value else f"{before}, default {after}"
-    name = swap.name[:1].upper() + swap.name[1:]
-    return f"{name} ({values}) accounts for {_shares(swap.share, telling)}."
+    name = f"{swap.name[:1].upper()}{swap.name[1:]} ({values})"
+    closing = {kind: share for kind, share in swap.share.items() if share > 0.0}
+    if closing:
+        return f"{name} accounts for {_shares(closing, telling, swap.interval)}."
+    moving = ", ".join(f"{percent(part)} in {WORDS[kind]}" for kind, part in swap.effect.items() if kind != ALL)
+    return f"{name} acts, and closes nothing: without it a side moves by this part of the difference: {moving}."
 
 
-def _shares(share: Mapping[str, float], telling: Sequence[str]) -> str:
+def _shares(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
     """``99 % of the difference in contact``, or one share for all classes where they are alike."""
     classes = [name for name in telling if name != ALL and name in share]
     if not classes:
-        return f"{percent(share.get(ALL, 0.0))} of the difference"
+        return f"{ranged(share.get(ALL, 0.0), intervals.get(ALL))} of the difference"
     values = [share[name] for name in classes]
     every = [name for name in telling if name != ALL]
     if len(classes) == len(every) > 1 and max(values) - min(values) < LIKE:
         return f"{percent(min(values))} of the difference ({', '.join(WORDS[name] for name in classes)})"
     first, *others = sorted(classes, key=lambda name: -share[name])
-    told = f"{percent(share[first])} of the difference in {WORDS[first]}"
-    return told + "".join(f", {percent(share[name])} in {WORDS[name]}" for name in others)
+    told = f"{ranged(share[first], intervals.get(first))} of the difference in {WORDS[first]}"
+    return told + "".join(f", {ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in others)
+
+
+def ranged(share: float, interval: Interval | None) -> str:
+    """A share with its interval, where it has one that is wider than a per cent: ``33 % (12 to 48 %)``."""
+    if interval is None or interval[1] - interval[0] < NARROW:
+        return percent(share)
+    low, high = (percent(limit).removesuffix(" %") for limit in interval)
+    return f"{percent(share)} ({low} to {high} %)"
 
 
 def percent(share: float) -> str:
@@ -104,18 +121,20 @@ def _asked(explanation: Explanation, rest: bool) -> Iterable[str]:
     ways.sort(key=lambda swap: -swap.share[ALL])
     told = [name for name in explanation.telling if name != RUN]
     for swap in ways[:MOST]:
-        yield f"Of {of}, {swap.name} closes {_plain(swap.share, told)}."
+        yield f"Of {of}, {swap.name} closes {_plain(swap.share, told, swap.interval)}."
     if len(explanation.probed.names) > 1:
-        yield f"Of {of}, {_listed(explanation.probed.names)} together close {_plain(explanation.probed.share, told)}."
+        joint = explanation.probed
+        yield f"Of {of}, {_listed(joint.names)} together close {_plain(joint.share, told, joint.interval)}."
     places = [swap for swap in useful(explanation.probes) if swap.kind == Kind.REMOVAL.value]
     for swap in places:
         if swap.share.get(ALL, 0.0) > 0.5:
             yield f"With {swap.name}, {percent(swap.share[ALL])} of it is gone: it is there that the two differ."
 
 
-def _plain(share: Mapping[str, float], telling: Sequence[str]) -> str:
+def _plain(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
     classes = [name for name in telling if name in share and name != ALL] or [ALL]
-    return ", ".join(f"{percent(share[name])} in {WORDS[name]}" for name in classes if name in share)
+    told = [f"{ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in classes if name in share]
+    return ", ".join(told)
 
 
 def _left(explanation: Explanation) -> Iterable[str]:

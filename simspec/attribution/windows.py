@@ -1,8 +1,9 @@
 """Teacher-forced windows: both sides begin every window in a state of the first side's run, so that what they differ by at its
 end has no chaos and no history in it.
 
-The gap of a window is the largest over the bodies of √(Δx² + (ρ Δα)²): Δx the distance of the two positions of the body frame
-(m), Δα the angle between the two orientations (rad), ρ the body's radius of gyration (m).
+The gap of a body in a window is √(Δx² + (ρ Δα)²): Δx the distance of the two positions of the body frame (m), Δα the angle
+between the two orientations (rad), ρ the body's radius of gyration (m). The gap of a window is the sum over the bodies, so that
+what moves one body by little shows beside what moves another by much.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,18 +62,33 @@ class Windows:
             raise SpecError([Problem(f"a window of {float(self.length):g} s is not a whole number of its steps")])
         return steps.numerator
 
-    def means(self, gaps: Floats, quiet: NDArray[np.bool_] | None = None) -> dict[str, float]:
-        """The mean of something for each window (k,) by class, and over all, each class with the weight it has in the run.
-        ``quiet`` (k): the windows that count; where a class has none of these, all of its windows do."""
-        means, weights = {}, {}
+    def counted(self, quiet: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The windows (k,) that count: the ``quiet`` ones (k,); where a class has none of these, all of its windows."""
+        counted = quiet.copy()
+        for index in range(len(CLASSES)):
+            inside = self.kinds == index
+            if not (inside & quiet).any():
+                counted |= inside
+        return counted
+
+    def weights(self, quiet: NDArray[np.bool_]) -> dict[str, float]:
+        """The share of the run that the windows of each class stand for; ``quiet`` as in :meth:`counted`."""
+        counted = self.counted(quiet)
+        weights = {}
         for index, name in enumerate(CLASSES):
             inside = self.kinds == index
-            chosen = inside if quiet is None or not (inside & quiet).any() else inside & quiet
-            if chosen.any():
-                means[name] = float(gaps[chosen].mean())
-                weights[name] = self.counts[name] * float(chosen.sum()) / float(inside.sum())
+            if inside.any():
+                weights[name] = self.counts[name] * float((inside & counted).sum()) / float(inside.sum())
         whole = sum(weights.values())
-        return {**means, ALL: sum(weights[name] * mean for name, mean in means.items()) / whole}
+        return {name: weight / whole for name, weight in weights.items()}
+
+    def means(self, gaps: Floats, quiet: NDArray[np.bool_]) -> dict[str, Any]:
+        """The mean of something for each window (k, ...) by class, and over all, each class with the weight it has in the run;
+        ``quiet`` as in :meth:`counted`."""
+        counted = self.counted(quiet)
+        weights = self.weights(quiet)
+        means = {name: gaps[(self.kinds == CLASSES.index(name)) & counted].mean(axis=0) for name in weights}
+        return {**means, ALL: sum(weights[name] * mean for name, mean in means.items())}
 
 
 def exact(timestep: float) -> Fraction:
@@ -203,11 +220,11 @@ def ends(configuration: Configuration, windows: Windows, answer: Answer) -> Floa
 
 
 def gaps(world: World, first: Floats, second: Floats) -> Floats:
-    """The gap (k,) between poses (k, bodies, 7)."""
+    """The gap (k, bodies) between poses (k, bodies, 7), of each body."""
     radii = np.array([_radius(world, index) for index in range(len(world.bodies))])
     distance = np.linalg.norm(first[..., :3] - second[..., :3], axis=-1)
     turn = radii * rotation_error(first[..., 3:], second[..., 3:])
-    gap: Floats = np.hypot(distance, turn).max(axis=-1)
+    gap: Floats = np.hypot(distance, turn)
     return gap
 
 

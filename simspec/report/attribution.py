@@ -8,7 +8,9 @@ from typing import Any
 from rich.table import Table
 
 from simspec.attribution.candidates import Kind
-from simspec.attribution.explanation import RUN, Explanation, Swap
+from simspec.attribution.explanation import Explanation
+from simspec.attribution.judge import Swap
+from simspec.attribution.measure import RUN
 from simspec.attribution.verdict import WORDS, percent, verdict
 from simspec.attribution.windows import ALL, CLASSES
 from simspec.report.kit import table

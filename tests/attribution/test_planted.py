@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 import simspec
-from simspec.attribution.explanation import SMALLEST_SHARE
+from simspec.attribution.judge import SMALLEST_SHARE
 from simspec.attribution.verdict import verdict
 from tests.attribution.planted import CASES, FALL, world
 
@@ -31,7 +31,7 @@ def test_the_culprit_is_named_in_the_classes_in_which_it_acts(name):
 def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about():
     explanation = CASES["dart-erp-of-another"].explain()
     (cause,) = explanation.causes
-    assert (cause.name, cause.values) == ("PyBullet's contact_erp", ("0.2", "0.01"))
+    assert (cause.name, cause.values) == ("PyBullet's contact_erp", ("0.01", "0.2"))
     assert cause.share["contact"] > 0.2
     assert explanation.contact is not None
     assert explanation.contact.bodies == ("floor", "slider")
