@@ -19,7 +19,7 @@ from simspec.language.sweep_values import EngineLabel, PathOf, Plain
 from simspec.language.words import FileName, Text, Word
 
 VERSION = 1
-SHOWN = ("speed", "load", "validity", "over_time", "determinism", "unequal")
+SHOWN = ("speed", "load", "validity", "over_time", "determinism", "unequal", "contact")
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")
 """Quantities of figures from elsewhere."""

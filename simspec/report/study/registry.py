@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from simspec.report.study.contact import contact_tables
 from simspec.report.study.determinism import determinism_tables
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.over_time import over_time_tables
@@ -18,6 +19,7 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "over_time": over_time_tables,
     "determinism": determinism_tables,
     "unequal": unequal_tables,
+    "contact": contact_tables,
 }
 """By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
 

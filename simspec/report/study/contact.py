@@ -1,0 +1,197 @@
+"""What the proofs of a sweep measured of the contact law (level L5): a table for each probe, over timesteps."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rich.text import Text
+
+from simspec.experiments.cases import world_of
+from simspec.experiments.plan import Cell
+from simspec.proof.certificate import Certificate
+from simspec.proof.contact.impact import subject
+from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.run import laws
+from simspec.report.contact import TITLES
+from simspec.report.kit import length, table
+from simspec.report.study.done import Done, Shown, milliseconds
+from simspec.report.study.variants import PLAIN, Variant, timesteps_of, unsupported_table, variants
+from simspec.world.types import PairContact
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a probe's figures are shown.
+
+    share     as a share of the expected value in per cent, else in ``unit`` (``factor`` of them in the figure's own)
+    by_case   a row for each case of the probe, else the worst of all cases
+    quantity  the one that is shown, where the probe has several that cannot be compared; "": all
+    """
+
+    share: bool = False
+    factor: float = 1.0
+    unit: str = ""
+    by_case: bool = False
+    quantity: str = ""
+
+
+FORMS: Mapping[str, Form] = {
+    "push": Form(share=True),
+    "push-oblong": Form(share=True),
+    "stop": Form(share=True),
+    "stop-oblong": Form(share=True),
+    "stick": Form(factor=1e6, unit="µm/s"),
+    "restitution": Form(by_case=True),
+    "threshold": Form(by_case=True),
+    "rest": Form(factor=1e6, unit="µm", by_case=True),
+    "steady": Form(factor=1e6, unit="µm/s", by_case=True),
+    "overlap": Form(factor=1e3, unit="mm/s", by_case=True),
+    "compliance": Form(share=True, by_case=True),
+    "oblique": Form(share=True),
+    "oblique-separation": Form(),
+    "torsional": Form(share=True, quantity="deceleration"),
+    "rolling": Form(share=True, quantity="deceleration"),
+    "size": Form(factor=1e6, unit="µm"),
+}
+"""By probe. One that is not named here has a row for each case, in the figure's own unit."""
+NOTE = (
+    "the largest deviation of the measured from the analytic value; marked: beyond what simspec promises at 1 ms, declared by "
+    "the engine (italic) or not (bold)"
+)
+SMALLEST = 1e-3
+"""Numbers below this are shown as 0: nobody asks for more than three digits after the point."""
+
+Measured = Mapping[tuple[str, str], Sequence[Figure]]
+"""The figures of one proof, by the law in words and the probe."""
+
+
+def contact_tables(done: Done) -> list[Shown]:
+    """``contact``: a table for each probe that has figures, ``contact-PROBE``, and ``contact-unsupported``: what has none."""
+    made = variants(done)
+    steps = timesteps_of(made)
+    rows: dict[tuple[str, str, str], dict[int, dict[float, Sequence[Figure]]]] = {}
+    unmeasured: list[str] = []
+    for index, one in enumerate(made):
+        for step, runs in one.runs.items():
+            measured = _measured(done, runs[0][0])
+            if measured is None and not one.refusals():
+                unmeasured.append(f"{one.engine} at {milliseconds(step)} ({one.label})")
+            for (law, probe), figures in (measured or {}).items():
+                for case, own in _by_case(probe, figures).items():
+                    rows.setdefault((probe, law, case), {}).setdefault(index, {})[step] = own
+    note = "; ".join([NOTE, *([f"not verified: {', '.join(unmeasured)}"] if unmeasured else [])])
+    probes = dict.fromkeys(probe for probe, _, _ in rows)
+    ordered = {key: rows[key] for key in sorted(rows, key=lambda key: _numbers(key[1]))}
+    shown = [_shown(done, made, steps, probe, ordered, note) for probe in probes]
+    if not shown and unmeasured:
+        shown = [Shown("contact", table(f"{done.sweep.name}: {note}", "nothing was measured"))]
+    refused = unsupported_table(done, made)
+    return [*shown, *([Shown("contact-unsupported", refused)] if refused is not None else [])]
+
+
+def _shown(
+    done: Done,
+    made: Sequence[Variant],
+    steps: Sequence[float],
+    probe: str,
+    rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, Sequence[Figure]]]],
+    note: str,
+) -> Shown:
+    form = FORMS.get(probe, Form(by_case=True))
+    what = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
+    by_case = any(case for name, _, case in rows if name == probe)
+    heads = ["law", *(["probed"] if by_case else []), "settings", "engine"]
+    right = range(len(heads), len(heads) + len(steps))
+    shown = table(
+        f"{done.sweep.name}: {TITLES.get(probe, probe)}: deviation{what}",
+        *heads,
+        *map(milliseconds, steps),
+        right=right,
+    )
+    for (name, law, case), own in rows.items():
+        for index, figures in own.items() if name == probe else ():
+            cells = [_cell(form, figures.get(step)) for step in steps]
+            shown.add_row(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
+    shown.caption = note
+    return Shown(f"contact-{probe}", shown)
+
+
+def _measured(done: Done, cell: Cell) -> Measured | None:
+    """The figures of the proof of a cell's model; None where it has none. Raises SpecError where it is damaged."""
+    key = done.outcome.index.certificates.get(cell.key)
+    text = done.store.certificate_text(key) if key is not None else None
+    if text is None:
+        return None
+    proof = Certificate.from_json(text, f"the certificate {key}").engines[cell.engine]
+    words = {subject(law): law_words(law.pair) for law in laws(world_of(done.outcome.plan, cell))}
+    measured: dict[tuple[str, str], list[Figure]] = {}
+    for figure in proof.contact:
+        wanted = FORMS.get(figure.probe, Form()).quantity
+        if not wanted or figure.quantity == wanted or figure.measured is None:
+            measured.setdefault((words.get(figure.subject, figure.subject), figure.probe), []).append(figure)
+    return measured
+
+
+def law_words(pair: PairContact) -> str:
+    """A law in words: its friction, and what else it has."""
+    told = [f"μ {pair.friction:g}"]
+    told += [f"e {pair.restitution:g}"] if pair.restitution else []
+    told += [f"torsional {length(pair.torsional_friction)}"] if pair.torsional_friction else []
+    told += [f"rolling {length(pair.rolling_friction)}"] if pair.rolling_friction else []
+    told += [f"threshold {pair.restitution_threshold:g} m/s"] if pair.restitution_threshold else []
+    hardness = pair.hardness
+    if hardness.kind == "time-constant":
+        told.append(f"T {1e3 * hardness.time_constant:g} ms, ζ {hardness.damping_ratio:g}")
+    elif hardness.kind == "stiffness":
+        told.append(f"k {hardness.stiffness:g} N/m, c {hardness.damping:g} N s/m")
+    elif hardness.kind != "common":
+        told.append(f"{hardness.kind} hardness")
+    return ", ".join(told)
+
+
+def _numbers(words: str) -> list[float]:
+    """What laws in words are sorted by."""
+    return [float(one) for one in re.findall(r"\d+(?:\.\d+)?", words)]
+
+
+def _by_case(probe: str, figures: Sequence[Figure]) -> dict[str, list[Figure]]:
+    form = FORMS.get(probe, Form(by_case=True))
+    cases: dict[str, list[Figure]] = {}
+    for figure in figures:
+        cases.setdefault(figure.case if form.by_case else "", []).append(figure)
+    return cases
+
+
+def _cell(form: Form, figures: Sequence[Figure] | None) -> Text:
+    """The worst of some figures."""
+    if not figures:
+        return Text(PLAIN, style="dim")
+    deviations = [_deviation(form, figure) for figure in figures]
+    worst = max(math.inf if math.isnan(one) else one for one in deviations)
+    if math.isinf(worst):
+        return Text("no value", style="bold red")
+    if not all(figure.passed for figure in figures):
+        return Text(_digits(worst), style="bold red")
+    return Text(_digits(worst), style="yellow" if any(figure.deviation for figure in figures) else "")
+
+
+def _deviation(form: Form, figure: Figure) -> float:
+    if figure.measured is None:
+        return math.inf
+    off = abs(figure.measured - figure.expected)
+    if not form.share:
+        return form.factor * off
+    if not figure.expected:
+        return 0.0 if not off else math.inf
+    return 100.0 * off / abs(figure.expected)
+
+
+def _digits(value: float) -> str:
+    """Two digits that count, at most three places."""
+    if value < SMALLEST:
+        return "0"
+    places = max(0, 1 - math.floor(math.log10(value)))
+    return f"{value:.{min(places, 3)}f}"
