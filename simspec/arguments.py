@@ -137,7 +137,7 @@ def load_spec(
 ) -> Loaded:
     """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
     ``strict`` they are raised."""
-    from simspec.compiler import check_at_timestep
+    from simspec.compiler import check_at_timestep, pairs_without_effect
     from simspec.language.load import load
     from simspec.resources import find_spec
 
@@ -145,7 +145,7 @@ def load_spec(
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
-    found = spec.warnings(world) if warn else []
+    found = [*spec.warnings(world), *pairs_without_effect(spec, world)] if warn else []
     if strict and found:
         raise SpecError(found)
     if found and not as_json:

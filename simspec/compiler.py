@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.artifacts import Artifacts
-from simspec.contact.meeting import meeting_laws
+from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
 from simspec.contact.reachability import impact_needs, pair_needs, unreachable
 from simspec.control.native import fed_forward
@@ -18,9 +18,11 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
-from simspec.engines.kit.settings import check_settings, written_settings
+from simspec.engines.kit.settings import Value, check_pair_settings, check_settings, pair_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.language.load import Spec
+from simspec.language.models import EngineOptions as SpecOptions
+from simspec.language.models import SettingsAtTimestep, merged_pairs
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate
@@ -232,7 +234,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
 def target_of(world: World, engine: type[Engine], plan: ContactPlan | None = None) -> Target:
     """What a format must know to write ``world`` for ``engine``; ``plan`` where another than the world's own is wanted."""
     plan = plan or contact_plan(world, engine.RULES, engine.LAYERS)
-    return Target(engine.NAME, engine.RULES, plan, written_settings(engine, world))
+    return Target(engine.NAME, engine.RULES, plan, written_settings(engine, world), pair_settings(engine, world))
 
 
 def check_at_timestep(spec: Spec) -> list[Problem]:
@@ -242,14 +244,55 @@ def check_at_timestep(spec: Spec) -> list[Problem]:
     for name, options in spec.data.engines.items():
         engine = engines().get(name)
         for last in range(len(options.at_timestep) if engine is not None else 0):
-            held = options.at_timestep[: last + 1]
-            settings = {**options.settings, **{key: value for entry in held for key, value in entry.settings.items()}}
-            for problem in check_settings(find_engine(name), tuple(settings.items())):
-                setting = problem.path.rpartition(".")[2]
-                said = [index for index, entry in enumerate(held) if setting in entry.settings]
-                path = f"engines.{name}.at_timestep.{said[-1]}.settings.{setting}" if said else problem.path
+            entries = options.at_timestep[: last + 1]
+            settings = {
+                **options.settings,
+                **{key: value for entry in entries for key, value in entry.settings.items()},
+            }
+            pairs = merged_pairs([options.pairs, *(entry.pairs for entry in entries)])
+            for problem in _wrong_options(find_engine(name), settings, pairs):
+                path = _stated_at(options, last, problem.path)
                 problems[dataclasses.replace(problem, path=path, location=spec.locate(path))] = None
     return list(problems)
+
+
+def pairs_without_effect(spec: Spec, world: World) -> list[Problem]:
+    """Warnings of settings of pairs of materials of which no two shapes can touch."""
+    laws = meeting_laws(world)
+    problems = []
+    for options in world.engines:
+        for pair in options.pairs:
+            if (pair.first, pair.second) not in laws:
+                path = f"engines.{options.engine}.pairs.{pair.first}.{pair.second}"
+                message = f"no shapes of {pair.first} and {pair.second} can touch: their settings have no effect"
+                place = spec.locate(f"{path}.{pair.settings[0][0]}")
+                problems.append(Problem(message, path, place, found=", ".join(name for name, _ in pair.settings)))
+    return problems
+
+
+def _wrong_options(
+    engine: type[Engine], settings: Mapping[str, Value], pairs: Mapping[Pair, Mapping[str, Value]]
+) -> list[Problem]:
+    own = tuple(settings.items())
+    return [
+        *check_settings(engine, own),
+        *check_pair_settings(engine, own, {pair: tuple(values.items()) for pair, values in pairs.items()}),
+    ]
+
+
+def _stated_at(options: SpecOptions, last: int, path: str) -> str:
+    """The path in the spec that says the setting of a path of the world, where the entries up to ``last`` hold."""
+    steps = path.split(".")
+    base, setting = ".".join(steps[:2]), steps[-1]
+    entries: list[tuple[str, SpecOptions | SettingsAtTimestep]]
+    entries = [(f"{base}.at_timestep.{index}", options.at_timestep[index]) for index in range(last, -1, -1)]
+    for place, holder in (*entries, (base, options)):
+        if steps[2] == "settings" and setting in holder.settings:
+            return f"{place}.settings.{setting}"
+        for index, pair in enumerate(holder.pairs if steps[2] == "pairs" else ()):
+            if pair.materials == tuple(steps[3:5]) and setting in pair.settings:
+                return f"{place}.pairs.{index}.settings.{setting}"
+    return path
 
 
 def check_options(world: World, locate: Callable[[str], Location | None] = _nowhere) -> list[Problem]:
@@ -272,7 +315,8 @@ def check_options(world: World, locate: Callable[[str], Location | None] = _nowh
                 )
             )
             continue
-        problems.extend(check_settings(engine, options.settings))
+        pairs = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
+        problems.extend(_wrong_options(engine, dict(options.settings), pairs))
         for key, names in (("accept", options.accept), ("outside", options.outside)):
             for name in names:
                 if name not in words:

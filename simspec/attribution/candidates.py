@@ -12,7 +12,7 @@ import numpy as np
 from simspec.attribution.configuration import Configuration
 from simspec.attribution.differences import INITIAL_STATE, Difference, differences, taking
 from simspec.attribution.windows import map_states
-from simspec.engines.kit.settings import Group, Value, finer_settings, resolve_settings
+from simspec.engines.kit.settings import Group, Value, finer_settings, pair_settings, resolve_settings
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.world.types import Body, PairContact, World
 
@@ -109,6 +109,7 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
             (f"{name}.{setting}",),
             _setting(1, {setting: value}),
         )
+    yield from _same_pairs(first, second)
     options = [side.world.options(name) for side in (first, second)]
     for word in ("accept", "outside"):
         here, there = (", ".join(getattr(one, word)) or "nothing" for one in options)
@@ -156,6 +157,39 @@ def _stated_otherwise(configuration: Configuration, other: Configuration, side: 
         )
 
 
+def _same_pairs(first: Configuration, second: Configuration) -> Iterator[Candidate]:
+    """Settings of pairs of materials: where only one side gives one, the other has the engine's own."""
+    name, title = first.kind.NAME, first.kind.TITLE
+    stated = [pair_settings(side.kind, side.world) for side in (first, second)]
+    at_work = first.settings, second.settings
+    for pair in sorted({*stated[0], *stated[1]}):
+        here, there = (own.get(pair, {}) for own in stated)
+        for setting in sorted({*here, *there}):
+            values = here.get(setting, at_work[0][setting]), there.get(setting, at_work[1][setting])
+            if values[0] == values[1]:
+                continue
+            yield Candidate(
+                _of_pair(title, setting, pair),
+                Kind.DIFFERENCE,
+                first.kind.SETTINGS[setting].group.value,
+                (written(values[0]), written(values[1])),
+                (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
+                _pair_setting(1, pair, setting, values[0]),
+            )
+
+
+def _of_pair(title: str, setting: str, pair: tuple[str, str]) -> str:
+    return f"{title}'s {setting} between {pair[0]} and {pair[1]}"
+
+
+def _pair_setting(side: int, pair: tuple[str, str], setting: str, value: Value) -> Callable[[Pair], Pair]:
+    def apply(sides: Pair) -> Pair:
+        changed = sides[side].with_pair_setting(pair, setting, value)
+        return (changed, sides[1]) if side == 0 else (sides[0], changed)
+
+    return apply
+
+
 def written(value: Value) -> str:
     """A setting as people write it."""
     return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
@@ -184,6 +218,18 @@ def _away_from_default(configuration: Configuration, side: int) -> Iterator[Cand
             (f"{name}.{setting}",),
             _setting(side, {setting: declared.default}),
         )
+    for pair, own in pair_settings(configuration.kind, configuration.world).items():
+        for setting, value in own.items():
+            declared = configuration.kind.SETTINGS[setting]
+            if value != declared.default:
+                yield Candidate(
+                    _of_pair(configuration.kind.TITLE, setting, pair),
+                    Kind.DEFAULT,
+                    declared.group.value,
+                    (written(value), written(declared.default)),
+                    (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
+                    _pair_setting(side, pair, setting, declared.default),
+                )
 
 
 def probes(pair: Pair) -> Iterator[Candidate]:

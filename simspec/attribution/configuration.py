@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.compiler import compile_world, missing_options
+from simspec.contact.meeting import Pair
 from simspec.control.request import to_request
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, start
 from simspec.engines.kit.registry import find_engine
-from simspec.engines.kit.settings import Value, idle_settings, resolve_settings
+from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state
-from simspec.world.types import EngineOptions, World
+from simspec.world.types import EngineOptions, PairSettings, World
 
 Floats = NDArray[np.float64]
 
@@ -72,6 +73,16 @@ class Configuration:
         }
         options = dataclasses.replace(self.world.options(self.kind.NAME), settings=tuple(sorted(written.items())))
         return self.in_world(_with_options(self.world, options))
+
+    def with_pair_setting(self, pair: Pair, name: str, value: Value | None) -> Configuration:
+        """The same with another setting of a pair of materials; None: the pair takes the engine's own."""
+        settings = {**pair_settings(self.kind, self.world).get(pair, {}), name: value}
+        own = {key: kept for key, kept in settings.items() if kept is not None}
+        options = self.world.options(self.kind.NAME)
+        pairs = [entry for entry in options.pairs if (entry.first, entry.second) != pair]
+        pairs += [PairSettings(*pair, tuple(sorted(own.items())))] if own else []
+        ordered = tuple(sorted(pairs, key=lambda entry: (entry.first, entry.second)))
+        return self.in_world(_with_options(self.world, dataclasses.replace(options, pairs=ordered)))
 
     def with_options_of(self, other: Configuration) -> Configuration:
         """The same with what another side's world accepts and has computed outside the engine."""

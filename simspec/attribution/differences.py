@@ -234,7 +234,12 @@ def world_of(named: Mapping[str, Any]) -> World:
     for key in ("ignored_groups", "excluded_bodies"):
         contact[key] = sorted(pair.split("+", 1) for pair in contact[key])
     plain["engines"] = [
-        {**options, "engine": name, "settings": sorted(map(list, options["settings"].items()))}
+        {
+            **options,
+            "engine": name,
+            "settings": sorted(map(list, options["settings"].items())),
+            "pairs": [_pair_settings(pair, settings) for pair, settings in sorted(options.get("pairs", {}).items())],
+        }
         for name, options in plain["engines"].items()
     ]
     plain["controllers"] = _listed(plain["controllers"])
@@ -243,6 +248,11 @@ def world_of(named: Mapping[str, Any]) -> World:
     except (KeyError, TypeError, ValueError) as error:
         raise SpecError([Problem(f"the two worlds' values do not go together: {error}")]) from None
     return world
+
+
+def _pair_settings(pair: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    first, second = pair.split("+", 1)
+    return {"first": first, "second": second, "settings": sorted(map(list, settings.items()))}
 
 
 def _ends(pair: tuple[list[str], Any]) -> list[str]:

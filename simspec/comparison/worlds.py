@@ -59,6 +59,8 @@ def tree(world: World) -> dict[str, Any]:
     engines = {}
     for options in plain.pop("engines"):
         options["settings"] = dict(options["settings"])
+        if "pairs" in options:
+            options["pairs"] = {f"{one['first']}+{one['second']}": dict(one["settings"]) for one in options["pairs"]}
         engines[options.pop("engine")] = options
     plain["engines"] = engines
     expectations: dict[str, Any] = {}

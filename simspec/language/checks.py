@@ -7,7 +7,7 @@ from typing import Any
 
 from simspec.errors import Problem
 from simspec.language import trees
-from simspec.language.document import INVALID
+from simspec.language.document import INVALID, Key
 from simspec.language.joints import outside, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
@@ -219,7 +219,8 @@ def _contact(source: Source) -> Iterator[Problem]:
                     place = ("contact", "groups", name, "ignores", index)
                     message = f"no body is in a group {other!r}"
                     yield member.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
-    yield from _pairs(source, materials)
+    for path, pairs in _lists_of_pairs(source):
+        yield from _pairs(source, path, pairs, materials)
 
 
 def _some(words: Any) -> str:
@@ -269,10 +270,25 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
                 yield document.problem((*place, "material"), message, allowed=_some(materials), hint=hint)
 
 
-def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
+def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
+    """Every list of pairs of materials, with its place: of laws, and of engines' settings."""
     data = source.document.data
-    contact = data.get("contact") if isinstance(data, Mapping) else None
-    pairs = contact.get("pairs") if isinstance(contact, Mapping) else None
+    if not isinstance(data, Mapping):
+        return
+    holders: list[tuple[tuple[Key, ...], Any]] = [(("contact",), data.get("contact"))]
+    engines = data.get("engines")
+    for name, options in engines.items() if isinstance(engines, Mapping) else ():
+        holders.append((("engines", name), options))
+        entries = options.get("at_timestep") if isinstance(options, Mapping) else None
+        for index, entry in enumerate(entries if isinstance(entries, (list, tuple)) else ()):
+            holders.append((("engines", name, "at_timestep", index), entry))
+    for place, holder in holders:
+        if isinstance(holder, Mapping):
+            yield (*place, "pairs"), holder.get("pairs")
+
+
+def _pairs(source: Source, path: tuple[Key, ...], pairs: Any, materials: set[str]) -> Iterator[Problem]:
+    """Unknown materials, and pairs that stand twice in a list."""
     seen: dict[tuple[str, ...], int] = {}
     for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
         between = pair.get("between") if isinstance(pair, Mapping) else None
@@ -280,14 +296,14 @@ def _pairs(source: Source, materials: set[str]) -> Iterator[Problem]:
             continue
         for position, name in enumerate(between):
             if name not in materials:
-                place, hint = ("contact", "pairs", index, "between", position), near(name, materials)
+                place, hint = (*path, index, "between", position), near(name, materials)
                 message = f"there is no material {name!r}"
                 yield source.document.problem(place, message, allowed=_some(materials), hint=hint)
         both = tuple(sorted(between))
         if both in seen:
             message = f"the pair {' and '.join(both)} is duplicated"
-            first = source.document.locate(("contact", "pairs", seen[both]))
+            first = source.document.locate((*path, seen[both]))
             found = f"first as pair {seen[both]}" + (f" at {first}" if first is not None else "")
             hint = "remove one, or combine both into one entry"
-            yield source.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
+            yield source.document.problem((*path, index), message, found=found, hint=hint)
         seen.setdefault(both, index)

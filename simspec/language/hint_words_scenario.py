@@ -64,6 +64,15 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Contact.groups",
     ),
     *same_hint("bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "Pair.between", at="Pair"),
+    *same_hint(
+        "bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "PairSettings.between", at="PairSettings"
+    ),
+    *same_hint(
+        "by_pair pair_settings material_pairs",
+        "pairs: [{between: [MATERIAL, MATERIAL], settings: {...}}]",
+        "EngineOptions.pairs",
+        at="EngineOptions SettingsAtTimestep",
+    ),
     # --- bodies, models, files ----------------------------------------------------------------------------------------
     *same_hint("link links body worldbody objects object entities", "bodies: {NAME: ...}", "File.bodies"),
     *same_hint(

@@ -10,6 +10,7 @@ from simspec.errors import Location
 from simspec.language import trees
 from simspec.language.document import Document, Key
 from simspec.language.joint_names import matches
+from simspec.language.models import PairSettings
 from simspec.language.sources import Source
 
 _ELEMENT = re.compile(r"(.+)_\d+")
@@ -64,6 +65,8 @@ def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
         yield from _of_pair(source, steps[2], steps[3], steps[4:])
     if steps[0] == "engines" and len(steps) == 4 and steps[2] == "settings":
         yield from _of_setting(source, steps[1], steps[3])
+    if steps[0] == "engines" and len(steps) == 6 and steps[2] == "pairs":
+        yield from _of_pair_setting(source, steps[1], (steps[3], steps[4]), steps[5])
     yield source.document, steps
     if steps[0] == "contact":
         for member in source.all():
@@ -80,6 +83,22 @@ def _of_setting(source: Source, engine: str, name: str) -> Iterator[Candidate]:
         if name in entry.settings:
             index = options.at_timestep.index(entry)
             yield source.document, ("engines", engine, "at_timestep", str(index), "settings", name)
+
+
+def _of_pair_setting(source: Source, engine: str, materials: tuple[str, str], name: str) -> Iterator[Candidate]:
+    """Where the setting of a pair of materials comes from."""
+    file = source.file
+    if file is None or engine not in file.engines:
+        return
+    options = file.engines[engine]
+    places: list[tuple[tuple[Key, ...], Sequence[PairSettings]]] = [
+        (("at_timestep", str(options.at_timestep.index(entry)), "pairs"), entry.pairs)
+        for entry in reversed(options.holding(file.physics.timestep))
+    ]
+    for place, pairs in (*places, (("pairs",), options.pairs)):
+        for index, pair in enumerate(pairs):
+            if pair.materials == materials and name in pair.settings:
+                yield source.document, ("engines", engine, *place, str(index), "settings", name)
 
 
 def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from simspec.language.arrays import Array
-from simspec.language.contact import Contact
+from simspec.language.contact import Contact, Names
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
 from simspec.language.joints import Joint
@@ -255,24 +255,50 @@ class Record(Strict):
     )
 
 
-class SettingsAtTimestep(Strict):
-    """Solver settings of runs whose timestep is above a bound."""
+class PairSettings(Strict):
+    """Solver settings of one engine for contact between two materials. They replace its `settings` there."""
 
-    above: Annotated[float, Number("time", 0, above=True)] = Field(
-        ..., description="The settings hold at every timestep above this one; at this one itself they do not"
+    between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
+    settings: dict[NameOf, Annotated[Any, Setting()]] = Field(
+        ..., description="Solver settings, of those that the engine has for each pair of materials"
     )
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field(..., description="Solver settings, by the engine's names")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if data.get("settings") == {}:
             yield Fault(("settings",), "no settings", "{}", "{NAME: value}")
 
+    @property
+    def materials(self) -> tuple[str, str]:
+        """The two materials, sorted."""
+        first, second = sorted(self.between)
+        return first, second
+
+
+class SettingsAtTimestep(Strict):
+    """Solver settings of runs whose timestep is above a bound: `settings`, `pairs` or both."""
+
+    above: Annotated[float, Number("time", 0, above=True)] = Field(
+        ..., description="The settings hold at every timestep above this one; at this one itself they do not"
+    )
+    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    pairs: list[PairSettings] = Field([], description="Settings of pairs of materials")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if not data.get("settings") and not data.get("pairs"):
+            yield Fault(
+                ("settings",) if "settings" in data else (), "no settings", None, "settings: {NAME: value}, or pairs"
+            )
+
 
 class EngineOptions(Strict):
     """What a scenario says to one engine. Nothing here may change the model."""
 
     settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
+    pairs: list[PairSettings] = Field(
+        [], description="Settings of pairs of materials, which replace `settings` in their contacts"
+    )
     at_timestep: list[SettingsAtTimestep] = Field(
         [],
         description="Settings that follow from the timestep, in order of rising `above`; later ones replace earlier ones",
@@ -303,9 +329,23 @@ class EngineOptions(Strict):
             found.update(entry.settings)
         return found
 
+    def pairs_at(self, timestep: float) -> dict[tuple[str, str], dict[str, Any]]:
+        """The settings of pairs of materials at a timestep (s), by the sorted names of the two: those of ``pairs``, replaced
+        setting by setting by those of every entry of ``at_timestep`` that holds."""
+        return merged_pairs([self.pairs, *(entry.pairs for entry in self.holding(timestep))])
+
     def holding(self, timestep: float) -> list[SettingsAtTimestep]:
         """The entries of ``at_timestep`` that hold at a timestep (s); one that equals a bound up to round-off does not."""
         return [entry for entry in self.at_timestep if timestep > entry.above * (1.0 + WHOLE)]
+
+
+def merged_pairs(lists: Iterable[Iterable[PairSettings]]) -> dict[tuple[str, str], dict[str, Any]]:
+    """Settings of pairs of materials by the sorted names of the two; later lists replace earlier ones, setting by setting."""
+    merged: dict[tuple[str, str], dict[str, Any]] = {}
+    for pairs in lists:
+        for pair in pairs:
+            merged.setdefault(pair.materials, {}).update(pair.settings)
+    return merged
 
 
 class File(Strict):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language import walk
 from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.hints import hint_for_key
-from simspec.language.models import File
+from simspec.language.models import EngineOptions, File, SettingsAtTimestep
 from simspec.language.quantities import Vector
 from simspec.language.strict import near, show
 
@@ -88,21 +88,58 @@ def kind_at(document: Document, path: str, place: Location | None) -> Any:
 
 
 def without_effect(document: Document, file: File, changed: Iterable[str]) -> Iterator[Problem]:
-    """The problems of solver settings that somebody puts in and that `at_timestep` replaces at this timestep."""
+    """The problems of solver settings that somebody puts in and that `at_timestep` replaces at this timestep: each of them by
+    itself, or with all that stands around it in ``settings`` or ``pairs``."""
+    timestep = file.physics.timestep
     for path in changed:
         steps = path.split(".")
-        if len(steps) != 4 or (steps[0], steps[2]) != ("engines", "settings") or steps[1] not in file.engines:
+        if len(steps) < 3 or steps[0] != "engines" or steps[1] not in file.engines:
             continue
-        options, name = file.engines[steps[1]], steps[3]
-        holding = [entry for entry in options.holding(file.physics.timestep) if name in entry.settings]
-        if holding:
-            index = options.at_timestep.index(holding[-1])
-            yield document.problem(
-                steps,
-                f"no effect: at_timestep sets {name} at this timestep",
-                found=f"{holding[-1].settings[name]} above {holding[-1].above:g} s, at {file.physics.timestep:g} s",
-                hint=f"engines.{steps[1]}.at_timestep.{index}.settings.{name}",
-            )
+        options = file.engines[steps[1]]
+        for place, name, value_of in _replaceable(options):
+            own = (*place, name)
+            if steps[2:] != list(map(str, own[: len(steps) - 2])):
+                continue
+            replacing = [
+                (entry, where, values[name])
+                for entry in options.holding(timestep)
+                for where, values in value_of(entry)
+                if name in values
+            ]
+            if replacing:
+                entry, where, value = replacing[-1]
+                yield document.problem(
+                    (*steps[:2], *own),
+                    f"no effect: at_timestep sets {name} at this timestep",
+                    found=f"{value} above {entry.above:g} s, at {timestep:g} s",
+                    hint=".".join((*steps[:2], "at_timestep", str(options.at_timestep.index(entry)), *where, name)),
+                )
+
+
+_Places = Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]
+"""Settings of one kind in an entry of `at_timestep`, with their place in it."""
+
+
+def _replaceable(
+    options: EngineOptions,
+) -> Iterator[tuple[tuple[Key, ...], str, Callable[[SettingsAtTimestep], _Places]]]:
+    """The place, in the options, and the name of each setting that `at_timestep` can replace, and where an entry would."""
+
+    def of_engine(entry: SettingsAtTimestep) -> _Places:
+        yield ("settings",), entry.settings
+
+    def of_pair(materials: tuple[str, str]) -> Callable[[SettingsAtTimestep], _Places]:
+        return lambda entry: (
+            (("pairs", str(index), "settings"), pair.settings)
+            for index, pair in enumerate(entry.pairs)
+            if pair.materials == materials
+        )
+
+    for name in options.settings:
+        yield ("settings",), name, of_engine
+    for index, pair in enumerate(options.pairs):
+        for name in pair.settings:
+            yield ("pairs", index, "settings"), name, of_pair(pair.materials)
 
 
 def _copied(mark: Mark | None) -> Mark | None:

@@ -19,6 +19,7 @@ from simspec.world.types import (
     Joint,
     Material,
     PairContact,
+    PairSettings,
     Pose,
     Shape,
     World,
@@ -139,6 +140,61 @@ def settings(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-settings", engines=(dataclasses.replace(options, settings=used),))
 
 
+def pairs(engine: str) -> World:
+    """Two balls of two materials on a floor of a third, each of which meets the floor with settings of its own."""
+    world = hard("common", Hardness())(engine)
+    (floor,) = (body for body in world.bodies if body.joint.kind == "fixed")
+    (ball,) = (body for body in world.bodies if body.joint.kind == "free")
+    bodies = [_of_material(floor, floor.name, "stone", 0.0)]
+    bodies += [_of_material(ball, name, name, away) for name, away in (("ice", 0.5), ("rubber", 0.0))]
+    friction = {"ice": 0.3, "rubber": 0.5, "stone": 0.4}
+    names = list(friction)
+    laws = tuple(
+        PairContact(a, b, max(friction[a], friction[b]), 0.0) for index, a in enumerate(names) for b in names[index:]
+    )
+    contact = dataclasses.replace(world.contact, materials=tuple(map(Material, names, friction.values())), pairs=laws)
+    (options,) = world.engines
+    return dataclasses.replace(
+        world,
+        name="self-test-pairs",
+        bodies=tuple(bodies),
+        contact=contact,
+        engines=(dataclasses.replace(options, pairs=_own_settings(engine)),),
+    )
+
+
+def _own_settings(engine: str) -> tuple[PairSettings, ...]:
+    """Of ice with stone all settings that can be by pair, of rubber with stone the first one. An engine that has none is given
+    some other, which it refuses with the reason."""
+    table = find_engine(engine).SETTINGS
+    by_pair = {name: setting for name, setting in sorted(table.items()) if setting.by_pair} or dict(
+        [min(table.items())]
+    )
+    own = {name: _near(setting, 0.96) for name, setting in by_pair.items()}
+    idle = idle_settings(find_engine(engine), {name: setting.default for name, setting in table.items()} | own)
+    used = tuple((name, value) for name, value in own.items() if name not in idle)
+    first = next((name, _near(setting, 0.92)) for name, setting in by_pair.items() if name not in idle)
+    return PairSettings("ice", "stone", used), PairSettings("rubber", "stone", (first,))
+
+
+def _near(setting: Setting, share: float) -> bool | int | float | str:
+    """A value that is allowed and not the default: of a number that share of it, with which contact is still right."""
+    value = setting.default
+    return value * share if isinstance(value, float) and value else _other(setting)
+
+
+def _of_material(body: Body, name: str, material: str, away: float) -> Body:
+    """A body with another name, of one material, moved along x."""
+    shapes = tuple(
+        dataclasses.replace(shape, name=f"{name}_{index}", material=material if shape.collision else shape.material)
+        for index, shape in enumerate(body.shapes)
+    )
+    joint = dataclasses.replace(body.joint, name=f"{name}_joint")
+    if joint.kind == "free":
+        joint = dataclasses.replace(joint, position=(joint.position[0] + away, *joint.position[1:]))
+    return dataclasses.replace(body, name=name, model=name, joint=joint, shapes=shapes)
+
+
 def choices(engine: str) -> World:
     """A ball on a floor, with every setting of the engine that is a choice chosen otherwise."""
     world = hard("common", Hardness())(engine)
@@ -175,5 +231,6 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "circumscribed pyramid": cone("pyramid-circumscribed"),
     "settings": settings,
     "choices": choices,
+    "pairs": pairs,
 }
 """By name, each for one engine."""

@@ -17,7 +17,7 @@ from simspec.contact.rules import Rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
-from simspec.engines.kit.settings import idle_settings, resolve_settings
+from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.report.kit import table
 from simspec.report.terminal import decisions
@@ -46,7 +46,7 @@ GAINS: Mapping[str, Mapping[str, str]] = {
 class PairExplained:
     """How one pair of materials is had: ``how`` in words; ``by_numbers``: the numbers of the two materials give it;
     ``explicit``: pairs of shapes that the engine's files list, each with this law; ``layer`` and ``layers``: in which layer
-    of copies they meet, of how many."""
+    of copies they meet, of how many; ``settings``: solver settings of its own."""
 
     first: str
     second: str
@@ -56,6 +56,7 @@ class PairExplained:
     explicit: int
     layer: int
     layers: int
+    settings: dict[str, Value] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,11 +90,12 @@ def explained(world: World, compiled: Compiled) -> Explained:
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     layers = 1 + max(plan.layer_of.values(), default=0)
     listed = _listed(world, compiled)
+    own = pair_settings(engine, world)
     pairs = []
     for pair, law in meeting_laws(world).items():
         layer, by_numbers = plan.layer_of.get(pair, 0), pair not in plan.missed
         how = _how(law, engine.RULES, plan, listed[pair], layer, layers)
-        pairs.append(PairExplained(*pair, _law(law), how, by_numbers, listed[pair], layer, layers))
+        pairs.append(PairExplained(*pair, _law(law), how, by_numbers, listed[pair], layer, layers, own.get(pair, {})))
     used = {shape.material for body in world.bodies for shape in solid_shapes(body)}
     for law in world.contact.pairs:
         if not law.collide and {law.first, law.second} <= used:
@@ -180,7 +182,7 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
     explanation = explained(world, compiled)
     contact = table(f"Contact in {explanation.engine}", "materials", "law", "realisation")
     for pair in explanation.pairs:
-        law = ", ".join(_told(*part) for part in pair.law.items())
+        law = ", ".join(_told(*part) for part in (pair.law | pair.settings).items())
         contact.add_row(f"{pair.first}, {pair.second}", law, pair.how)
     costs = []
     if explanation.copies:

@@ -9,6 +9,7 @@ from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import broken_engines, engines, format_of
+from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import broken_formats
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
@@ -74,14 +75,24 @@ def engine_data() -> dict[str, Any]:
                     "default": setting.default,
                     "meaning": setting.meaning,
                     "choices": list(setting.choices),
+                    "by_pair": setting.by_pair,
                 }
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
+                | _frictionless(setting)
                 for key, setting in engine.SETTINGS.items()
             },
             "support": {feature.value: _support_data(entry) for feature, entry in support(engine).items()},
         }
         for name, engine in engines().items()
     }
+
+
+def _frictionless(setting: Setting) -> dict[str, Any]:
+    """The default of worlds of free balls without friction, and the setting with which it is the ordinary one there, too."""
+    if setting.frictionless is None:
+        return {}
+    unless = setting.frictionless_unless
+    return {"frictionless": setting.frictionless} | ({"frictionless_unless": dict([unless])} if unless else {})
 
 
 def _support_data(entry: Support) -> dict[str, Any]:
@@ -144,6 +155,8 @@ def markdown() -> str:
             default = f"`{setting.default}`"
             if setting.frictionless is not None:
                 default += f"; free balls without friction: `{setting.frictionless}`"
+            if setting.by_pair:
+                allowed = f"{allowed}{'; ' if allowed else ''}also by pair of materials"
             lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"

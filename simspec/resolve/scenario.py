@@ -20,7 +20,7 @@ from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.mapped import RECORDED_BYTES
 from simspec.world.kinematics import layout_of, poses, rigid_groups
-from simspec.world.types import Body, EngineOptions, Expectation, Physics, Record, World
+from simspec.world.types import Body, EngineOptions, Expectation, PairSettings, Physics, Record, World
 
 
 def physics(written: SpecPhysics) -> Physics:
@@ -92,6 +92,10 @@ def engines(written: Mapping[str, SpecOptions], timestep: float) -> tuple[Engine
             tuple(sorted(options.settings_at(timestep).items())),
             tuple(sorted(set(options.accept))),
             tuple(sorted(set(options.outside))),
+            tuple(
+                PairSettings(first, second, tuple(sorted(settings.items())))
+                for (first, second), settings in sorted(options.pairs_at(timestep).items())
+            ),
         )
         for name, options in sorted(written.items())
     )

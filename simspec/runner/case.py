@@ -15,7 +15,7 @@ from simspec.engines.kit.settings import resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.kinematics import initial_state, layout_of
-from simspec.world.types import EngineOptions, Record, World
+from simspec.world.types import Record, World
 
 KEY_SCHEMA = 1
 """Version of what a key is made of."""
@@ -49,7 +49,7 @@ class Case:
             own = world.options(engine_name(self.engine))
             settings = tuple(sorted({**dict(own.settings), **dict(self.settings)}.items()))
             others = tuple(options for options in world.engines if options.engine != own.engine)
-            engines = (*others, EngineOptions(own.engine, settings, own.accept, own.outside))
+            engines = (*others, dataclasses.replace(own, settings=settings))
             world = dataclasses.replace(world, engines=tuple(sorted(engines, key=lambda options: options.engine)))
         return world if self.record in (None, world.record) else dataclasses.replace(world, record=self.record)
 
@@ -68,6 +68,7 @@ class Case:
         """
         world, name = self.resolved, engine_name(self.engine)
         options = world.options(name)
+        pairs = {"pairs": to_plain(options.pairs)} if options.pairs else {}
         return sha256(
             {
                 "schema": KEY_SCHEMA,
@@ -79,6 +80,7 @@ class Case:
                 "perturb": self.perturb,
                 "seed": self.seed if self.perturb else None,
                 "versions": dict(sorted(versions.items())),
+                **pairs,
             }
         )
 

@@ -29,7 +29,7 @@ from simspec.mapped import RECORDED_BYTES, parts, zeros
 from simspec.runner.case import Case
 from simspec.runner.run import SCHEMA, Run
 from simspec.scratch import scratch_folder
-from simspec.world.canonical import sha256
+from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import Record, World
 
 
@@ -112,6 +112,7 @@ def start_case(
             "artifacts_sha256": Artifacts.read(artifacts).sha256,
             "engine": case.engine,
             "settings": resolve_settings(find_engine(case.engine), world),
+            **({"pair_settings": to_plain(options.pairs)} if options.pairs else {}),
             "accepted": list(options.accept),
             "outside": list(options.outside),
             "record": {"every_steps": record.every_steps, "channels": channels, "not_recorded": not_recorded},

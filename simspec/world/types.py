@@ -282,6 +282,16 @@ class Expectation:
 
 
 @dataclass(frozen=True, slots=True)
+class PairSettings:
+    """Solver settings of one engine for contact between two materials (``first`` ≤ ``second``), sorted by name; they replace
+    the engine's own there."""
+
+    first: str
+    second: str
+    settings: tuple[tuple[str, bool | int | float | str], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class EngineOptions:
     """What the spec says to one engine: solver settings (never the model), approximations accepted by name, and
     features to be computed outside the engine because the engine has no native form of them."""
@@ -290,6 +300,8 @@ class EngineOptions:
     settings: tuple[tuple[str, bool | int | float | str], ...] = ()
     accept: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+    pairs: tuple[PairSettings, ...] = field(default=(), metadata=LEFT_OUT)
+    """Settings of pairs of materials, sorted by their names."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)

@@ -6,7 +6,7 @@ sidecar's JSON must have (``sidecar_fields.py``).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -36,6 +36,15 @@ class SidecarBody:
     frame_offset: Vector3
 
 
+@dataclass(frozen=True, slots=True)
+class SidecarPair:
+    """Settings of a pair of materials (sorted names), and the names of the solid shapes of both."""
+
+    between: tuple[str, str]
+    shapes: tuple[tuple[str, ...], tuple[str, ...]]
+    settings: Mapping[str, bool | int | float | str]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sidecar:
     """What every sidecar has. A field whose default is None is left out of the text where it is None."""
@@ -51,6 +60,8 @@ class Sidecar:
     bodies: tuple[SidecarBody, ...]
     """In the world's order."""
     friction_cone: str
+    pair_settings: tuple[SidecarPair, ...] | None = None
+    """Settings of pairs of materials that replace ``settings`` in their contacts."""
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -63,6 +74,14 @@ class Sidecar:
         check_known((sidecar.friction_cone,), FRICTION_CONES, "sidecar.friction_cone")
         sidecar.check()
         return sidecar
+
+    def settings_between(self, first: str, second: str) -> Mapping[str, bool | int | float | str]:
+        """The settings that are in force between two shapes."""
+        for pair in self.pair_settings or ():
+            one, other = pair.shapes
+            if (first in one and second in other) or (second in one and first in other):
+                return {**self.settings, **pair.settings}
+        return self.settings
 
     @property
     def offsets(self) -> dict[str, Vector3]:
@@ -82,7 +101,7 @@ def common_fields(
     dialect: str, format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]
 ) -> dict[str, Any]:
     """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them."""
-    return {
+    fields = {
         "dialect": dialect,
         "format": format_name,
         "engine": target.engine,
@@ -93,6 +112,20 @@ def common_fields(
         ),
         "friction_cone": world.contact.friction_cone,
     }
+    if target.pair_settings:
+        fields["pair_settings"] = tuple(_pairs(world, target))
+    return fields
+
+
+def _pairs(world: World, target: Target) -> Iterator[SidecarPair]:
+    names: dict[str, list[str]] = {}
+    for body in world.bodies:
+        for shape in body.shapes:
+            if shape.collision:
+                names.setdefault(shape.material, []).append(shape.name)
+    for pair, settings in sorted(target.pair_settings.items()):
+        first, second = (tuple(names.get(material, ())) for material in pair)
+        yield SidecarPair(pair, (first, second), dict(sorted(settings.items())))
 
 
 def sidecar_text(content: Mapping[str, Any]) -> str:

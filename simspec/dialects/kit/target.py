@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from simspec.contact.meeting import Pair
 from simspec.contact.plan import ContactPlan
 from simspec.contact.rules import Rules
 from simspec.world.types import Surface
@@ -20,6 +22,13 @@ class Target:
     plan: ContactPlan
     """The numbers that shapes get, and the layers of their copies."""
     settings: Mapping[str, bool | int | float | str]
+    pair_settings: Mapping[Pair, Mapping[str, bool | int | float | str]] = field(default_factory=dict)
+    """Settings of pairs of materials, which replace ``settings`` in their contacts."""
+
+    def between(self, pair: Pair) -> Target:
+        """The target with the settings that are in force between two materials (sorted names)."""
+        own = self.pair_settings.get(pair)
+        return dataclasses.replace(self, settings={**self.settings, **own}) if own else self
 
 
 def known(numbers: Surface, quantity: str) -> float:

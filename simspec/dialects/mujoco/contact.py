@@ -169,6 +169,8 @@ def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
             found[pair] = "which the numbers of their materials' shapes cannot give together"
         elif law.hardness.kind == "stiffness":
             found[pair] = "whose stiffness depends on the masses of both bodies"
+        elif pair in target.pair_settings:
+            found[pair] = "which have settings of their own"
         elif is_coulomb(target):
             continue  # friction has a reference of its own in every contact
         elif law.friction and law.hardness.kind in COMPLIANT:
@@ -221,7 +223,7 @@ def _rows(
     inverse = inverse_masses(world)
     rows = []
     for pair in pairs:
-        law = laws[pair]
+        law, own_target = laws[pair], target.between(pair)
         held = Surface(
             law.friction, law.torsional_friction, law.rolling_friction, law.restitution, hardness=law.hardness
         )
@@ -233,8 +235,8 @@ def _rows(
                     *(law.friction, law.friction),
                     *(law.torsional_friction, law.rolling_friction, law.rolling_friction),
                 ),
-                **dict(contact_reference(world, target, held, weight)),
-                "solreffriction": friction_reference(world, target, law.hardness.kind),
+                **dict(contact_reference(world, own_target, held, weight)),
+                "solreffriction": friction_reference(world, own_target, law.hardness.kind),
             }
             own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
             rows.append(ExplicitPair(first, second, own))

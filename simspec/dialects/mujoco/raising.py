@@ -219,7 +219,9 @@ class _Raising:
             values = geom.numbers("size", len(halved))
             size = tuple(2.0 * value if half else value for value, half in zip(values, halved, strict=True))
         collides = geom.text("contype") != "0" or geom.text("conaffinity") != "0"
-        surfaces: tuple[Surface, ...] = (self._surface(geom, geom.numbers("friction", 3)),) if collides else ()
+        surfaces: tuple[Surface, ...] = (
+            (self._surface(geom, geom.numbers("friction", 3), self._law),) if collides else ()
+        )
         red, green, blue, alpha = geom.numbers("rgba", 4)
         return Shape(
             geom.text("name"),
@@ -233,9 +235,10 @@ class _Raising:
             surfaces,
         )
 
-    def _surface(self, item: Item, friction: tuple[float, ...], inverse_mass: float = 1.0) -> Surface:
+    @staticmethod
+    def _surface(item: Item, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:
         numbers = (item.numbers("solref", 2), item.numbers("solimp", 5), item.number("margin"))
-        return surface(_whole(item, "condim"), friction, *numbers, self._law, inverse_mass)
+        return surface(_whole(item, "condim"), friction, *numbers, law, inverse_mass)
 
     def pairs(self) -> tuple[HeldPair, ...]:
         """The explicit pairs, sorted."""
@@ -251,7 +254,8 @@ class _Raising:
             if one != two or roll != other_roll:
                 raise pair.refused(f"{first!r} with {second!r} is not isotropic")
             weight = inverse[first] + inverse[second]
-            held.append(HeldPair(first, second, self._surface(pair, (one, torsion, roll), weight)))
+            law = CommonLaw.of(self.timestep, self._sidecar.settings_between(first, second))
+            held.append(HeldPair(first, second, self._surface(pair, (one, torsion, roll), law, weight)))
         return tuple(sorted(held, key=lambda pair: (pair.first, pair.second)))
 
     def settings(self) -> dict[str, HeldValue]:

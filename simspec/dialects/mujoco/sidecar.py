@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simspec.dialects.kit.settings import wrong_settings
+from simspec.dialects.kit.settings import wrong_pair_settings, wrong_settings
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.dialects.mujoco.choices import SETTINGS
 
@@ -25,6 +25,9 @@ class MujocoSidecar(Sidecar):
         """Raise ValueError where a setting is missing or of another kind, or names are not those of the bodies."""
         for name in wrong_settings(SETTINGS, self.settings):
             raise ValueError(f"sidecar.settings.{name} should be {SETTINGS[name].told}")
+        for index, pair in enumerate(self.pair_settings or ()):
+            for name in wrong_pair_settings(SETTINGS, pair.settings):
+                raise ValueError(f"sidecar.pair_settings.{index}.settings.{name} is no setting of a pair of materials")
         if len(self.models) != len(self.bodies):
             raise ValueError(f"sidecar.models has {len(self.models)} entries for {len(self.bodies)} bodies")
         fixed = {body.name for body in self.bodies if body.kind == "fixed"}

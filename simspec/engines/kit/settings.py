@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
-from simspec.contact.meeting import balls_alone
+from simspec.contact.meeting import Pair, balls_alone
 from simspec.errors import Problem
 from simspec.world.types import World
 
@@ -62,6 +62,8 @@ class Setting:
     """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
+    by_pair: bool = False
+    """Whether each pair of materials may have a value of its own (``engines.NAME.pairs``)."""
 
 
 class HasSettings(Protocol):
@@ -114,6 +116,16 @@ def written_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     return {name: value for name, value in found.items() if name not in off}
 
 
+def pair_settings(engine: type[HasSettings], world: World) -> dict[Pair, dict[str, Value]]:
+    """The settings of pairs of materials that replace the engine's, by the sorted names of the two."""
+    return {(pair.first, pair.second): dict(pair.settings) for pair in world.options(engine.NAME).pairs}
+
+
+def settings_of_pair(engine: type[HasSettings], world: World, pair: Pair) -> dict[str, Value]:
+    """All settings that are in force between two materials (sorted names)."""
+    return resolve_settings(engine, world) | pair_settings(engine, world).get(pair, {})
+
+
 def finer_settings(engine: type[HasSettings], settings: Mapping[str, Value]) -> dict[str, Value]:
     """The values of the settings that have a finer one, where the present one is not as fine."""
     finer: dict[str, Value] = {}
@@ -143,29 +155,66 @@ def _told(name: str, value: Value) -> str:
 def check_settings(engine: type[HasSettings], settings: Sequence[tuple[str, Any]]) -> list[Problem]:
     """The problems of solver settings given for ``engine``: unknown names, wrong types, values out of range, and, where all
     else is right, settings that do nothing beside others."""
+    place = f"engines.{engine.NAME}.settings"
+    return _wrong_settings(engine, place, settings) or _idle(engine, place, dict(settings), {})
+
+
+def check_pair_settings(
+    engine: type[HasSettings],
+    settings: Sequence[tuple[str, Any]],
+    pairs: Mapping[Pair, Sequence[tuple[str, Any]]],
+) -> list[Problem]:
+    """The problems of solver settings given for pairs of materials, beside the engine's own ``settings``: as of
+    :func:`check_settings`, and settings that no pair can have a value of its own of. Their paths are
+    ``engines.NAME.pairs.FIRST.SECOND.SETTING``."""
     problems: list[Problem] = []
+    by_pair = [name for name, setting in engine.SETTINGS.items() if setting.by_pair]
+    for (first, second), own in pairs.items():
+        place = f"engines.{engine.NAME}.pairs.{first}.{second}"
+        shared = [name for name, _ in own if name in engine.SETTINGS and name not in by_pair]
+        wrong = [
+            Problem(
+                f"{engine.NAME}'s setting {name!r} has one value for all contacts, none for each pair of materials",
+                f"{place}.{name}",
+                found=name,
+                allowed=", ".join(by_pair) or f"no settings: {engine.NAME} has none for each pair",
+                hint=f"engines.{engine.NAME}.settings.{name}",
+            )
+            for name in shared
+        ]
+        wrong += _wrong_settings(engine, place, [(name, value) for name, value in own if name not in shared], by_pair)
+        problems += wrong or _idle(engine, place, dict(own), dict(settings))
+    return problems
+
+
+def _wrong_settings(
+    engine: type[HasSettings], place: str, settings: Sequence[tuple[str, Any]], allowed: Sequence[str] | None = None
+) -> list[Problem]:
+    problems: list[Problem] = []
+    names = list(engine.SETTINGS) if allowed is None else allowed
     for name, value in settings:
-        path = f"engines.{engine.NAME}.settings.{name}"
+        path = f"{place}.{name}"
         setting = engine.SETTINGS.get(name)
         if setting is None:
-            near = difflib.get_close_matches(name, engine.SETTINGS, 1)
+            near = difflib.get_close_matches(name, names, 1)
             problems.append(
                 Problem(
                     f"{engine.NAME} has no setting {name!r}",
                     path,
                     found=name,
-                    allowed=", ".join(engine.SETTINGS),
+                    allowed=", ".join(names) or f"no settings: {engine.NAME} has none for each pair",
                     hint=f"did you mean {near[0]!r}?" if near else None,
                 )
             )
         elif wrong := _wrong_value(setting, value):
             problems.append(Problem(f"wrong value for {name!r}", path, found=repr(value), allowed=wrong))
-    return problems or _idle(engine, dict(settings))
+    return problems
 
 
-def _idle(engine: type[HasSettings], given: Mapping[str, Any]) -> list[Problem]:
+def _idle(engine: type[HasSettings], place: str, given: Mapping[str, Any], beside: Mapping[str, Any]) -> list[Problem]:
+    """The settings of those given at a place that do nothing with each other and those ``beside`` them."""
     defaults = {name: setting.default for name, setting in engine.SETTINGS.items()}
-    why = idle_settings(engine, {**defaults, **given})
+    why = idle_settings(engine, {**defaults, **beside, **given})
     problems = []
     for name, value in given.items():
         if name not in why or (needs := engine.SETTINGS[name].needs) is None:
@@ -174,7 +223,7 @@ def _idle(engine: type[HasSettings], given: Mapping[str, Any]) -> list[Problem]:
         problems.append(
             Problem(
                 f"{engine.NAME}'s setting {name!r} has no effect {why[name]}",
-                f"engines.{engine.NAME}.settings.{name}",
+                f"{place}.{name}",
                 found=_told(name, value),
                 hint=f"remove it; it has an effect with {acts}",
             )

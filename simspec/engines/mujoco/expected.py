@@ -55,6 +55,7 @@ class _Expected:
         self, world: World, settings: Mapping[str, Any], neutral: Mapping[str, Any], rules: Rules, layers: bool
     ):
         self.world, self.settings, self.neutral = world, settings, neutral
+        self.own = {(pair.first, pair.second): dict(pair.settings) for pair in world.options("mujoco").pairs}
         self.plan = contact_plan(world, rules, layers)
         self.laws = meeting_laws(world)
         self.dt = world.physics.timestep
@@ -207,11 +208,11 @@ class _Expected:
     # --- contact numbers ------------------------------------------------------------------------------------------
 
     def _reference(
-        self, held: Surface, inverse_mass: float, cushion: bool
+        self, held: Surface, inverse_mass: float, cushion: bool, settings: Mapping[str, Any]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """solref and solimp of a law."""
         hardness = held.hardness or Hardness()
-        high = float(self.settings["contact_impedance"])
+        high = float(settings["contact_impedance"])
         if hardness.kind == "native":
             return DEFAULT_REFERENCE, DEFAULT_IMPEDANCE
         if hardness.kind == "time-constant":
@@ -219,9 +220,9 @@ class _Expected:
         if hardness.kind == "stiffness":
             share = (1.0 - SOFT) * inverse_mass
             return (-hardness.stiffness * share, -hardness.damping * share), _flat_impedance(SOFT)
-        taken_back, bounce = float(self.settings["contact_error_reduction"]), held.restitution or 0.0
+        taken_back, bounce = float(settings["contact_error_reduction"]), held.restitution or 0.0
         solref = (-taken_back / self.dt**2, -(1.0 + bounce) / self.dt)
-        depth = float(self.settings["friction_cushion"])
+        depth = float(settings["friction_cushion"])
         cushioned = cushion and not self._coulomb and self.world.contact.friction_cone == "elliptic"
         soft = cushioned and depth and held.friction and not bounce
         return solref, ((CUSHION, high, depth, 0.5, 2.0) if soft else _flat_impedance(high))
@@ -232,7 +233,7 @@ class _Expected:
 
     def _geom(self, shape: Any) -> dict[str, Any]:
         held = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
-        solref, solimp = self._reference(held, 1.0, cushion=False)
+        solref, solimp = self._reference(held, 1.0, False, self.settings)
         return {
             f"geom.{shape.name}.condim": self._directions(held),
             f"geom.{shape.name}.friction": (
@@ -252,7 +253,7 @@ class _Expected:
         must, may = [], []
         for pair, law in self.laws.items():
             kind = law.hardness.kind
-            if pair in self.plan.missed or kind == "stiffness":
+            if pair in self.plan.missed or kind == "stiffness" or pair in self.own:
                 must.append(pair)
             elif self._coulomb:
                 continue
@@ -271,24 +272,26 @@ class _Expected:
 
     def _pair(self, law: PairContact, one: str, two: str) -> dict[str, Any]:
         held = Surface(law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness)
-        solref, solimp = self._reference(held, self._inverse_mass(one) + self._inverse_mass(two), cushion=True)
+        settings = {**self.settings, **self.own.get((law.first, law.second), {})}
+        weight = self._inverse_mass(one) + self._inverse_mass(two)
+        solref, solimp = self._reference(held, weight, True, settings)
         name = f"pair.{one},{two}"
         return {
             f"{name}.dim": self._directions(law),
             f"{name}.friction": (law.friction,) * 2 + (law.torsional_friction,) + (law.rolling_friction,) * 2,
             f"{name}.solref": solref,
             f"{name}.solimp": solimp,
-            f"{name}.solreffriction": (0.0, -self._slip_rate(law.hardness.kind)),
+            f"{name}.solreffriction": (0.0, -self._slip_rate(law.hardness.kind, settings)),
         }
 
-    def _slip_rate(self, kind: str) -> float:
+    def _slip_rate(self, kind: str, settings: Mapping[str, Any]) -> float:
         """1/s at which friction takes back slip."""
         if kind == "native":
             return 0.0
         if self._coulomb:
             return 1.0 / self.dt
-        most = float(self.settings["friction_share"]) / self.dt
-        return most * SOFT if kind in COMPLIANT else min(most, float(self.settings["friction_rate"]))
+        most = float(settings["friction_share"]) / self.dt
+        return most * SOFT if kind in COMPLIANT else min(most, float(settings["friction_rate"]))
 
     def _inverse_mass(self, shape: str) -> float:
         """Of a single free body; nothing that stiffness is allowed for has another."""
@@ -315,6 +318,12 @@ class _Expected:
             if body.joint.kind != "fixed" and (parent is None or self.groups[parent] == "world"):
                 yield body
 
+    def _own_of(self, pair: Pair) -> dict[str, Any]:
+        """What the sidecar says of a pair of materials with settings of its own."""
+        solid = [shape for shapes in self.solid.values() for shape in shapes]
+        named = [[shape.name for shape in solid if shape.material == material] for material in pair]
+        return {"between": list(pair), "shapes": named, "settings": self.own[pair]}
+
     def _sidecar(self) -> dict[str, Any]:
         settings = {**self.settings, "impratio": self._impratio()}
         if self._sleeping:
@@ -327,6 +336,7 @@ class _Expected:
         bodies = self.world.bodies
         free = {body.name: body.inertial.centre_of_mass for body in bodies if body.joint.kind == "free"}
         return {
+            **({"pair_settings": [self._own_of(pair) for pair in sorted(self.own)]} if self.own else {}),
             "schema": 2,
             "dialect": "mujoco",
             "format": "mjcf",

@@ -237,6 +237,7 @@ class _ReadBack:
             solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
             condim = int(model.pair_dim[pair])
             margin = float(model.pair_margin[pair])
-            held = surface(condim, (one, torsion, roll), solref, solimp, margin, self._law, inverse_mass)
+            law = CommonLaw.of(float(model.opt.timestep), self._sidecar.settings_between(first, second))
+            held = surface(condim, (one, torsion, roll), solref, solimp, margin, law, inverse_mass)
             found.append(HeldPair(first, second, held))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))

@@ -120,6 +120,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=1.0,
         group=Group.ERROR_REDUCTION,
+        by_pair=True,
     ),
     "contact_impedance": Setting(
         0.999,
@@ -129,6 +130,7 @@ SETTINGS: Mapping[str, Setting] = {
         maximum=0.9999,
         group=Group.SOFTNESS,
         finer=0.9999,
+        by_pair=True,
     ),
     "friction_rate": Setting(
         100.0,
@@ -138,6 +140,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=1e-3,
         needs=("friction", (NATIVE,)),
         group=Group.FRICTION,
+        by_pair=True,
     ),
     "friction_share": Setting(
         0.3,
@@ -149,6 +152,7 @@ SETTINGS: Mapping[str, Setting] = {
         maximum=1.0,
         needs=("friction", (NATIVE,)),
         group=Group.FRICTION,
+        by_pair=True,
     ),
     "friction_cushion": Setting(
         1e-4,
@@ -161,6 +165,7 @@ SETTINGS: Mapping[str, Setting] = {
         needs=("friction", (NATIVE,)),
         group=Group.SOFTNESS,
         finer=0.0,
+        by_pair=True,
     ),
     "explicit_pairs_limit": Setting(
         5000,

@@ -22,7 +22,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
 from simspec.world.tuples import ordered
-from simspec.world.types import Contact, EngineOptions, Hardness, PairContact, ReadBack, Surface, World
+from simspec.world.types import Contact, EngineOptions, Hardness, PairContact, PairSettings, ReadBack, Surface, World
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
 """What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
@@ -47,7 +47,8 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     """
     read = dialects()[engine.DIALECT].read(folder) if read is None else read
     # what the engine's own file says counts, not what is said beside it
-    settings = read_sidecar(folder)["settings"] | {
+    sidecar = read_sidecar(folder)
+    settings = sidecar["settings"] | {
         name.removeprefix("settings."): value for name, value in read.inventory.items() if name.startswith("settings.")
     }
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
@@ -61,7 +62,11 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     # files hold all settings; what does nothing beside others may not be given
     idle = idle_settings(engine, {name: setting.default for name, setting in engine.SETTINGS.items()} | settings)
     written = tuple((name, value) for name, value in sorted(settings.items()) if name not in idle)
-    options = EngineOptions(engine.NAME, written, EVERYTHING)
+    pairs = tuple(
+        PairSettings(entry["between"][0], entry["between"][1], tuple(sorted(entry["settings"].items())))
+        for entry in sidecar.get("pair_settings", ())
+    )
+    options = EngineOptions(engine.NAME, written, EVERYTHING, pairs=pairs)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
     return Held(contact, plan, options, timestep)
 
@@ -99,7 +104,8 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
         tuple(pair for pair in whole.plan.missed if set(pair) <= names),
         tuple(pair for pair in whole.plan.explicit or () if set(pair) <= names),
     )
-    return Held(contact, plan, whole.options, whole.timestep)
+    pairs = tuple(pair for pair in whole.options.pairs if {pair.first, pair.second} <= names)
+    return Held(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep)
 
 
 def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:

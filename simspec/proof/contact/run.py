@@ -68,8 +68,13 @@ class _Job:
     known: tuple[Figure, ...] | None = None
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
-        """What the scenario sets in the engine."""
-        return dict(self.worlds[0][0].options(engine.NAME).settings) if self.worlds else {}
+        """What the scenario sets in the engine for the pair."""
+        if not self.worlds or self.law is None:
+            return {}
+        options = self.worlds[0][0].options(engine.NAME)
+        measured = (self.law.pair.first, self.law.pair.second)
+        own = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
+        return dict(options.settings) | own.get(measured, {})
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,254 @@
+"""MuJoCo's settings of pairs of materials: written, read from the files, held by the engine, and noticed when wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simspec.compiler import compile_world, write_folder
+from simspec.dialects.kit.contract import dialects
+from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.settings import SETTINGS
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.contact.held import held, of_pair
+from simspec.proof.mutation_worlds import WORLDS
+from simspec.runner.case import Case
+from simspec.world.types import EngineOptions, Hardness, PairSettings
+from tests import worlds
+
+mujoco = pytest.importorskip("mujoco")
+
+LAWS = {("finger", "finger"): 0.3, ("finger", "wood"): 0.5, ("wood", "wood"): 0.4}
+BY_PAIR = [name for name, setting in SETTINGS.items() if setting.by_pair]
+
+
+def world_of(own, **options):
+    """Two materials in all ways, with settings of pairs: {(first, second): {name: value}}."""
+    pairs = tuple(PairSettings(*pair, tuple(sorted(values.items()))) for pair, values in sorted(own.items()))
+    return worlds.with_options(worlds.table(LAWS), "mujoco", pairs=pairs, **options)
+
+
+def written(world, folder):
+    write_folder(compile_world(world, ["mujoco"])["mujoco"].files, folder)
+    return folder
+
+
+def numbers(world):
+    """The numbers of explicit pairs by their materials, as the file has them (its defaults filled in)."""
+    root = ElementTree.fromstring(compile_world(world, ["mujoco"])["mujoco"].files["model.xml"])
+    material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+    defaults = root.find("default/pair").attrib
+    found = {}
+    for pair in root.findall("contact/pair"):
+        key = tuple(sorted((material[pair.get("geom1")], material[pair.get("geom2")])))
+        values = {**defaults, **pair.attrib}
+        held_numbers = {
+            name: [float(x) for x in values[name].split()] for name in ("solref", "solimp", "solreffriction")
+        }
+        assert found.setdefault(key, held_numbers) == held_numbers
+    return found
+
+
+def test_the_settings_of_a_pair_are_those_of_its_contacts_alone():
+    plain = numbers(world_of({}))
+    own = {"contact_impedance": 0.997, "contact_error_reduction": 0.25, "friction_cushion": 0.0, "friction_rate": 50.0}
+    changed = numbers(world_of({("finger", "wood"): own}))
+    assert {pair for pair in plain if changed[pair] != plain[pair]} == {("finger", "wood")}
+    dt = 0.001
+    pair = changed["finger", "wood"]
+    assert pair["solref"] == pytest.approx([-0.25 / dt**2, -1 / dt], rel=1e-14)
+    assert pair["solimp"] == [0.997, 0.997, 0.001, 0.5, 2.0]
+    assert pair["solreffriction"] == [0.0, -50.0]
+
+
+NUMBERS = {
+    "contact_error_reduction": st.floats(0.0, 1.0),
+    "contact_impedance": st.floats(1e-4, 0.9999),
+    "friction_cushion": st.floats(0.0, 0.1),
+    "friction_rate": st.floats(1e-3, 1e4),
+    "friction_share": st.floats(1e-3, 1.0),
+}
+own_settings = st.dictionaries(
+    st.sampled_from(sorted(LAWS)), st.fixed_dictionaries({}, optional=NUMBERS).filter(bool), max_size=3
+)
+
+
+def test_all_settings_by_pair_are_tried():
+    assert set(NUMBERS) == set(BY_PAIR)
+
+
+@settings(max_examples=40, deadline=None)
+@given(own_settings, st.sampled_from(["elliptic", "pyramid-inscribed"]), st.sampled_from(["native", "coulomb"]))
+def test_whatever_they_are_the_reader_and_the_engine_hold_them(own, cone, friction):
+    """The reader of files finds the world's laws, and all numbers that the engine holds are those expected."""
+    if friction == "coulomb":
+        own = {pair: {n: v for n, v in values.items() if not n.startswith("friction")} for pair, values in own.items()}
+        own = {pair: values for pair, values in own.items() if values}
+    accept = ("contact.friction.impact", f"contact.cone.{cone}")
+    world = world_of(own, settings=(("friction", friction),), accept=accept)
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
+    with TemporaryDirectory() as place:
+        folder = written(world, Path(place) / "files")
+        material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
+        read = dialects()["mujoco"].read(folder)
+        engine = MuJoCo()
+        engine.load(folder, read_sidecar(folder))
+        try:
+            back = engine.read_back()
+        finally:
+            engine.close()
+    for pairs in (read.pairs, back.pairs):
+        there = {tuple(sorted((material[pair.first], material[pair.second]))) for pair in pairs}
+        assert there >= set(own)
+        for pair in pairs:
+            law = LAWS[tuple(sorted((material[pair.first], material[pair.second])))]
+            assert pair.surface.hardness == Hardness("common")
+            assert pair.surface.friction == law
+    (check,) = inventory_checks(find_engine("mujoco").expected_inventory(world, back.neutral), back.inventory)
+    assert check.passed, check.detail
+
+
+DEFECTS = {
+    "impedance": (r'solimp="0.01 0.997', 'solimp="0.01 0.998', "L0"),
+    "the engine's own impedance": (r'solimp="0.01 0.997', 'solimp="0.01 0.999', "L0"),
+    "error reduction": (r'solref="-250000', 'solref="-240000', "L0"),
+    "the engine's own error reduction": (r'solref="-250000 -1000" ', "", "L0"),
+    "cushion": (r"0.997 0.0002", "0.997 0.0001", "L0"),
+    "rate": (r'solreffriction="0 -50"', 'solreffriction="0 -60"', "L4"),
+    "the engine's own rate": (r' solreffriction="0 -50"', "", "L4"),
+}
+OWN = {
+    "contact_impedance": 0.997,
+    "contact_error_reduction": 0.25,
+    "friction_cushion": 2e-4,
+    "friction_rate": 50.0,
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_in_the_numbers_of_one_pair_is_noticed(name, tmp_path):
+    before, after, level = DEFECTS[name]
+    world = world_of({("finger", "wood"): OWN})
+    folder = written(world, tmp_path / "files")
+    path = folder / "model.xml"
+    text = path.read_text()
+    changed = re.sub(before, after, text, count=1)
+    assert changed != text
+    path.write_text(changed)
+    hardness = {pair.surface.hardness.kind for pair in dialects()["mujoco"].read(folder).pairs}
+    assert (hardness == {"common"}) == (level != "L0")
+    engine = MuJoCo()
+    engine.load(folder, read_sidecar(folder))
+    try:
+        back = engine.read_back()
+    finally:
+        engine.close()
+    (check,) = inventory_checks(find_engine("mujoco").expected_inventory(world, back.neutral), back.inventory)
+    assert not check.passed
+
+
+def test_numbers_of_another_pair_are_no_common_law(tmp_path):
+    """Each pair is read with its own settings, so that two that are exchanged do not pass."""
+    own = {("finger", "wood"): {"contact_impedance": 0.997}, ("wood", "wood"): {"contact_impedance": 0.995}}
+    folder = written(world_of(own), tmp_path / "files")
+    path = folder / "model.xml"
+    text = path.read_text()
+    swapped = text.replace("0.997", "@").replace("0.995", "0.997").replace("@", "0.995")
+    assert swapped != text
+    path.write_text(swapped)
+    assert "stiffness" in {pair.surface.hardness.kind for pair in dialects()["mujoco"].read(folder).pairs}
+
+
+SIDECAR_DAMAGE = {
+    "a setting of all contacts": (
+        lambda own: own["settings"].update(iterations=3),
+        "iterations is no setting of a pair",
+    ),
+    "another kind": (lambda own: own["settings"].update(friction_rate="fast"), "friction_rate is no setting of a pair"),
+    "three materials": (lambda own: own["between"].append("x"), "between"),
+    "no shapes": (lambda own: own.pop("shapes"), "shapes"),
+}
+
+
+@pytest.mark.parametrize("name", SIDECAR_DAMAGE)
+def test_a_damaged_sidecar_is_refused(name, tmp_path):
+    change, message = SIDECAR_DAMAGE[name]
+    folder = written(world_of({("finger", "wood"): OWN}), tmp_path / "files")
+    content = json.loads((folder / SIDECAR).read_text())
+    change(content["pair_settings"][0])
+    (folder / SIDECAR).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=message):
+        dialects()["mujoco"].read(folder)
+    with pytest.raises(EngineError, match=message):
+        MuJoCo().load(folder, content)
+
+
+def test_a_sidecar_of_a_world_without_them_says_nothing_of_them():
+    assert "pair_settings" not in compile_world(world_of({}), ["mujoco"])["mujoco"].files[SIDECAR]
+
+
+def test_more_pairs_of_shapes_than_are_listed_are_refused():
+    """Numbers of shapes cannot give a pair its own settings."""
+    larger = worlds.table({("finger", "finger"): 0.3, ("finger", "wood"): 0.4, ("wood", "wood"): 0.4})
+    limited = worlds.with_options(larger, "mujoco", settings=(("explicit_pairs_limit", 1),))
+    compile_world(limited, ["mujoco"])
+    own = (PairSettings("finger", "wood", (("contact_impedance", 0.997),)),)
+    with pytest.raises(UnsupportedError, match="settings of their own"):
+        compile_world(worlds.with_options(limited, "mujoco", pairs=own), ["mujoco"])
+
+
+def test_probes_of_a_pair_have_its_settings(tmp_path):
+    world = world_of({("finger", "wood"): OWN, ("wood", "wood"): {"contact_impedance": 0.99}})
+    whole = held(world, find_engine("mujoco"), written(world, tmp_path / "files"))
+    (own,) = of_pair(whole, "wood", "wood").options.pairs
+    assert own == PairSettings("wood", "wood", (("contact_impedance", 0.99),))
+    assert len(of_pair(whole, "finger", "wood").options.pairs) == 2
+    assert of_pair(whole, "finger", "finger").options.pairs == ()
+    law = next(pair for pair in world.contact.pairs if (pair.first, pair.second) == ("finger", "wood"))
+    assert law in whole.contact.pairs
+
+
+WRONG = {
+    "of all contacts": ({"iterations": 5}, "has one value for all contacts"),
+    "unknown": ({"contact_impedence": 0.9}, "no setting 'contact_impedence'"),
+    "out of range": ({"contact_impedance": 2.0}, "wrong value"),
+    "without effect": ({"friction_rate": 5.0}, "has no effect with friction: coulomb"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_settings_of_a_pair_are_errors_at_their_place(name):
+    own, message = WRONG[name]
+    chosen = (("friction", "coulomb"),) if name == "without effect" else ()
+    with pytest.raises(UnsupportedError, match=message) as error:
+        compile_world(world_of({("finger", "wood"): own}, settings=chosen), ["mujoco"])
+    assert [problem.path for problem in error.value.problems] == [f"engines.mujoco.pairs.finger.wood.{next(iter(own))}"]
+
+
+@pytest.mark.parametrize("engine", ["pybullet", "dart", "drake"])
+def test_engines_without_settings_of_pairs_refuse_them(engine):
+    world = WORLDS["pairs"](engine)
+    with pytest.raises(UnsupportedError, match="none for each pair"):
+        compile_world(world, [engine])
+
+
+def test_a_run_with_them_is_another_case_and_keeps_them():
+    plain, own = world_of({}), world_of({("finger", "wood"): OWN})
+    versions = {"engine_version": "1"}
+    assert Case(plain, "mujoco").key(versions) != Case(own, "mujoco").key(versions)
+    others = tuple(options for options in own.engines if options.engine != "mujoco")
+    without = dataclasses.replace(own, engines=(EngineOptions("mujoco"), *others))
+    assert Case(own, "pybullet").key(versions) == Case(without, "pybullet").key(versions)
+    changed = Case(own, "mujoco", (("iterations", 7),)).resolved
+    assert changed.options("mujoco").pairs == own.options("mujoco").pairs
