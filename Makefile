@@ -30,6 +30,9 @@ demo: setup
 	$(BIN)/simspec run specs/spheres-216.yaml --all-engines
 	$(BIN)/simspec run specs/ur10e.yaml --all-engines
 
+# pages that are filled from the studies in docs/studies
+PAGES := docs/results.md
+
 check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -43,6 +46,7 @@ check: setup
 	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml specs/studies/*.yaml
 	$(BIN)/simspec engines --markdown --check
 	$(BIN)/simspec compile --check
+	$(BIN)/simspec pages --check $(PAGES)
 	$(BIN)/python tools/stacking.py --check
 
 test: check

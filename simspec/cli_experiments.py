@@ -29,6 +29,7 @@ def add_experiments(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command("sweep")(command(sweep_command))
     app.command("study")(command(study_command))
+    app.command("pages")(command(pages_command))
     app.command("explain")(command(explain_command))
 
 
@@ -154,6 +155,12 @@ def study_command(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the plan and its cost; run and write nothing.")
     ] = False,
+    publish: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Also write the results, and what they are of, into a folder to be committed."
+        ),
+    ] = None,
     no_verify: Annotated[
         bool, typer.Option("--no-verify", help="Skip the proof that the engines have the same model.")
     ] = False,
@@ -171,6 +178,7 @@ def study_command(
     simspec study koerber-2021 --small --dry-run
     simspec study koerber-2021 --small
     simspec study mine.yaml --store /data/store
+    simspec study koerber-2021 --publish docs/studies/koerber-2021
 
     A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if values make a
     scenario invalid, 3 if an engine was stopped.
@@ -188,4 +196,30 @@ def study_command(
         deadline=deadline,
         allow_outside=allow_outside,
         as_json=as_json,
+        publish=publish,
     )
+
+
+def pages_command(
+    pages: Annotated[list[Path], typer.Argument(metavar="PAGE...", help="Pages of Markdown.")],
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit code 1 unless pages and figures are current.")
+    ] = False,
+    older: Annotated[
+        bool, typer.Option("--older", help="Make the pages say which figures are older than the code.")
+    ] = False,
+    python: Pythons = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fill the marked places of pages from published studies: those in the folder `studies` beside a page.
+
+    No engine is run. Where a model that a study measured is compiled to something else today, its figures are older than the
+    code: exit code 1, unless the page says so (--older).
+
+    \b
+    simspec pages docs/results.md
+    simspec pages docs/results.md --check
+    """
+    from simspec.commands.pages import pages as fill_pages
+
+    return fill_pages(pages, check=check, older=older, python=python, as_json=as_json)

@@ -244,9 +244,17 @@ class StoredTableShown(Stored):
     name: str
     records: list[dict[str, Any]]
     title: str
+    said: list[str]
     head: list[StoredCell]
     rows: list[list[StoredCell]]
     note: str
+
+
+class StoredMeasured(Stored):
+    """What is said of where and when a study was measured."""
+
+    what: str
+    value: str
 
 
 class StudyTables(Stored):
@@ -261,6 +269,37 @@ class StudyTables(Stored):
     said: list[str]
     bad: list[int]
     sweeps: dict[str, list[StoredTableShown]]
+    measured: list[StoredMeasured]
+
+
+class StoredModel(Stored):
+    """A model of a sweep, by hashes (:mod:`simspec.experiments.models`)."""
+
+    engine: str
+    case: str | None
+    values: list[list[Any]]
+    world: str
+    settings: str
+    files: str
+    version: str
+
+
+class StoredSweepModels(Stored):
+    """The models of one sweep of a study; ``asked``: the hash of what the study asks for."""
+
+    asked: str
+    models: list[StoredModel]
+
+
+class StudyModels(Stored):
+    """``models.json``: what the figures of a published study are of. ``source``: the study, as it was named; ``study_sha256``:
+    of ``study.json``."""
+
+    schema_: int = Field(alias="schema")
+    source: str
+    small: bool
+    study_sha256: str
+    sweeps: dict[str, StoredSweepModels]
 
 
 def parse(content: bytes | str, what: str) -> Any:

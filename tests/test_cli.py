@@ -32,6 +32,7 @@ COMMANDS = (
     "diff",
     "sweep",
     "study",
+    "pages",
     "explain",
     "engines",
     "accept",

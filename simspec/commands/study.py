@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from simspec.arguments import engines_at_work, interpreters, print_json
+from simspec.commands.publish import demand_publishable
+from simspec.commands.publish import publish as publish_study
 from simspec.commands.sweep import side_by_side
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, SpecError
@@ -33,8 +35,9 @@ from simspec.report.kit import table
 from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
-from simspec.report.study.done import Done, Record
+from simspec.report.study.done import Done, Shown
 from simspec.report.study.markdown import markdown
+from simspec.report.study.measured import measured
 from simspec.report.study.page_section import SCHEMA, TABLES_FILE
 from simspec.report.study.registry import shown_of
 from simspec.report.terminal import show_error
@@ -57,14 +60,17 @@ def study(
     deadline: float,
     allow_outside: bool,
     as_json: bool,
+    publish: Path | None = None,
 ) -> int:
-    """Do the sweeps of a study, and write and print its tables."""
+    """Do the sweeps of a study, write and print its tables, and publish them where that is asked for."""
     source = load_study_file(find_study(name), allow_outside=allow_outside)
     pythons = interpreters(python, None)
-    planned = [(one, _plan(one, pythons)) for one in source.sweeps(small)]
+    planned = [(one, plan_of(one, pythons)) for one in source.sweeps(small)]
     folder = RUNS / (f"{source.name}-small" if small else source.name)
     place = store or folder / SWEEP_FOLDER
     demand([folder_problem(place, STORE, source.files()), folder_problem(folder, STUDY, source.files())])
+    if publish is not None:
+        demand_publishable(publish, source, name)
     if dry_run:
         return _dry_run(source, planned, place, as_json)
     open_folder(folder, STUDY)
@@ -89,7 +95,7 @@ def study(
             )
         figures = [figure for figure in source.figures if figure.sweep == one.name]
         done.append(Done(one, outcome, opened, figures))
-    return _tell(source, done, folder, small, as_json)
+    return _tell(source, name, done, folder, small, as_json, publish)
 
 
 def find_study(name: str) -> Path:
@@ -101,7 +107,8 @@ def find_study(name: str) -> Path:
     return shipped if shipped.is_file() else path
 
 
-def _plan(one: SweepOfStudy, pythons: Mapping[str, str]) -> Plan:
+def plan_of(one: SweepOfStudy, pythons: Mapping[str, str]) -> Plan:
+    """The plan of a sweep of a study, for the engines that it names, else all that support it."""
     named = one.spec.data.sweep.engines if one.spec.data.sweep is not None else None
     selection = engines_at_work(list(named) if named else None, pythons)
     if not named:
@@ -117,15 +124,26 @@ def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalE
     return LocalExecutor(supplies, side_by_side(None, plan), pythons, warm=WarmProcesses())
 
 
-def _tell(source: StudySource, done: Sequence[Done], folder: Path, small: bool, as_json: bool) -> int:
+def _tell(
+    source: StudySource,
+    name: str,
+    done: Sequence[Done],
+    folder: Path,
+    small: bool,
+    as_json: bool,
+    into: Path | None,
+) -> int:
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
-    records = {one.sweep.name: {shown.name: shown.records for shown in own} for one, own in parts}
     code = max((exit_code(one.outcome) for one in done), default=EXIT_OK)
-    data = study_data(source, done, made, records, small)
+    command = f"simspec study {name}{' --small' if small else ''}"
+    data = study_data(source, done, parts, small, command)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    change_file(folder, STUDY, TABLES_FILE, lambda before: text)
-    change_file(folder, STUDY, PAGE_FILE, lambda before: page(source, made, data))
+    files = {TABLES_FILE: text, PAGE_FILE: page(source, made, data)}
+    change_file(folder, STUDY, TABLES_FILE, lambda before: files[TABLES_FILE])
+    change_file(folder, STUDY, PAGE_FILE, lambda before: files[PAGE_FILE])
+    if into is not None:
+        publish_study(source, name, done, files, small, into)
     if as_json:
         print_json({**data, "folder": folder, "exit_code": code})
         return code
@@ -152,9 +170,9 @@ def exit_code(outcome: Outcome) -> int:
 def study_data(
     source: StudySource,
     done: Sequence[Done],
-    made: Mapping[str, Mapping[str, Sheet]],
-    records: Mapping[str, Mapping[str, Sequence[Record]]],
+    parts: Sequence[tuple[Done, Sequence[Shown]]],
     small: bool,
+    command: str,
 ) -> dict[str, Any]:
     """A study as plain data: its tables as they are printed, each with its figures as data."""
     said: list[str] = []
@@ -183,13 +201,18 @@ def study_data(
         "figures": source.figures_source,
         "said": said,
         "bad": bad,
-        "sweeps": {
-            name: [
-                {"name": key, **dataclasses.asdict(one), "records": list(records[name][key])}
-                for key, one in own.items()
-            ]
-            for name, own in made.items()
-        },
+        "sweeps": {one.sweep.name: [_plain(shown) for shown in own] for one, own in parts},
+        "measured": measured(done, command),
+    }
+
+
+def _plain(shown: Shown) -> dict[str, Any]:
+    """What is shown, as plain data."""
+    return {
+        "name": shown.name,
+        **dataclasses.asdict(sheet(shown.table)),
+        "said": list(shown.said),
+        "records": list(shown.records),
     }
 
 

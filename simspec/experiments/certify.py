@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from simspec.artifacts import Artifacts
 from simspec.engines.kit.identity import engine_name
 from simspec.errors import SpecError
+from simspec.experiments.models import files_hash
 from simspec.experiments.store import Store
 from simspec.experiments.supplies import Prepared
 from simspec.world.canonical import sha256, to_plain
@@ -31,8 +31,7 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
     """What tells the model that an engine is given from every other that the proof tells apart."""
     physics = Physics(world.physics.gravity, world.physics.timestep)
     alike = dataclasses.replace(world, name="", expectations=(), engines=(), record=Record(), physics=physics)
-    mark, name = sha256(world).encode(), engine_name(prepared.compiled.engine)
-    files = {path: content.replace(mark, b"") for path, content in prepared.compiled.artifacts.items()}
+    name = engine_name(prepared.compiled.engine)
     return sha256(
         {
             "schema": KEY_SCHEMA,
@@ -40,7 +39,7 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
             "world": to_plain(alike),
             "engine": prepared.compiled.engine,
             "options": to_plain(world.options(name)),
-            "files": Artifacts(files).sha256,
+            "files": files_hash(world, prepared.compiled),
             "versions": dict(sorted(versions.items())),
         }
     )

@@ -149,10 +149,10 @@ def test_its_page_has_its_tables(folder):
     assert "Other (elsewhere)" in page
     tables = folder / "runs" / "bounces" / "study.json"
     whole = tables.read_text()
-    tables.write_text(whole.replace('"schema": 1', '"schema": 2', 1))
+    tables.write_text(whole.replace('"schema": 2', '"schema": 3', 1))
     result = CliRunner().invoke(app, ["report", "runs/bounces"])
     assert result.exit_code == 2
-    assert "schema 2, this simspec reads 1" in result.stderr
+    assert "schema 3, this simspec reads 2" in result.stderr
     tables.write_text(whole)
 
 

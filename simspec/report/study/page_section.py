@@ -8,12 +8,13 @@ from simspec.errors import Problem, SpecError, visible
 from simspec.outputs.marker import STUDY, read_marker
 from simspec.outputs.reading import read_bytes
 from simspec.report.page.section import Section
-from simspec.report.page.sheets import Cell, Sheet
+from simspec.report.page.sheets import Sheet
 from simspec.report.page.words import BAD, GOOD, Sentence
-from simspec.stored import StoredTableShown, StudyTables, read_as
+from simspec.report.study.pages import stored_sheet
+from simspec.stored import StudyTables, read_as
 
 TABLES_FILE = "study.json"
-SCHEMA = 1
+SCHEMA = 2
 LARGEST = 64 * 2**20
 """Bytes of ``study.json``."""
 
@@ -48,7 +49,7 @@ def study_section(tables: StudyTables) -> Section:
         notes=tuple(visible(note) for note in notes if note),
         certificate=(),
         certificate_notes=(),
-        results=tuple(_sheet(one) for own in tables.sweeps.values() for one in own),
+        results=tuple(stored_sheet(one) for own in tables.sweeps.values() for one in own),
         details=(),
         provenance=Sheet(
             "Provenance", (), (), "Each run is in the study's store, with where it came from: simspec study"
@@ -56,9 +57,3 @@ def study_section(tables: StudyTables) -> Section:
         scene=None,
         caption="",
     )
-
-
-def _sheet(stored: StoredTableShown) -> Sheet:
-    head = tuple(Cell(visible(one.text, lines=True), one.classes) for one in stored.head)
-    rows = tuple(tuple(Cell(visible(one.text, lines=True), one.classes) for one in row) for row in stored.rows)
-    return Sheet(visible(stored.title), head, rows, visible(stored.note))

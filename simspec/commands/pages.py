@@ -1,0 +1,99 @@
+"""``simspec pages``: pages of Markdown are filled from published studies, or looked at for being current."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from simspec.arguments import interpreters, print_json
+from simspec.commands.study import find_study, plan_of
+from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.experiments.published import older_sweeps, read_models, sweep_models
+from simspec.language.study_specs import load_study_file
+from simspec.outputs.reading import read_bytes
+from simspec.outputs.targets import LARGEST_OWN
+from simspec.outputs.writing import write_file
+from simspec.report.screen import say
+from simspec.report.study.page_section import TABLES_FILE, study_tables
+from simspec.report.study.pages import filled, marks
+from simspec.stored import StudyTables
+
+STUDIES = "studies"
+"""The folder beside a page in which published studies are."""
+
+
+def pages(files: Sequence[Path], *, check: bool, older: bool, python: list[str] | None, as_json: bool) -> int:
+    """Fill the pages, or see whether they are current, and whether their figures are of the models of today."""
+    texts = {path: _text(path) for path in files}
+    found = {path: marks(text, str(path)) for path, text in texts.items()}
+    folders = {path.parent / STUDIES / mark.study for path, own in found.items() for mark in own}
+    kept = {folder: _published(folder) for folder in sorted(folders)}
+    pythons = interpreters(python, None)
+    why = {folder: _older(folder, pythons) for folder in kept}
+    problems: list[str] = []
+    written: list[Path] = []
+    for path, text in texts.items():
+        beside = path.parent / STUDIES
+        stale = {(mark.study, mark.sweep or "") for mark in found[path] if mark.sweep in why[beside / mark.study]}
+        said = {(mark.study, mark.sweep or "") for mark in found[path] if mark.says_older}
+        told = stale if older else stale & said
+        for study, sweep in sorted(stale - told):
+            problems.append(
+                f"{path}: figures of {study}, sweep {sweep}, are older than the code: {why[beside / study][sweep]}"
+            )
+        wanted = filled(text, str(path), _tables_in(beside, kept), told)
+        if wanted != text and check:
+            problems.append(f"{path} is not what the study's results give; simspec pages {path} writes it")
+        elif wanted != text:
+            write_file(path, wanted, text.encode().__eq__)
+            written.append(path)
+    if as_json:
+        plain = {folder.as_posix(): own for folder, own in why.items()}
+        print_json({"pages": list(texts), "written": written, "problems": problems, "older": plain})
+        return EXIT_FAILED if problems else EXIT_OK
+    for line in problems:
+        say(line, error=True)
+    if any("older than the code" in line for line in problems):
+        say(
+            "simspec study STUDY --publish DIR measures them anew; simspec pages --older makes the pages say so",
+            error=True,
+        )
+    for path in () if check else texts:
+        say(f"{path}: {'written' if path in written else 'already current'}")
+    return EXIT_FAILED if problems else EXIT_OK
+
+
+def _tables_in(beside: Path, kept: dict[Path, StudyTables]) -> Callable[[str], StudyTables]:
+    return lambda study: kept[beside / study]
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bytes(path, LARGEST_OWN).decode("utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        raise SpecError([Problem(f"{path}: no such page")]) from None
+    except UnicodeDecodeError:
+        raise SpecError([Problem(f"{path} is not text in UTF-8")]) from None
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path, LARGEST_OWN)).hexdigest()
+
+
+def _published(folder: Path) -> StudyTables:
+    """The tables of a published study. Raises SpecError where there are none, or not those of its models."""
+    models = read_models(folder)
+    tables = study_tables(folder)
+    if tables is None or _hash(folder / TABLES_FILE) != models.study_sha256:
+        message = f"{folder / TABLES_FILE}: was edited or is damaged: it is not the one that was published"
+        raise SpecError([Problem(message, hint=f"simspec study {models.source} --publish {folder} writes it anew")])
+    return tables
+
+
+def _older(folder: Path, pythons: dict[str, str]) -> dict[str, str]:
+    """By sweep, why the figures of a published study are older than the code."""
+    kept = read_models(folder)
+    source = load_study_file(find_study(kept.source))
+    now = {one.name: sweep_models(source, one, plan_of(one, pythons)) for one in source.sweeps(kept.small)}
+    return older_sweeps(kept, now)

@@ -1,0 +1,94 @@
+"""The models of a published study: kept beside its figures, and held against what the code makes of the study today."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from simspec.errors import Problem, SpecError
+from simspec.experiments.asked import digest
+from simspec.experiments.cases import case_of
+from simspec.experiments.models import Model, changed, models_of, plain_model, read_model
+from simspec.experiments.plan import Plan
+from simspec.experiments.store import Store
+from simspec.experiments.sweep import Outcome, stored_key
+from simspec.language.study_specs import StudySource, SweepOfStudy
+from simspec.outputs.marker import STUDY, read_marker
+from simspec.outputs.reading import read_bytes
+from simspec.stored import StudyModels, read_as
+
+MODELS_FILE = "models.json"
+SCHEMA = 1
+LARGEST = 64 * 2**20
+MOST_MODELS = 20_000
+"""Models of a study that is published: each is compiled for every check."""
+
+
+def asked_of(source: StudySource, one: SweepOfStudy) -> str:
+    """The hash of what a study asks for in a sweep, beside its models: repetitions, seeds, what is shown, figures from
+    elsewhere."""
+    figures = [figure.model_dump(mode="json") for figure in source.figures if figure.sweep == one.name]
+    words = one.words
+    swept = one.spec.source.document.data.get("sweep")
+    return digest([swept, words.show, {name: dict(own) for name, own in words.unequal.items()}, figures]).hex()
+
+
+def sweep_models(source: StudySource, one: SweepOfStudy, plan: Plan) -> dict[str, Any]:
+    """The models of one sweep as plain data."""
+    return {"asked": asked_of(source, one), "models": [plain_model(model) for model in models_of(plan)]}
+
+
+def strangers(outcome: Outcome, store: Store) -> Iterator[str]:
+    """Runs that a sweep took from its store and that are not of the models that the code makes of it today, in words."""
+    plan = outcome.plan
+    for cell, row in outcome.rows():
+        if row is None:
+            continue
+        try:
+            case = case_of(plan, cell)
+        except SpecError:
+            continue
+        if stored_key(case, cell, plan.versions[cell.engine], plan.measure) != row.key:
+            yield f"run {row.key[:16]}… of {cell.engine}"
+
+
+def read_models(folder: Path) -> StudyModels:
+    """What a published study is of. Raises SpecError where it is missing or damaged."""
+    marker = read_marker(folder) if folder.is_dir() else None
+    path = folder / MODELS_FILE
+    hint = "simspec study STUDY --publish DIR writes it"
+    if marker is None or marker.kind != STUDY or not marker.owns(MODELS_FILE):
+        raise SpecError([Problem(f"{folder} is not a published study", hint=hint)])
+    try:
+        models = read_as(StudyModels, read_bytes(path, LARGEST, folder), str(path))
+    except FileNotFoundError:
+        raise SpecError([Problem(f"{path} is missing", hint=hint)]) from None
+    if models.schema_ != SCHEMA:
+        raise SpecError([Problem(f"{path}: schema {models.schema_}, this simspec reads {SCHEMA}", hint=hint)])
+    return models
+
+
+def older_sweeps(kept: StudyModels, now: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """By sweep, in words, why figures are older than the code; sweeps whose models are those of today are not there.
+
+    ``now``: :func:`sweep_models` of each sweep.
+    """
+    told: dict[str, str] = {}
+    for name in dict.fromkeys([*kept.sweeps, *now]):
+        if name not in now:
+            told[name] = "the study has no such sweep any more"
+        elif name not in kept.sweeps:
+            told[name] = "the sweep was not measured"
+        else:
+            before = [read_model(model.model_dump()) for model in kept.sweeps[name].models]
+            why = changed(before, _models(now[name]))
+            if why is None and kept.sweeps[name].asked != now[name]["asked"]:
+                why = "the study asks for something else (repetitions, seeds, what is shown, or figures from elsewhere)"
+            if why is not None:
+                told[name] = why
+    return told
+
+
+def _models(plain: Mapping[str, Any]) -> list[Model]:
+    return [read_model(model) for model in plain["models"]]
