@@ -109,6 +109,7 @@ class Provenance(BaseModel):
     perturb: float = 0.0
     warnings: list[str] = []
     control: StoredControl | None = None
+    contact_groups: list[list[str]] | None = None
 
     def plain(self) -> dict[str, Any]:
         """What the run's own provenance was: without what saving it added."""

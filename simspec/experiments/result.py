@@ -11,8 +11,8 @@ from typing import Any, BinaryIO
 
 from simspec.comparison.runs import summary
 from simspec.runner.expectations import evaluate
+from simspec.runner.labels import labels_of
 from simspec.runner.run import Run
-from simspec.runner.store import driven_joints
 from simspec.runner.tables import table_writers
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import World
@@ -94,7 +94,7 @@ def result_of(
             "artifacts_sha256": asked.get("artifacts_sha256"),
         },
         circumstances,
-        table_writers(world, run.columns, driven_joints(run.provenance)) if run.recorded else {},
+        table_writers(world, run.columns, labels_of(run.provenance)) if run.recorded else {},
     )
 
 

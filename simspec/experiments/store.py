@@ -32,6 +32,7 @@ from simspec.outputs.collection import Collection, open_collection
 from simspec.outputs.marker import STORE, read_marker
 from simspec.outputs.reading import open_regular, read_bytes
 from simspec.outputs.writing import put
+from simspec.runner.labels import labels_of
 from simspec.runner.run import SCHEMA as RUN_SCHEMA
 from simspec.runner.run import Run
 from simspec.runner.store import LARGEST_FACTS, LARGEST_WORLD, digest, load_tables
@@ -190,7 +191,7 @@ class Store:
         path = self.path / place_of(key) / RUN_FILE
         try:
             world = whole_world(self.world(facts.result.world), facts.asked.model_dump())
-            joints = [str(name) for name in (facts.result.provenance.get("control") or {}).get("joints", ())]
+            labels = labels_of(facts.result.provenance)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}")]) from None
         if sha256(world) != facts.asked.world_sha256:
@@ -207,7 +208,7 @@ class Store:
         }
         if asked.artifacts_sha256 is not None:
             provenance["artifacts_sha256"] = asked.artifacts_sha256
-        arrays = load_tables(self.path / place_of(key), world, facts.tables, joints) if tables else {}
+        arrays = load_tables(self.path / place_of(key), world, facts.tables, labels) if tables else {}
         spent = arrays.pop("seconds", None)
         if tables and not arrays and result.failed is None:
             raise SpecError([Problem(f"{path}: has no tables, and is not marked as failed")])

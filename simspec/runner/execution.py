@@ -27,6 +27,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.mapped import RECORDED_BYTES, parts, zeros
 from simspec.runner.case import Case
+from simspec.runner.labels import GROUPS, contact_sides
 from simspec.runner.run import SCHEMA, Run
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256, to_plain
@@ -144,8 +145,13 @@ def _finish(case: Case, facts: Mapping[str, Any], reply: Reply) -> Run:
     arrays["time"] = zeros(arrays["step"].shape)
     for part in parts(len(arrays["step"]), 16, arrays["step"], arrays["time"]):
         arrays["time"][part] = arrays["step"][part] * world.physics.timestep
+    more: dict[str, Any] = {}
+    if "contact.unit" in arrays:
+        sides, groups = contact_sides(world, answer.result["contact_units"], arrays.pop("contact.unit"))
+        arrays["contact.shape"], more[GROUPS] = sides, groups
     provenance = {
         **facts,
+        **more,
         **reply.versions,
         "case": case.key({"simspec": facts["simspec"], **reply.versions}),
         "steps": answer.result["steps"],

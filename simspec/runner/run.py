@@ -29,7 +29,8 @@ class Run:
     """What one engine made of one world.
 
     ``arrays``: step, time (s), q, v, pose, velocity, and as recorded energy (kinetic, potential; by the engine) and
-    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs) and, where joints are driven, ``control.target``
+    ``contact.*`` (ragged; ``contact.row`` says to which row each belongs; ``contact.shape`` is there where the engine tells
+    shapes, see :mod:`simspec.runner.labels`) and, where joints are driven, ``control.target``
     (q*) and ``control.effort`` (of the step before the row; columns: ``provenance["control"]["joints"]``); one row per recorded
     time, the initial state first; units and frames as in :mod:`simspec.engines.kit.contract`. Empty when the engine gave none.
     ``provenance``: what is needed to do it again: hashes, versions, settings, accepted approximations, seconds.
@@ -148,7 +149,7 @@ class Run:
         """A table of the run as a pandas data frame, with the columns of its Parquet file: ``bodies`` (a row for each time and
         body), ``states``, and as recorded ``contacts``, ``energy``, ``control`` and ``seconds``. Raises SpecError where that
         was not recorded, or pandas is not installed."""
-        from simspec.runner.store import driven_joints
+        from simspec.runner.labels import labels_of
         from simspec.runner.tables import arrow_table
 
         if not self.recorded:
@@ -159,7 +160,7 @@ class Run:
             hint = "pip install 'simspec[pandas]'"
             raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint)]) from None
         del pandas  # pyarrow imports it by itself
-        return arrow_table(self.world, self.columns, driven_joints(self.provenance), table).to_pandas()
+        return arrow_table(self.world, self.columns, labels_of(self.provenance), table).to_pandas()
 
     def _factor(self, name: str) -> float | None:
         seconds = self.provenance.get("seconds", {}).get(name)

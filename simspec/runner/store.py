@@ -10,7 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from simspec.outputs.marker import RUN
 from simspec.outputs.reading import open_regular, read_bytes
 from simspec.outputs.writing import build_folder, put
 from simspec.runner import tables
+from simspec.runner.labels import Labels, labels_of
 from simspec.runner.run import SCHEMA, Run
 from simspec.stored import Provenance, StoredTable, parse, read_as
 from simspec.world.canonical import canonical_json, from_plain, sha256
@@ -50,7 +51,7 @@ def save_run(run: Run, folder: Path) -> Path:
     def build(fresh: Path) -> Iterator[str]:
         written = {}
         if run.recorded:
-            for name, rows in tables.write_tables(run.world, run.columns, driven_joints(run.provenance), fresh):
+            for name, rows in tables.write_tables(run.world, run.columns, labels_of(run.provenance), fresh):
                 file = f"{name}.parquet"
                 with open(fresh / file, "rb") as content:
                     written[name] = {"sha256": digest(content), "rows": rows}
@@ -134,11 +135,10 @@ def load_run(folder: Path | str) -> Run:
     if facts.world_sha256 != sha256(world):
         message = f"{path}: this is not the world that was run: its hash differs from the provenance"
         raise SpecError([Problem(message)])
-    joints = list(facts.control.joints) if facts.control is not None else []
-    arrays = load_tables(folder, world, facts.tables, joints)
+    provenance = facts.plain()
+    arrays = load_tables(folder, world, facts.tables, labels_of(provenance))
     if not arrays and facts.failed is None:
         raise SpecError([Problem(f"{folder} is not a complete run: it has no tables, and is not marked as failed")])
-    provenance = facts.plain()
     spent = arrays.pop("seconds", None)
     return Run(world, facts.engine, arrays, provenance, facts.failed, spent)
 
@@ -150,15 +150,13 @@ def _unreadable(path: Path, error: BaseException) -> SpecError:
     return SpecError([Problem(f"{path} cannot be read: {why}")])
 
 
-def load_tables(
-    folder: Path, world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]
-) -> dict[str, np.ndarray]:
-    """The arrays of a run of ``world`` from its tables in ``folder``, and ``seconds`` where they are stored; ``joints``: those
-    with controllers. Raises SpecError where a table is not the one of its hash, or tables contradict each other."""
+def load_tables(folder: Path, world: World, stored: Mapping[str, StoredTable], labels: Labels) -> dict[str, np.ndarray]:
+    """The arrays of a run of ``world`` from its tables in ``folder``, and ``seconds`` where they are stored; ``labels``: names
+    of columns. Raises SpecError where a table is not the one of its hash, or tables contradict each other."""
     if not stored:
         return {}
     try:
-        wanted = _wanted(world, stored, joints)
+        wanted = _wanted(world, stored, labels)
         times = stored["states"].rows
         counts = {"bodies": times * len(world.bodies), "contacts": stored.get("contacts", NONE).rows}
         rows = {name: counts.get(name, times) for name in wanted}
@@ -168,15 +166,15 @@ def load_tables(
                 path = folder / f"{name}.parquet"
                 source = opened.enter_context(_opened(path, folder, stored[name].sha256, schema, rows[name]))
                 sources[name] = _blocks(path, source, schema, rows[name])
-            return tables.read_arrays(world, joints, rows, sources)
+            return tables.read_arrays(world, labels, rows, sources)
     except UNREADABLE as error:
         raise _unreadable(folder, error) from None
 
 
-def _wanted(world: World, stored: Mapping[str, StoredTable], joints: Sequence[str]) -> dict[str, pa.Schema]:
+def _wanted(world: World, stored: Mapping[str, StoredTable], labels: Labels) -> dict[str, pa.Schema]:
     """The columns of the stored tables. Raises ValueError where they cannot be those of a run."""
     extra = {"energy": "energy", "control": "control.target", "contacts": "contact.row", "seconds": "seconds"}
-    wanted = tables.schemas(world, [extra[name] for name in stored if name in extra], joints)
+    wanted = tables.schemas(world, [extra[name] for name in stored if name in extra], labels)
     if set(wanted) != set(stored):
         raise ValueError(f"tables {', '.join(sorted(stored))[:200]}, should be {', '.join(sorted(wanted))}")
     if stored["states"].rows > world.physics.steps + 1:

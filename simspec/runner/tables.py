@@ -1,8 +1,9 @@
 """The tables of a saved run: what columns they have, writing and reading them block by block, with
 nothing believed.
 
-``bodies`` and ``contacts`` are long tables with the bodies' names; ``states`` has a column for each generalised coordinate, by
-its name (``q.elbow``, ``v.base.wx``), ``control`` one for each driven joint's target and effort (``target.elbow``).
+``bodies`` and ``contacts`` are long tables with the names of bodies, and of shapes that touch; ``states`` has a column for each
+generalised coordinate, by its name (``q.elbow``, ``v.base.wx``), ``control`` one for each driven joint's target and effort
+(``target.elbow``).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import Problem, SpecError
 from simspec.mapped import RECORDED_BYTES, block_rows, parts, release, zeros
+from simspec.runner.labels import Labels, side_names
 from simspec.world.coordinates import Coordinates, coordinates
 from simspec.world.types import World
 
@@ -42,8 +44,8 @@ LARGEST_FOOTER = 64 * 2**20
 """Bytes of a Parquet file's own metadata."""
 
 
-def schemas(world: World, arrays: Sequence[str], joints: Sequence[str]) -> dict[str, pa.Schema]:
-    """The columns of every table of a run of ``world`` that recorded ``arrays``; ``joints``: those with controllers."""
+def schemas(world: World, arrays: Sequence[str], labels: Labels) -> dict[str, pa.Schema]:
+    """The columns of every table of a run of ``world`` that recorded ``arrays``; ``labels``: names of columns."""
     import pyarrow as pa
 
     number, integer, name = pa.float64(), pa.int64(), pa.dictionary(pa.int32(), pa.string())
@@ -58,11 +60,13 @@ def schemas(world: World, arrays: Sequence[str], joints: Sequence[str]) -> dict[
     if "energy" in arrays:
         tables["energy"] = pa.schema([*when, ("kinetic", number), ("potential", number)])
     if "control.target" in arrays:
-        driven = [(f"{part}.{joint}", number) for part in ("target", "effort") for joint in joints]
+        driven = [(f"{part}.{joint}", number) for part in ("target", "effort") for joint in labels.joints]
         tables["control"] = pa.schema([*when, *driven])
     if "contact.row" in arrays:
         measured = [*AXES, *(f"n{axis}" for axis in AXES), "distance", "normal_force"]
         pair = [("first", name), ("second", name)]
+        if labels.groups is not None:
+            pair += [("first_shape", name), ("second_shape", name)]
         tables["contacts"] = pa.schema([("row", integer), *when, *pair, *((column, number) for column in measured)])
     if "seconds" in arrays:
         tables["seconds"] = pa.schema([*when, *((column, number) for column in SECONDS_COLUMNS)])
@@ -80,42 +84,42 @@ def _coordinate_fields(world: World) -> list[tuple[str, Any]]:
 
 
 def write_tables(
-    world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str], folder: Path
+    world: World, arrays: Mapping[str, np.ndarray], labels: Labels, folder: Path
 ) -> Iterator[tuple[str, int]]:
     """Write every table into ``folder``, a block at a time, and give its name and number of rows."""
-    for name, schema in schemas(world, list(arrays), joints).items():
-        yield name, _write(name, schema, world, arrays, folder / f"{name}.parquet")
+    for name, schema in schemas(world, list(arrays), labels).items():
+        yield name, _write(name, schema, world, labels, arrays, folder / f"{name}.parquet")
 
 
-def table_writers(
-    world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str]
-) -> dict[str, Callable[[Any], int]]:
+def table_writers(world: World, arrays: Mapping[str, np.ndarray], labels: Labels) -> dict[str, Callable[[Any], int]]:
     """For every table, by name, what writes it into an open file, a block at a time, and gives its number of rows."""
     return {
-        name: functools.partial(_write, name, schema, world, arrays)
-        for name, schema in schemas(world, list(arrays), joints).items()
+        name: functools.partial(_write, name, schema, world, labels, arrays)
+        for name, schema in schemas(world, list(arrays), labels).items()
     }
 
 
-def arrow_table(world: World, arrays: Mapping[str, np.ndarray], joints: Sequence[str], name: str) -> pa.Table:
+def arrow_table(world: World, arrays: Mapping[str, np.ndarray], labels: Labels, name: str) -> pa.Table:
     """A table of a run in memory, with the columns of its file. Raises SpecError where the run did not record it."""
     import pyarrow as pa
 
-    known = schemas(world, list(arrays), joints)
+    known = schemas(world, list(arrays), labels)
     if name not in known:
         hint = f"recorded are {', '.join(known)}"
         raise SpecError([Problem(f"the run recorded no table {name!r}", found=name, hint=hint)])
     schema = known[name]
-    return pa.concat_tables([_table(columns, schema, world) for columns in _COLUMNS[name](world, arrays)])
+    return pa.concat_tables([_table(columns, schema, world, labels) for columns in _COLUMNS[name](world, arrays)])
 
 
-def _write(name: str, schema: pa.Schema, world: World, arrays: Mapping[str, np.ndarray], target: Any) -> int:
+def _write(
+    name: str, schema: pa.Schema, world: World, labels: Labels, arrays: Mapping[str, np.ndarray], target: Any
+) -> int:
     from pyarrow import parquet
 
     rows = 0
     with parquet.ParquetWriter(target, schema, compression="zstd", **_encodings(schema)) as writer:
         for columns in _COLUMNS[name](world, arrays):
-            table = _table(columns, schema, world)
+            table = _table(columns, schema, world, labels)
             rows += len(table)
             writer.write_table(table)
     return rows
@@ -138,13 +142,15 @@ def _encodings(schema: pa.Schema) -> dict[str, list[str]]:
     return {"use_dictionary": words, "use_byte_stream_split": numbers}
 
 
-def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World) -> pa.Table:
+def _table(columns: Sequence[np.ndarray], schema: pa.Schema, world: World, labels: Labels) -> pa.Table:
     import pyarrow as pa
 
-    names = pa.array([body.name for body in world.bodies], pa.string())
+    bodies = pa.array([body.name for body in world.bodies], pa.string())
+    sides = pa.array(side_names(world, labels) if "first_shape" in schema.names else [], pa.string())
     filled = []
     for values, field in zip(columns, schema, strict=True):
         if pa.types.is_dictionary(field.type):
+            names = sides if field.name.endswith("_shape") else bodies
             filled.append(pa.DictionaryArray.from_arrays(pa.array(values.astype(np.int32)), names))
         elif pa.types.is_fixed_size_list(field.type):
             filled.append(pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1]))
@@ -196,10 +202,12 @@ def _seconds(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np
 
 def _contacts(world: World, arrays: Mapping[str, np.ndarray]) -> Iterator[list[np.ndarray]]:
     names = [f"contact.{name}" for name in ("row", "body", "position", "normal", "distance", "normal_force")]
-    for row, pair, position, normal, distance, force in _parts(arrays, *names):
+    if "contact.shape" in arrays:
+        names.insert(2, "contact.shape")
+    for row, *pairs, position, normal, distance, force in _parts(arrays, *names):
         row = row.astype(np.int64)
         step, time = arrays["step"][row], arrays["time"][row]
-        yield [row, step, time, *pair.T, *position.T, *normal.T, distance, force]
+        yield [row, step, time, *(side for pair in pairs for side in pair.T), *position.T, *normal.T, distance, force]
 
 
 _COLUMNS = {
@@ -305,40 +313,43 @@ def lists(table: pa.Table, name: str) -> np.ndarray:
     return flat.reshape(len(table), -1) if len(flat) else np.zeros((len(table), 0))
 
 
-def indices(table: pa.Table, name: str, world: World) -> np.ndarray:
-    """A column of bodies' names as indices (rows,). Raises ValueError for a name that is no body's."""
-    places = {body.name: index for index, body in enumerate(world.bodies)}
+def indices(table: pa.Table, name: str, names: Sequence[str]) -> np.ndarray:
+    """A column of ``names`` as indices (rows,). Raises ValueError for another name."""
+    places = {name: index for index, name in enumerate(names)}
     blocks = [np.zeros(0, dtype=np.int64)]
     for chunk in table[name].chunks:
         words = chunk.dictionary.to_pylist()
         strange = [word for word in words if word not in places]
         if strange or chunk.null_count:
             raise ValueError(
-                f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which is not a body of the world"
+                f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which the world does not have"
             )
         blocks.append(np.array([places[word] for word in words], dtype=np.int64)[chunk.indices.to_numpy()])
     return np.concatenate(blocks)
 
 
 def read_arrays(
-    world: World, joints: Sequence[str], rows: Mapping[str, int], read: Mapping[str, Blocks]
+    world: World, labels: Labels, rows: Mapping[str, int], read: Mapping[str, Blocks]
 ) -> dict[str, np.ndarray]:
     """The arrays of a run from its tables, each given block by block, and the number of rows of each. Raises ValueError where
     tables contradict each other."""
     known, count, times = coordinates(world), len(world.bodies), rows["states"]
+    bodies = [body.name for body in world.bodies]
     arrays = {"step": zeros((times,), int), "time": zeros((times,))}
     arrays |= {"q": zeros((times, len(known.q))), "v": zeros((times, len(known.v)))}
     _read_states(known, arrays, read["states"])
     pose, velocity = zeros((times * count, len(POSE_COLUMNS))), zeros((times * count, len(VELOCITY_COLUMNS)))
     for part, table in read["bodies"]:
         place = np.arange(part.start, part.stop)
-        if not np.array_equal(indices(table, "body", world), place % count):
+        if not np.array_equal(indices(table, "body", bodies), place % count):
             raise ValueError("bodies.parquet: the bodies are not the world's, in the world's order, at every time")
         _demand_times(arrays, "bodies", table, place // count)
         _put(part, (pose, columns(table, POSE_COLUMNS)), (velocity, columns(table, VELOCITY_COLUMNS)))
     arrays["pose"], arrays["velocity"] = (values.reshape(times, count, values.shape[1]) for values in (pose, velocity))
     by_table = {"energy": {"energy": ["kinetic", "potential"]}, "seconds": {"seconds": list(SECONDS_COLUMNS)}}
-    by_table["control"] = {f"control.{part}": [f"{part}.{name}" for name in joints] for part in ("target", "effort")}
+    by_table["control"] = {
+        f"control.{part}": [f"{part}.{name}" for name in labels.joints] for part in ("target", "effort")
+    }
     for name, wanted in by_table.items():
         if name not in read:
             continue
@@ -346,7 +357,10 @@ def read_arrays(
         for part, table in read[name]:
             _demand_times(arrays, name, table, np.arange(part.start, part.stop))
             _put(part, *((arrays[array], columns(table, names)) for array, names in wanted.items()))
-    return arrays | (_read_contacts(world, arrays, rows["contacts"], read["contacts"]) if "contacts" in read else {})
+    if "contacts" in read:
+        sides = None if labels.groups is None else side_names(world, labels)
+        arrays |= _read_contacts(bodies, sides, arrays, rows["contacts"], read["contacts"])
+    return arrays
 
 
 def _put(part: slice, *pairs: tuple[np.ndarray, np.ndarray]) -> None:
@@ -381,11 +395,17 @@ def _demand_times(arrays: Mapping[str, np.ndarray], name: str, table: pa.Table, 
         release(arrays[column])
 
 
-def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, read: Blocks) -> dict[str, np.ndarray]:
+def _read_contacts(
+    bodies: Sequence[str], sides: Sequence[str] | None, arrays: Mapping[str, np.ndarray], count: int, read: Blocks
+) -> dict[str, np.ndarray]:
+    """``bodies``, ``sides``: the names of bodies and of contacts' sides, None where those were not recorded."""
     shapes: dict[str, tuple[int, ...]] = {"row": (), "body": (2,), "position": (3,), "normal": (3,)}
     shapes |= {"distance": (), "normal_force": ()}
+    if sides is not None:
+        shapes["shape"] = (2,)
     contacts = {
-        name: zeros((count, *shape), int if name in ("row", "body") else float) for name, shape in shapes.items()
+        name: zeros((count, *shape), int if name in ("row", "body", "shape") else float)
+        for name, shape in shapes.items()
     }
     last, rows = 0, len(arrays["step"])
     for part, table in read:
@@ -398,6 +418,10 @@ def _read_contacts(world: World, arrays: Mapping[str, np.ndarray], count: int, r
         release(arrays["step"])
         values = {"row": row, "position": columns(table, AXES), "normal": columns(table, [f"n{axis}" for axis in AXES])}
         values |= {name: table[name].to_numpy() for name in ("distance", "normal_force")}
-        values["body"] = np.stack([indices(table, side, world) for side in ("first", "second")], axis=-1)
+        values["body"] = np.stack([indices(table, side, bodies) for side in ("first", "second")], axis=-1)
+        if sides is not None:
+            values["shape"] = np.stack(
+                [indices(table, f"{side}_shape", sides) for side in ("first", "second")], axis=-1
+            )
         _put(part, *((contacts[name], column) for name, column in values.items()))
     return {f"contact.{name}": values for name, values in contacts.items()}

@@ -155,6 +155,28 @@ class ContactSuite(Suite):
         measured = float(velocity[1, -1, 0] - velocity[2, -1, 0]) / (60 * 0.001 * GRAVITY)
         assert measured == pytest.approx(expected, rel=0.02)
 
+    @pytest.mark.parametrize(("first", "second"), [("a", "b"), ("a", "a")])
+    def test_contacts_name_the_shapes_that_touch(self, bench: Bench, first: str, second: str) -> None:
+        """Where an engine tells the units of contacts, each has the shape that is there; several where it tells no more."""
+        world = bench.allowed(two_materials_on_one_body(first, second))
+        if world is None:
+            return
+        answer = bench.run(world, 100, 20, "contacts")
+        if "contact.unit" not in answer.arrays:
+            return  # contacts are then compared by bodies, and reports say so
+        units, box = answer.result["contact_units"], len(world.bodies) - 1
+        assert len(answer.arrays["contact.unit"]) > 0
+        sides = [answer.arrays[f"contact.{name}"] for name in ("unit", "body", "position")]
+        seen = set()
+        for pair, bodies, position in zip(*sides, strict=True):
+            assert [units[unit]["body"] for unit in pair] == bodies.tolist()
+            near = "near" if position[1] < 10.0 else "far"
+            assert near in units[pair[bodies.tolist().index(box)]]["shapes"]
+            (tile,) = (units[unit]["shapes"] for unit, body in zip(pair, bodies, strict=True) if body != box)
+            seen.add((near, *tile))
+        assert {near for near, _ in seen} == {"near", "far"}
+        assert len(seen) == 2
+
     def test_copies_of_shapes_change_nothing_in_the_motion(self, bench: Bench) -> None:
         """The same bodies with shapes of one material, and with copies in layers, move alike where nothing touches."""
         base = plain_surfaces()

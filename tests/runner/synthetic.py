@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.arrays import CONTACT_FIELDS, empty_contacts
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout
@@ -67,8 +67,9 @@ def run(
     }
     rows = contacts or []
     arrays["contact.row"] = np.array([row[0] for row in rows], dtype=np.int64)
-    for name, empty in empty_contacts().items():
-        arrays[f"contact.{name}"] = np.zeros((len(rows), *empty.shape[1:]), dtype=empty.dtype)
+    empty = empty_contacts()
+    for name in CONTACT_FIELDS:
+        arrays[f"contact.{name}"] = np.zeros((len(rows), *CONTACT_FIELDS[name]), dtype=empty[name].dtype)
     arrays["contact.body"] = np.array([row[1:3] for row in rows], dtype=np.int64).reshape(-1, 2)
     arrays["contact.distance"] = np.array([row[3] for row in rows], dtype=float)
     arrays["contact.normal_force"] = np.array([row[4] for row in rows], dtype=float)

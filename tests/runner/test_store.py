@@ -16,6 +16,7 @@ import pytest
 from simspec.errors import EngineError, SpecError
 from simspec.runner import store, tables
 from simspec.runner.execution import failed_run
+from simspec.runner.labels import Labels
 from simspec.runner.store import is_run, load_run
 from simspec.world.coordinates import coordinates
 from simspec.world.types import Joint
@@ -392,7 +393,7 @@ def test_a_table_that_would_fill_memory_is_not_unpacked(tmp_path, monkeypatch):
     one.save(tmp_path / "run")
     path = tmp_path / "run" / BODIES
     monkeypatch.setattr(tables, "LARGEST_TABLE", 2_000)
-    schema = tables.schemas(one.world, [], [])["bodies"]
+    schema = tables.schemas(one.world, [], Labels())["bodies"]
     with open(path, "rb") as file, pytest.raises(ValueError, match="GB unpacked, more than the"):
         list(tables.read_blocks(tables.open_parquet(file, path.stat().st_size), schema, 2 * len(one.time)))
 

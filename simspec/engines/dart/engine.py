@@ -298,10 +298,12 @@ class Dart(SimulatedEngine[Simulation]):
         held = sim.contacts_of(sim.world.getLastCollisionResult())
         if not held:
             return empty_contacts()
+        units = np.array([shapes for shapes, _ in held], dtype=np.int64)
         normal = np.array([contact.normal for _, contact in held])
         force = np.array([contact.force for _, contact in held])
         return {
-            "body": np.array([bodies for bodies, _ in held], dtype=np.int64),
+            "body": np.array(sim.body_of_shape, dtype=np.int64)[units],
+            "unit": units,
             "position": np.array([contact.point for _, contact in held]),
             "normal": normal,
             "distance": -np.array([contact.penetrationDepth for _, contact in held]),
@@ -309,8 +311,9 @@ class Dart(SimulatedEngine[Simulation]):
         }
 
     def collision_units(self) -> Sequence[CollisionUnit]:
-        place = self._simulation.nodes.place_of_body
-        return [CollisionUnit(place[shape.body], (shape.name,)) for shape in self._simulation.sidecar.shapes]
+        sim = self._simulation
+        shapes = zip(sim.body_of_shape, sim.sidecar.shapes, strict=True)
+        return [CollisionUnit(body, (shape.name,)) for body, shape in shapes]
 
     def detect_units(self) -> np.ndarray:
         return sorted_pairs(self._simulation.detect_contacts())

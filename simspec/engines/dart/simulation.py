@@ -62,6 +62,8 @@ class Simulation:
         self.timestep: float = self.world.getTimeStep()
         self.nodes = Nodes(self.world, sidecar)
         self.names, self.bodies = self.nodes.names, self.nodes.bodies
+        self.body_of_shape = [self.nodes.place_of_body[shape.body] for shape in sidecar.shapes]
+        """The index of the world's body that has each of the sidecar's shapes."""
         self.offsets = np.array([entry.frame_offset for entry in sidecar.bodies], dtype=float).reshape(-1, 3)
         self.coordinates = Coordinates(self.bodies, [entry.kind for entry in sidecar.bodies])
         self._set_limits()
@@ -188,18 +190,19 @@ class Simulation:
     # --- contact ----------------------------------------------------------------------------------------------
 
     def contacts_of(self, result: Any) -> list[tuple[tuple[int, int], Any]]:
-        """The contacts in DART's result of a collision detection, each with the world's indices of its two bodies.
+        """The contacts in DART's result of a collision detection, each with the places of its two shapes in the sidecar's list.
 
         DART detects contacts between bodies that both cannot move where one is in a tree that moves, and makes nothing
         of them; they are left out.
         """
-        place, moves, found = self.nodes.place, self._moves, []
+        copy, moves, found = self.nodes.copy, self._moves, []
+        bodies = self.body_of_shape
         for contact in result.getContacts():
             first, second = (
-                place[one.getShapeFrame().asShapeNode().getBodyNode().getName()]
+                copy(one.getShapeFrame().asShapeNode())[0]
                 for one in (contact.collisionObject1, contact.collisionObject2)
             )
-            if moves[first] or moves[second]:
+            if moves[bodies[first]] or moves[bodies[second]]:
                 found.append(((first, second), contact))
         return found
 
@@ -222,13 +225,11 @@ class Simulation:
         option.maxNumContacts = MOST_DETECTED
         self.solver.getCollisionGroup().collide(option, result)
         pairs, wrong = set(), ""
-        for _, contact in self.contacts_of(result):
-            one, other = (
-                side.getShapeFrame().asShapeNode() for side in (contact.collisionObject1, contact.collisionObject2)
-            )
+        for shapes, contact in self.contacts_of(result):
             if self.sidecar.filter.layers and not wrong:
-                wrong = self.nodes.wrong_meeting(one, other)
-            pairs.add((self.nodes.copy(one)[0], self.nodes.copy(other)[0]))
+                sides = (contact.collisionObject1, contact.collisionObject2)
+                wrong = self.nodes.wrong_meeting(*(side.getShapeFrame().asShapeNode() for side in sides))
+            pairs.add(shapes)
         return pairs, wrong
 
     def disable_contact(self) -> None:

@@ -37,9 +37,11 @@ def contacts(sim: Simulation) -> dict[str, np.ndarray]:
     ]
     if not touches:
         return empty_contacts()
-    shapes = sim.built.shapes
+    units = np.array([[sim.shape_of[side] for side in one.ids] for one in touches], dtype=np.int64)
+    bodies = np.array([body for body, _ in sim.built.shapes], dtype=np.int64)
     return {
-        "body": np.array([[shapes[sim.shape_of[side]][0] for side in one.ids] for one in touches], dtype=np.int64),
+        "body": bodies[units],
+        "unit": units,
         "position": np.array([one.position for one in touches]),
         "normal": np.array([one.normal for one in touches]),
         "distance": -np.array([one.depth for one in touches]),

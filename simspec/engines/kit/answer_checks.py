@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -105,6 +105,7 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
         check_contacts(arrays, rows, certain)
     if "seconds" in arrays:
         _check_seconds(result, arrays["seconds"])
+    _check_units(operation, result["contact_units"], arrays)
     return {**arrays, "step": planned}
 
 
@@ -152,6 +153,36 @@ def _check_control(
     for part in parts(len(effort), effort[:1].nbytes, effort):
         if not np.isfinite(effort[part][:, known]).all():
             raise BadAnswerError("control.effort is not finite, and the run is not reported as failed")
+
+
+def _check_units(
+    operation: Operation, units: Sequence[Mapping[str, Any]] | None, arrays: Mapping[str, np.ndarray]
+) -> None:
+    """Units of contacts are there with their list or not at all; each is of its contact's body, and of shapes of that body."""
+    if (units is None) != ("contact.unit" not in arrays):
+        raise BadAnswerError("contact.unit and contact_units come together or not at all")
+    if units is None:
+        return
+    told, body = arrays["contact.unit"], arrays["contact.body"]
+    bodies = np.array([unit["body"] for unit in units], dtype=np.int64)
+    used = np.zeros(len(units), dtype=bool)
+    for part in parts(len(told), 64, told, body):
+        if ((told[part] < 0) | (told[part] >= len(units))).any():
+            raise BadAnswerError("contact.unit names units that are not in contact_units")
+        if (bodies[told[part]] != body[part]).any():
+            raise BadAnswerError("contact.unit names units of other bodies than contact.body")
+        used[told[part]] = True
+    for number in np.flatnonzero(used).tolist():
+        unit = units[number]
+        if not unit["shapes"]:
+            raise BadAnswerError(f"contact_units: unit {number} touches, and has no shapes")
+        if operation.world is not None:
+            known = {shape.name for shape in operation.world.bodies[unit["body"]].shapes}
+            if odd := set(unit["shapes"]) - known:
+                message = (
+                    f"contact_units: {sorted(odd)[0]!r} is no shape of {operation.world.bodies[unit['body']].name!r}"
+                )
+                raise BadAnswerError(clipped(message))
 
 
 def check_contacts(arrays: Mapping[str, np.ndarray], rows: int, certain: int) -> None:

@@ -71,6 +71,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "control.effort": Form(("rows", "joints"), when="control"),
         **CONTACTS,
         "seconds": Form(("rows", len(SECONDS)), optional=True),
+        "contact.unit": Form(("contacts", 2), "i8", when="contacts", optional=True),
     },
 }
 """The arrays of each operation of ``operations.OPERATIONS``. Numbers may be NaN or infinite where the proof judges them."""
@@ -203,6 +204,11 @@ class ControlResult(Strict):
     clipped: list[Count | None]
 
 
+class Unit(Strict):
+    body: Annotated[int, Field(ge=-1, le=2**31)]
+    shapes: list[Name]
+
+
 class RunResult(Strict):
     steps: Count
     step_seconds: Seconds
@@ -212,15 +218,11 @@ class RunResult(Strict):
     run_seconds: Seconds
     failed: NotFinite | None
     control: ControlResult | None = None
+    contact_units: list[Unit] | None = None
 
 
 class MotionResult(Strict):
     steps: Count
-
-
-class Unit(Strict):
-    body: Annotated[int, Field(ge=-1, le=2**31)]
-    shapes: list[Name]
 
 
 class TouchingResult(Strict):

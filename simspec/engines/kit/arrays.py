@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,8 @@ CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
 """The arrays of ``Engine.contacts`` and the shape of one row. ``body``: indices into the world's bodies; ``position``: in
 the world (m); ``normal``: unit vector in the world, pointing from the second body to the first; ``distance``: gap in m,
 negative when the bodies overlap; ``normal_force``: N, ≥ 0."""
+CONTACT_UNIT = "unit"
+"""A further array (2,) of ``Engine.contacts``, optional: indices into ``Engine.collision_units``, of units of ``body``."""
 
 SECONDS = ("step", "step_cpu", "control", "control_cpu", "record", "record_cpu")
 """Columns of ``seconds`` of a run: wall and processor time (s) since its begin, until the row was reached: in the engine's step
@@ -32,6 +35,11 @@ class CollisionUnit:
 
     body: int
     shapes: tuple[str, ...]
+
+
+def told_units(units: Sequence[CollisionUnit]) -> list[dict[str, Any]]:
+    """Collision units as plain data of an answer."""
+    return [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
 
 
 def sorted_pairs(pairs: np.ndarray) -> np.ndarray:
@@ -58,10 +66,11 @@ def pick_blocks(blocks: Sequence[np.ndarray], held: Iterable[tuple[np.ndarray, n
 
 
 def empty_contacts() -> dict[str, np.ndarray]:
-    """Contact arrays with no rows."""
+    """Contact arrays with no rows, that of the units among them."""
+    fields = {**CONTACT_FIELDS, CONTACT_UNIT: (2,)}
     return {
-        name: np.zeros((0, *shape), dtype=np.int64 if name == "body" else np.float64)
-        for name, shape in CONTACT_FIELDS.items()
+        name: np.zeros((0, *shape), dtype=np.int64 if name in ("body", CONTACT_UNIT) else np.float64)
+        for name, shape in fields.items()
     }
 
 

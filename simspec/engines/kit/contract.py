@@ -168,7 +168,8 @@ class Engine:
         raise NotImplementedError
 
     def contacts(self) -> dict[str, np.ndarray]:
-        """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``."""
+        """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``,
+        and, where the engine tells them, the ``unit``s that touch (``CONTACT_UNIT``): runs are else compared by bodies only."""
         raise NotImplementedError
 
     def collision_units(self) -> Sequence[CollisionUnit]:

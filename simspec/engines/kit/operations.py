@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from simspec.control.request import from_request
-from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of
+from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of, told_units
 from simspec.engines.kit.recorder import Stepper, record
 from simspec.engines.kit.session import Condition, Session
 from simspec.world.canonical import to_plain
@@ -161,8 +161,7 @@ def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result
         known = bodies[(bodies >= 0).all(axis=1)]  # a unit of no body of the world stands in ``units``
         for name, rows in (("units", pairs), ("touching", known)):
             tables[name].append(np.column_stack([np.full(len(rows), index, np.int64), rows.reshape(-1, 2)]))
-    named = [{"body": unit.body, "shapes": list(unit.shapes)} for unit in units]
-    return {"units": named}, {name: np.concatenate(rows) for name, rows in tables.items()}
+    return {"units": told_units(units)}, {name: np.concatenate(rows) for name, rows in tables.items()}
 
 
 def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:

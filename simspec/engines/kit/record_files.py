@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.kit.arrays import CONTACT_FIELDS
+from simspec.engines.kit.arrays import CONTACT_FIELDS, CONTACT_UNIT
 
 CHUNK_BYTES = 1_000_000
 """Size of the buffer that rows are collected in before they are written."""
@@ -87,20 +87,34 @@ class Columns:
 
 
 class Contacts:
-    """Ragged contacts, written as :class:`Columns` are."""
+    """Ragged contacts, written as :class:`Columns` are; with the units that touch where the engine tells them."""
 
     def __init__(self, place: Path):
-        shapes = {"row": (), **CONTACT_FIELDS}
-        kinds = {name: "i8" if name in ("row", "body") else "f8" for name in shapes}
-        self._files = _Files(place, "contact.", kinds, shapes)
-        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in shapes}
+        self._place = place
+        self._files = self._opened({"row": (), **CONTACT_FIELDS})
+        self._units: _Files | None = None
+        self._told: bool | None = None
+        """Whether the engine tells the units, of contacts that there were; None as long as there were none."""
+        self._empty_told = False
+        self._blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS, CONTACT_UNIT)}
         self._collected = 0
 
+    def _opened(self, shapes: Mapping[str, tuple[int, ...]]) -> _Files:
+        kinds = {name: "i8" if name in ("row", "body", CONTACT_UNIT) else "f8" for name in shapes}
+        return _Files(self._place, "contact.", kinds, shapes)
+
     def add(self, row: int, found: dict[str, np.ndarray]) -> int:
-        """Add the contacts of a row. Returns the bytes that were written because of it."""
-        count = len(found["distance"])
+        """Add the contacts of a row. Returns the bytes that were written because of it. Raises ValueError where units are told
+        of some rows only."""
+        count, told = len(found["distance"]), CONTACT_UNIT in found
         if not count:
+            self._empty_told = told
             return 0
+        if self._told is not None and told != self._told:
+            raise ValueError("the units of contacts are told of some rows only")
+        self._told = told
+        if told:
+            self._blocks[CONTACT_UNIT].append(np.asarray(found[CONTACT_UNIT]).reshape(count, 2))
         self._blocks["row"].append(np.full(count, row, dtype=np.int64))
         for name, shape in CONTACT_FIELDS.items():
             self._blocks[name].append(np.asarray(found[name]).reshape(count, *shape))
@@ -112,12 +126,22 @@ class Contacts:
         size = 0
         for name, blocks in self._blocks.items():
             if blocks:
-                size += self._files.write(name, np.concatenate(blocks))
+                size += self._of(name).write(name, np.concatenate(blocks))
                 blocks.clear()
         self._collected = 0
         return size
 
+    def _of(self, name: str) -> _Files:
+        if name != CONTACT_UNIT:
+            return self._files
+        if self._units is None:
+            self._units = self._opened({CONTACT_UNIT: (2,)})
+        return self._units
+
     def close(self) -> dict[str, dict[str, Any]]:
-        """Write the rest; returns kind and shape of each array."""
+        """Write the rest; returns kind and shape of each array, that of the units where the engine tells them."""
         self.write()
-        return self._files.close()
+        arrays = self._files.close()
+        if self._told or (self._told is None and self._empty_told):
+            arrays |= self._of(CONTACT_UNIT).close()
+        return arrays

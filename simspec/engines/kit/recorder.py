@@ -12,6 +12,7 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.native import Servos
 from simspec.control.request import from_request
+from simspec.engines.kit.arrays import told_units
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.record_files import Columns, Contacts
 from simspec.engines.kit.session import Session
@@ -183,7 +184,8 @@ def record(
     real-time factor), ``cpu_seconds`` of the same, ``control_seconds`` (the laws, and passing states and efforts),
     ``control``: joints, largest tracking error and number of clipped steps by joint (None where only the engine knows), and
     ``failed``: None, or the first number of any channel that was not finite: after which ``step``, in which ``channel``, at
-    which ``place`` of the channel's row; there the run ended. And kind and shape of the arrays.
+    which ``place`` of the channel's row; there the run ended; and, where the engine tells
+    the units of contacts, ``contact_units``: what ``contact.unit`` (contacts, 2) points to. And kind and shape of the arrays.
     """
     if "q" in arrays:
         session.set_state(arrays["q"], arrays["v"])
@@ -222,4 +224,7 @@ def record(
             "error": [float(value) if np.isfinite(value) else None for value in control.error],
             "clipped": [None if own else int(count) for own, count in zip(native, control.clipped, strict=True)],
         }
-    return result, recording.arrays()
+    written = recording.arrays()
+    if "contact.unit" in written:
+        result["contact_units"] = told_units(session.collision_units())
+    return result, written

@@ -238,6 +238,7 @@ class MujocoSimulation(Engine, abstract=True):
             "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
             "distance": held.dist.copy(),
             "normal_force": self._normal_forces(held.efc_address, held.dim),
+            "unit": held.geom.astype(np.int64),
         }
 
     def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:

@@ -257,9 +257,10 @@ class PyBullet(SimulatedEngine[Simulation]):
         points = [point for point in sim.bullet.getContactPoints(physicsClientId=sim.client) if point[8] <= reach]
         if not points:
             return empty_contacts()
-        index = sim.body_index
+        units = np.array([(sim.unit[p[1], p[3]], sim.unit[p[2], p[4]]) for p in points], dtype=np.int64)
         return {
-            "body": np.array([(index[p[1], p[3]], index[p[2], p[4]]) for p in points], dtype=np.int64),
+            "body": np.array([body for body, _ in sim.carriers.values()], dtype=np.int64)[units],
+            "unit": units,
             "position": (np.array([p[5] for p in points]) + np.array([p[6] for p in points])) / 2.0,
             "normal": np.array([p[7] for p in points]),
             "distance": np.array([p[8] for p in points]),
@@ -272,7 +273,7 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     def detect_units(self) -> np.ndarray:
         sim = self._simulation
-        unit = {link: number for number, link in enumerate(sim.carriers)}
+        unit = sim.unit
         found = {
             (unit[point[1], point[3]], unit[point[2], point[4]]) for point in sim.detect_contacts() if point[8] <= 0.0
         }

@@ -78,6 +78,7 @@ class Simulation:
         loader = Loader(self.bullet, self.client, self.settings, self.names, self.kinds, self._q, self._v)
         self.trees = tuple(loader.load(folder, instance) for instance in sidecar.instances)
         self.carriers = carriers(self.trees, sidecar.instances)
+        self.unit = {link: number for number, link in enumerate(self.carriers)}
         self.body_index = {link: body for link, (body, _) in self.carriers.items()}
         self._layered = any(tree.copies for tree in self.trees)
         self.layer: dict[tuple[int, int], int] = {}

@@ -229,6 +229,15 @@ BAD = {
     "contact of less than nobody": array("contact.body", put((0, 1), -1)),
     "contact in no row": array("contact.row", put(-1, 11)),
     "contact rows that go back": array("contact.row", put(-1, 0)),
+    "contact of no unit": array("contact.unit", put((0, 1), 99)),
+    "contact of less than a unit": array("contact.unit", put((0, 1), -1)),
+    "contact of another body's unit": array("contact.unit", lambda numbers: numbers.__setitem__(0, numbers[0, ::-1])),
+    "units without contacts of them": entry(lambda one: one["arrays"].pop("contact.unit") and None),
+    "contacts of units that are not told": result(contact_units=None),
+    "units of other shapes": entry(lambda one: one["result"].update(
+        contact_units=[{**unit, "shapes": ["nothing"]} for unit in one["result"]["contact_units"]])),
+    "units of no shapes": entry(lambda one: one["result"].update(
+        contact_units=[{**unit, "shapes": []} for unit in one["result"]["contact_units"]])),
     "NaN in a force": array("contact.normal_force", put(0, np.nan)),
     "seconds that fall": array("seconds", put((3, 0), 0.0)),
     "seconds before the begin": array("seconds", put((0, 4), -1e-9)),
