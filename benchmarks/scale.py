@@ -95,7 +95,7 @@ def measure_runs(plan: Plan, engine: str, folder: Path) -> dict[str, float]:
                 cell.seed,
                 cell.repeat,
                 600.0,
-                cell_data(cell),
+                cell_data(plan, cell),
                 {},
             )
         )

@@ -82,18 +82,23 @@ class Sweeps:
 
 
 def contents(store: Path) -> dict[str, object]:
-    """What must be equal in two stores: of every run its result, who asked, and the bytes of its tables; the bytes of
-    worlds."""
+    """What must be equal in two stores: of every run its result, who asked, and the bytes of its tables (of those of
+    circumstances, that they are there); the bytes of worlds."""
     found: dict[str, object] = {}
-    for path in sorted(store.rglob("*")):
+    timed: set[Path] = set()
+    for path in sorted(store.rglob("*"), key=lambda path: (path.name != "run.json", path)):
         name = path.relative_to(store).as_posix()
         if path.is_dir() or name in ("lock", "index.parquet", "cells.parquet"):
             continue
         if path.name == "run.json":
             facts = json.loads(path.read_text())
             found[name] = {part: facts[part] for part in ("key", "result", "asked", "result_sha256")}
+            for table in facts.get("circumstance_tables", ()):
+                timed.add(path.with_name(f"{table}.parquet"))
         elif name.startswith("certificates/"):
             found[name] = timeless(json.loads(path.read_text()))
+        elif path in timed:
+            found[name] = "there"
         else:
             found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
     return found

@@ -155,8 +155,10 @@ def test_what_differs_is_seen(tmp_path):
     for name, content in (("a", '{"key": "k", "result": 1}'), ("b", '{"key": "k", "result": 2}')):
         (tmp_path / name / "runs").mkdir(parents=True)
         facts = {**json.loads(content), "asked": {}, "result_sha256": "", "circumstances": name}
+        facts["circumstance_tables"] = {"seconds": name}
         (tmp_path / name / "runs" / "run.json").write_text(json.dumps(facts))
         (tmp_path / name / "t.parquet").write_text("same")
+        (tmp_path / name / "runs" / "seconds.parquet").write_text(name)
     assert kill_sweeps.compare(tmp_path / "a", tmp_path / "b") == ["runs/run.json: differs"]
     (tmp_path / "b" / "t.parquet").unlink()
     assert "t.parquet: in one store only" in kill_sweeps.compare(tmp_path / "a", tmp_path / "b")
