@@ -113,6 +113,9 @@ def explain_command(
         typer.Option("--with", metavar="PATH=VALUE", help="Override a value of the second side. Repeatable."),
     ] = None,
     windows: Annotated[int, typer.Option(metavar="COUNT", min=3, help="Windows that are looked at, at most.")] = 240,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="First prove that both engines hold their models (L0 to L7 without L5).")
+    ] = False,
     sets: Sets = None,
     allow_outside: Outside = False,
     python: Pythons = None,
@@ -138,6 +141,7 @@ def explain_command(
         engine=engine,
         others=others,
         windows=windows,
+        verify=verify,
         sets=sets,
         allow_outside=allow_outside,
         python=python,

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from simspec.attribution.candidates import Candidate, Kind, causes, probes
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.contact import FirstContact
+from simspec.attribution.differences import differences
 from simspec.attribution.judge import Joint, Judge, Swap
 from simspec.attribution.measure import RUN, Gap, Gaps, negligible
+from simspec.attribution.models import ModelProof
 from simspec.attribution.windows import MOST_WINDOWS, take_windows
 from simspec.errors import EngineError
 
@@ -22,6 +24,8 @@ class Explanation:
 
     first, second  the two sides, in words
     same_engine    whether both are the same engine
+    same_world     whether both were given the same world
+    models         whether each side's engine holds its world, where that was asked
     length         of a window (s); ``counts``: windows of the run by class, ``looked_at``: of which these many, ``hidden``: of
                    which these many do not count, because the first side's own noise hides the gap in them
     gap, floor     by class: mean gap (m) of the windows between the sides, and of the first side with itself, its states moved
@@ -37,6 +41,8 @@ class Explanation:
     first: str
     second: str
     same_engine: bool
+    same_world: bool
+    models: tuple[ModelProof, ...]
     length: float
     counts: Mapping[str, int]
     looked_at: int
@@ -67,9 +73,11 @@ def explain_sides(
     *,
     most: int = MOST_WINDOWS,
     asking: Asking = COLD,
+    proofs: Sequence[ModelProof] = (),
     progress: Callable[..., None] = lambda text, share=None: None,
 ) -> Explanation:
-    """Where the difference of two sides comes from. ``names``: what they are called; ``most``: windows that are looked at.
+    """Where the difference of two sides comes from. ``names``: what they are called; ``most``: windows that are looked at;
+    ``proofs``: what is known of each side's model.
 
     Raises SpecError where they are of different scenes or have no common window, UnsupportedError and EngineError where one of
     the two as they are cannot be asked; a swap that cannot is told as such.
@@ -100,6 +108,8 @@ def explain_sides(
     return Explanation(
         *names,
         same,
+        not differences(first.world, second.world),
+        tuple(proofs),
         float(windows.length),
         windows.counts,
         len(windows.numbers),

@@ -14,9 +14,9 @@ from simspec.errors import EngineError, SpecError
 
 SMALLEST_SHARE = 0.01
 """A smaller share is not claimed."""
-SMALLEST_EFFECT = 1e-4
-"""What moves a side by less than this part of the gap is not said to act: engines that end a solve at a tolerance repeat
-themselves no better once their numbers are others."""
+SMALLEST_EFFECT = 1e-6
+"""What moves a side by less than this part of the gap is not said to act. So small, since the engines' own differences may be
+thousands of times what a setting does; above it, and above the noise, a side with another value does move otherwise."""
 ENOUGH = 0.99
 """Share from which nothing more is looked for."""
 

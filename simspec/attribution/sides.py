@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.explanation import Explanation, explain_sides
+from simspec.attribution.models import ModelProof, prove
 from simspec.attribution.windows import MOST_WINDOWS
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import Problem, SpecError
 from simspec.runner.run import Run
 from simspec.world.kinematics import initial_state
+
+ROUND_OFF = 1e-12
+"""Of coordinates: engines give an initial state back to the last few bits only. A run that was moved says so itself."""
 
 
 def side_of_run(run: Run, pythons: Mapping[str, str] | None = None, name: str = "") -> Configuration:
@@ -23,7 +27,10 @@ def side_of_run(run: Run, pythons: Mapping[str, str] | None = None, name: str = 
         message = f"{name or repr(run)} has no rows{why}"
         raise SpecError([Problem(message, hint="run it again: simspec run")])
     start = np.array(run.arrays["q"][0]), np.array(run.arrays["v"][0])
-    same = all(np.array_equal(*both) for both in zip(start, initial_state(run.world), strict=True))
+    both = zip(start, initial_state(run.world), strict=True)
+    same = not run.provenance.get("perturb") and all(
+        np.allclose(*pair, rtol=ROUND_OFF, atol=ROUND_OFF) for pair in both
+    )
     return Configuration(run.world, run.engine, (pythons or {}).get(run.engine), None if same else start)
 
 
@@ -35,6 +42,8 @@ def explain(
     names: tuple[str, str] | None = None,
     pythons: Mapping[str, str] | None = None,
     deadline: float = DEADLINE,
+    proofs: Sequence[ModelProof] = (),
+    verify: bool = False,
     progress: Callable[..., None] = lambda text, share=None: None,
 ) -> Explanation:
     """Where the difference of two sides comes from: each a run, or a :class:`Configuration` (a world in an engine).
@@ -43,6 +52,7 @@ def explain(
     names    what the two are called (default: world and engine)
     pythons  interpreters of engines, by label
     deadline seconds that one engine process may take
+    proofs   whether each side's engine holds its world (:func:`simspec.attribution.models.proof_of`); ``verify``: prove it here
     progress told what is being done
 
     Both begin short windows in states of the first side's run, and the gap at the windows' ends is measured; then one thing
@@ -51,9 +61,12 @@ def explain(
     """
     sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
     told = names or (_told(sides[0]), _told(sides[1]))
+    if verify:
+        progress("proving that the engines hold their models")
+        proofs = prove(sides, deadline)
     with WarmProcesses() as warm:
         asking = Asking(warm, deadline)
-        return explain_sides(sides[0], sides[1], told, most=windows, asking=asking, progress=progress)
+        return explain_sides(sides[0], sides[1], told, most=windows, asking=asking, proofs=proofs, progress=progress)
 
 
 def _told(side: Configuration) -> str:

@@ -9,6 +9,7 @@ from simspec.attribution.explanation import Explanation
 from simspec.attribution.intervals import Interval
 from simspec.attribution.judge import ENOUGH, Swap, acting, useful
 from simspec.attribution.measure import RUN
+from simspec.attribution.models import told_faults
 from simspec.attribution.windows import ALL
 
 WORDS: Mapping[str, str] = {
@@ -31,10 +32,14 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
     """What accounts for the difference, in sentences."""
     telling = explanation.telling
     active = acting(explanation.causes)
+    faults = [
+        f"The models are not proven to be equal: {told_faults(proof)}." for proof in explanation.models if proof.faults
+    ]
     if not telling:
-        return tuple(_nothing(explanation))
-    lines = [_cause(swap, telling) for swap in active]
-    if len(explanation.caused.names) > 1:
+        return (*faults, *_nothing(explanation))
+    lines = [*faults]
+    lines += [_cause(swap, telling) for swap in active]
+    if len(explanation.caused.names) > 1 and active:
         lines.append(
             f"Together they account for {_shares(explanation.caused.share, telling, explanation.caused.interval)}."
         )
@@ -78,7 +83,9 @@ def _cause(swap: Swap, telling: Sequence[str]) -> str:
     if closing:
         return f"{name} accounts for {_shares(closing, telling, swap.interval)}."
     moving = ", ".join(f"{percent(part)} in {WORDS[kind]}" for kind, part in swap.effect.items() if kind != ALL)
-    return f"{name} acts, and closes nothing: without it a side moves by this part of the difference: {moving}."
+    return (
+        f"{name} acts, but accounts for none of the difference; it moves its own side by, of the difference, {moving}."
+    )
 
 
 def _shares(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
@@ -108,6 +115,8 @@ def percent(share: float) -> str:
     value = 100.0 * share
     if value > 99.0 and share < 1.0:
         return f"{min(value, 99.99):.4g} %"
+    if abs(value) < 0.1:
+        return f"{value:.1g} %" if abs(value) >= 1e-6 else "0 %"
     return f"{value:.1f} %" if abs(value) < 10.0 else f"{value:.0f} %"
 
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 from simspec.arguments import demand_installed, engine_names, interpreters, load_spec, print_json
 from simspec.attribution.configuration import Configuration
+from simspec.attribution.models import ModelProof, proof_of
 from simspec.attribution.sides import explain as explain_them
 from simspec.attribution.sides import side_of_run
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.generated import CERTIFICATE_FILE, GENERATED, read_certificate
 from simspec.report.attribution import explanation_data, show_explanation
 from simspec.report.progress import progress
 from simspec.runner.run import Run
@@ -24,6 +26,7 @@ def explain(
     engine: list[str] | None,
     others: list[str] | None,
     windows: int,
+    verify: bool,
     sets: list[str] | None,
     allow_outside: bool,
     python: list[str] | None,
@@ -48,16 +51,41 @@ def explain(
         sides = [side_of_run(run, pythons, name) for run, name in zip(runs, (a, b), strict=True)]
         names = [f"{name} ({run.label})" for run, name in zip(runs, (a, b), strict=True)]
         notes = _other_versions(runs, names, pythons)
+        folders_of_proof = [Path(name).parent for name in (a, b)]
+        versions = [run.provenance.get("engine_version") for run in runs]
         demand_installed(list(dict.fromkeys(side.engine for side in sides)), pythons)
     else:
         sides, names = _of_specs(a, b, engine, others, sets, allow_outside, pythons)
+        folders_of_proof = [GENERATED / side.world.name for side in sides]
+        versions = [None, None]
+    proofs = [_stored_proof(*facts) for facts in zip(sides, folders_of_proof, versions, strict=True)]
     with progress(not as_json) as tell:
-        told = explain_them(*sides, windows=windows, names=(names[0], names[1]), deadline=deadline, progress=tell)
+        told = explain_them(
+            *sides,
+            windows=windows,
+            names=(names[0], names[1]),
+            deadline=deadline,
+            proofs=() if verify else proofs,
+            verify=verify,
+            progress=tell,
+        )
     if as_json:
         print_json({**explanation_data(told), "notes": notes})
     else:
         show_explanation(told, notes)
     return EXIT_OK
+
+
+def _stored_proof(side: Configuration, folder: Path, version: str | None) -> ModelProof:
+    """What the certificate in a folder proves of a side."""
+    source = str(folder / CERTIFICATE_FILE)
+    try:
+        certificate = read_certificate(folder)
+    except SpecError as error:
+        return ModelProof(side.engine, missing=error.problems[0].message)
+    if certificate is None:
+        return ModelProof(side.engine, missing=f"there is no {source}")
+    return proof_of(side, certificate, source, version)
 
 
 def _of_specs(

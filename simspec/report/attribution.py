@@ -11,6 +11,7 @@ from simspec.attribution.candidates import Kind
 from simspec.attribution.explanation import Explanation
 from simspec.attribution.judge import Swap
 from simspec.attribution.measure import RUN
+from simspec.attribution.models import model_lines
 from simspec.attribution.verdict import WORDS, percent, verdict
 from simspec.attribution.windows import ALL, CLASSES
 from simspec.report.kit import table
@@ -35,16 +36,17 @@ def show_explanation(explanation: Explanation, notes: Sequence[str] = ()) -> Non
     screen.print("")
     screen.print(f"A: {explanation.first}", soft_wrap=True)
     screen.print(f"B: {explanation.second}", soft_wrap=True)
-    for line in (*steps(explanation), *notes):
+    for line in (*steps(explanation), *explanation.notes, *notes):
         screen.print(line, soft_wrap=True)
     if explanation.causes or explanation.probes:
         screen.print(swaps_table(explanation))
 
 
 def steps(explanation: Explanation) -> Iterator[str]:
-    """The steps, one line each: models and settings, free motion, first contact, windows."""
-    world = [swap.name for swap in explanation.causes]
-    yield f"models and settings: {', '.join(world) if world else 'nothing given differs'}"
+    """The steps, one line each: models, smooth motion, what was given differently, windows, first contact."""
+    yield from model_lines(explanation.models, explanation.same_world, "; --verify proves it")
+    given = [swap.name for swap in explanation.causes]
+    yield f"given differently: {', '.join(given) if given else 'nothing'}"
     looked = sum(explanation.counts.values())
     sample = f", {explanation.looked_at} looked at" if explanation.looked_at < looked else ""
     sample += f", {explanation.hidden} left out, in which noise hides the gap" if explanation.hidden else ""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
 
+import simspec
 from simspec import cli
+from simspec.attribution.models import proof_of
 from simspec.attribution.sides import side_of_run
+from simspec.attribution.verdict import verdict
 from simspec.errors import EXIT_OK, EXIT_WRONG, EngineError, SpecError
 from simspec.runner.execution import failed_run, run
 from tests.attribution.planted import FALL, world
@@ -100,6 +104,61 @@ def test_damaged_runs_and_runs_without_rows_are_errors(runs, tmp_path, capsys):
     assert "states.parquet" in err
     with pytest.raises(SpecError, match="has no rows: it crashed"):
         side_of_run(failed_run(world(FALL), "mujoco", EngineError("mujoco", "it crashed")))
+
+
+def test_round_off_of_a_recorded_initial_state_is_no_difference(runs):
+    plain = run(world(FALL), "mujoco")
+    plain.arrays["q"][0] *= 1.0 + 3e-16
+    assert side_of_run(plain).start is None
+    barely = run(world(FALL), "mujoco", perturb=1e-15)
+    assert side_of_run(barely).start is not None
+
+
+def test_the_models_of_stored_runs_are_those_of_their_certificate(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
+    assert cli.main(["run", "fall.yaml", "--engine", "mujoco", "--engine", "dart"]) == EXIT_OK
+    capsys.readouterr()
+    _, out, _ = explain(capsys, "runs/fall/mujoco", "runs/fall/dart")
+    assert "models: equal: L0 to L4" in out
+    assert "(runs/fall/certificate.json)" in out
+    assert "motion without contact: as the oracle's" in out
+    _, out, _ = explain(capsys, "runs/fall/mujoco", "runs/fall/dart", "--json")
+    assert [proof["faults"] for proof in json.loads(out)["models"]] == [[], []]
+    certificate = tmp_path / "runs/fall/certificate.json"
+    certificate.write_text(certificate.read_text(encoding="utf-8").replace('"L1"', '"L2"', 1), encoding="utf-8")
+    code, out, _ = explain(capsys, "runs/fall/mujoco", "runs/fall/dart")
+    assert code == EXIT_OK
+    assert "models: not proven to be equal" in out
+    assert "does not match its hash" in out
+
+
+def test_a_proof_that_fails_comes_first(capsys):
+    worlds = world(FALL), world(FALL, "physics.gravity=[0,0,-9]")
+    sides = [simspec.Configuration(each, "mujoco") for each in worlds]
+    certificate = simspec.verify(sides[0].world, ["mujoco"])
+    proof = certificate.engines["mujoco"]
+    wrong = dataclasses.replace(proof.checks[0], worst=1.0)
+    damaged = dataclasses.replace(
+        certificate, engines={"mujoco": dataclasses.replace(proof, checks=(wrong, *proof.checks[1:]))}
+    )
+    proofs = [proof_of(sides[0], damaged, "there", None), proof_of(sides[1], certificate, "there", None)]
+    assert [bool(each.faults) for each in proofs] == [True, False]
+    assert "another world" in proofs[1].missing
+    lines = verdict(simspec.explain(*sides, proofs=proofs, windows=5))
+    assert lines[0].startswith("The models are not proven to be equal: mujoco: ")
+    assert lines[1].startswith("Gravity")
+
+
+def test_a_proof_is_made_where_it_is_asked_for(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.yaml").write_text(FALL, encoding="utf-8")
+    words = ("fall.yaml", "--engine", "mujoco", "--with", "bodies.box.velocity.linear=[2,0,0]")
+    _, out, _ = explain(capsys, *words)
+    assert "not proven to be equal (there is no generated/fall/certificate.json); --verify proves it" in out
+    _, out, _ = explain(capsys, *words, "--verify")
+    assert "models: each engine holds the values that it was given: L0 to L4" in out
+    assert "(proven here)" in out
 
 
 def test_the_initial_state_is_the_run_s_own(runs):
