@@ -60,12 +60,8 @@ def over_time(runs: Sequence[Paced], intervals: int = INTERVALS) -> Pace:
 
     Raises SpecError for no runs, for runs of several engines, and for runs that recorded at different times.
     """
-    if not runs:
-        raise SpecError([Problem("there are no runs to take the speed of")])
+    _demand_repeats(runs)
     first = runs[0]
-    for run in runs:
-        if run.label != first.label or not np.array_equal(run.time, first.time):
-            raise SpecError([Problem("speed over time needs runs of one engine that recorded at the same times")])
     rows = len(first.time) - 1
     each = max(1, -(-rows // intervals))
     edges = [*range(0, rows, each), rows]
@@ -85,6 +81,15 @@ def over_time(runs: Sequence[Paced], intervals: int = INTERVALS) -> Pace:
     )
 
 
+def _demand_repeats(runs: Sequence[Paced]) -> None:
+    if not runs:
+        raise SpecError([Problem("there are no runs to take the speed of")])
+    first = runs[0]
+    for run in runs:
+        if run.label != first.label or not np.array_equal(run.time, first.time):
+            raise SpecError([Problem("speed over time needs runs of one engine that recorded at the same times")])
+
+
 def _spent(run: Paced, column: int, part: tuple[int, int]) -> float | None:
     return None if run.seconds is None else float(run.seconds[part[1], column] - run.seconds[part[0], column])
 
@@ -100,3 +105,36 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 def _factor(passed: float, spent: float | None) -> float | None:
     return passed / spent if spent else None
+
+
+@dataclass(frozen=True)
+class StepCost:
+    """What a step costs, in seconds by the names of ``SECONDS``, over repeats of one run, which do the same arithmetic.
+
+    quiet   of each interval between two records the fastest repeat: what disturbs a machine for a while disturbs one of them
+    median  of the repeats as they were
+    """
+
+    label: str
+    steps: int
+    repeats: int
+    quiet: dict[str, float]
+    median: dict[str, float]
+
+
+def step_cost(runs: Sequence[Paced], steps: int) -> StepCost | None:
+    """The cost of a step of runs of so many ``steps``; None where a run was not measured, or has no step.
+
+    Raises SpecError for no runs, for runs of several engines, and for runs that recorded at different times: they are not the
+    same arithmetic.
+    """
+    _demand_repeats(runs)
+    measured = [run.seconds for run in runs if run.seconds is not None]
+    if len(measured) < len(runs) or not steps:
+        return None
+    spent = np.stack([np.diff(seconds, axis=0) for seconds in measured])
+    fastest, whole = spent.min(axis=0).sum(axis=0), np.median(spent.sum(axis=1), axis=0)
+    quiet, usual = (
+        {name: float(value) / steps for name, value in zip(SECONDS, one, strict=True)} for one in (fastest, whole)
+    )
+    return StepCost(runs[0].label, steps, len(runs), quiet, usual)

@@ -35,6 +35,7 @@ from simspec.report.kit import table
 from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
+from simspec.report.study.cases import unfailed
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.markdown import markdown
 from simspec.report.study.measured import measured
@@ -135,7 +136,7 @@ def _tell(
 ) -> int:
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
-    code = max((exit_code(one.outcome) for one in done), default=EXIT_OK)
+    code = max((exit_code(one.outcome) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
     command = f"simspec study {name}{' --small' if small else ''}"
     data = study_data(source, done, parts, small, command)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -181,6 +182,7 @@ def study_data(
         outcome = one.outcome
         if exit_code(outcome) != EXIT_OK:
             bad.append(len(said))
+        held = unfailed(one)
         missing = sum(row is None for _, row in outcome.rows())
         proof = "proof not asked for" if not outcome.verified else "every model proven"
         proof = f"proof FAILED for {len(outcome.unproven)} models" if outcome.unproven else proof
@@ -192,6 +194,8 @@ def study_data(
         said += [f"{one.sweep.name}: {line}" for line in rounding_lines(outcome.plan)]
         said += [f"{one.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
         said += [f"{one.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]
+        bad += range(len(said), len(said) + len(held))
+        said += [f"{one.sweep.name}: {line}" for line in held]
         said += [f"{one.sweep.name}: {note}" for note in outcome.notes]
     return {
         "schema": SCHEMA,

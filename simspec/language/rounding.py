@@ -16,7 +16,7 @@ from simspec.language.models import MOST_STEPS, WHOLE, Physics
 from simspec.language.quantities import Number
 from simspec.language.strict import Faults
 
-PARTS = (("physics",), ("record", "every"), ("trajectory", "until"), ("expect",))
+PARTS = (("physics", "timestep"), ("physics", "duration"), ("record", "every"), ("trajectory", "until"), ("expect",))
 """Places of a spec that roundings follow from."""
 
 

@@ -19,7 +19,10 @@ from simspec.language.sweep_values import EngineLabel, PathOf, Plain
 from simspec.language.words import FileName, Text, Word
 
 VERSION = 1
-SHOWN = ("speed", "load", "validity", "over_time", "determinism", "unequal", "contact")
+SHOWN = (
+    *("speed", "load", "validity", "over_time", "determinism", "unequal", "contact"),
+    *("certified", "failures", "cases", "cost"),
+)
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")
 """Quantities of figures from elsewhere."""
@@ -53,6 +56,9 @@ class StudySweep(Strict):
         description="Named comparisons of models that are NOT equal: the case that an engine has; the other engines have the "
         "scenario itself",
     )
+    fails: list[NameOf] = Field(
+        [], description="Cases that are expected to fail (controls): the study fails where a run of one does not"
+    )
     show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="What is shown of it")
 
     @classmethod
@@ -65,6 +71,7 @@ class StudySweep(Strict):
         if "show" in data and not shown and isinstance(data["show"], list):
             yield Fault(("show",), "nothing is shown of the sweep", "[]", ", ".join(SHOWN))
         yield from _unequal(data.get("unequal"), sweeps)
+        yield from _fails(data.get("fails"), sweeps, shown)
         if "unequal" in shown and not data.get("unequal"):
             yield Fault(("show",), "there are no unequal models to show", None, None, "unequal: {NAME: {ENGINE: CASE}}")
         if data.get("unequal") and "unequal" not in shown:
@@ -87,6 +94,19 @@ def _unequal(unequal: Any, sweep: Mapping[str, Any]) -> Iterator[Fault]:
                 yield Fault(("unequal", name, engine), "the sweep has no such engine", engine, ", ".join(engines))
     if unequal and sweep.get("only_cases") is True:
         yield Fault(("sweep", "only_cases"), "the scenario itself is run, to compare unequal models with equal ones")
+
+
+def _fails(fails: Any, sweep: Mapping[str, Any], shown: list[Any]) -> Iterator[Fault]:
+    cases = sweep.get("cases")
+    known = list(cases) if isinstance(cases, Mapping) else []
+    for index, case in enumerate(fails if isinstance(fails, list) else ()):
+        if case not in known:
+            allowed = ", ".join(known) or "none: the sweep has no cases"
+            yield Fault(("fails", index), "the sweep has no case of this name", show(case), allowed)
+        elif case in fails[:index]:
+            yield Fault(("fails", index), "this case is duplicated", show(case))
+    if fails and "cases" not in shown:
+        yield Fault(("fails",), "the cases are not shown", None, None, "show: [cases]")
 
 
 class StudyFile(Strict):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.pace import over_time, paced
+from simspec.analysis.pace import over_time, paced, step_cost
 from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import SpecError
 from tests.runner.synthetic import free_body, run, world
@@ -71,3 +71,25 @@ def test_runs_that_cannot_be_put_together_are_refused():
     for runs in ((), (spending(*[0.1] * 10), run(WORLD, engine="other")), (spending(*[0.1] * 10), run(longer))):
         with pytest.raises(SpecError):
             pace(*runs)
+
+
+def test_of_repeats_the_fastest_of_each_interval_counts():
+    """Each repeat is disturbed at another time: together they say what the quiet machine takes."""
+    runs = [spending(*[9.0 if k == disturbed else 0.1 for k in range(10)]) for disturbed in (2, 5, 7)]
+    cost = step_cost([paced(one) for one in runs], 100)
+    assert cost.quiet["step"] == pytest.approx(0.01)
+    assert cost.quiet["step_cpu"] == pytest.approx(0.005)
+    assert cost.quiet["control"] == 0.0
+    assert cost.median["step"] == pytest.approx((9 * 0.1 + 9.0) / 100)
+    alone = step_cost([paced(runs[0])], 100)
+    assert alone.quiet == alone.median == cost.median
+
+
+def test_a_cost_needs_measured_repeats_of_one_run():
+    silent = dataclasses.replace(spending(*[0.1] * 10), seconds=None)
+    assert step_cost([paced(spending(*[0.1] * 10)), paced(silent)], 100) is None
+    assert step_cost([paced(spending(*[0.1] * 10))], 0) is None
+    with pytest.raises(SpecError, match="no runs"):
+        step_cost([], 100)
+    with pytest.raises(SpecError, match="one engine"):
+        step_cost([paced(spending(*[0.1] * 10)), paced(spending(*[0.1] * 10, engine="second"))], 100)

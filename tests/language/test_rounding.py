@@ -89,4 +89,4 @@ def test_which_values_times_depend_on():
     assert all(
         map(concerned, ["physics", "physics.timestep", "record.every", "record", "expect.3.position.at", "expect"])
     )
-    assert not any(map(concerned, ["bodies.rod.mass", "record.channels", "trajectory.interpolation", "engines"]))
+    assert not any(map(concerned, ["bodies.rod.mass", "physics.gravity", "record.channels", "engines"]))

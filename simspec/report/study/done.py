@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rich.table import Table
@@ -23,12 +23,14 @@ Record = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Done:
-    """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against."""
+    """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``kept``: what several
+    tables need of the runs, worked out once."""
 
     sweep: SweepOfStudy
     outcome: Outcome
     store: Store
     figures: Sequence[Figure]
+    kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def runs(self, case: str | None = None, whole: bool = False) -> Iterator[tuple[Cell, Row]]:
         """The runs of a case that are there; ``whole``: without those that failed."""

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from simspec.report.study.cases import cases_tables
+from simspec.report.study.certified import certified_tables
 from simspec.report.study.contact import contact_tables
+from simspec.report.study.cost import cost_tables
 from simspec.report.study.determinism import determinism_tables
 from simspec.report.study.done import Done, Shown
+from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
 from simspec.report.study.speed import load_tables, speed_tables
 from simspec.report.study.unequal import unequal_tables
@@ -20,6 +24,10 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "determinism": determinism_tables,
     "unequal": unequal_tables,
     "contact": contact_tables,
+    "certified": certified_tables,
+    "failures": failures_tables,
+    "cases": cases_tables,
+    "cost": cost_tables,
 }
 """By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
 

@@ -1,30 +1,22 @@
-"""Up to which timestep all that is expected holds."""
+"""Up to which timestep all that is expected holds, and how closely."""
 
 from __future__ import annotations
 
-import dataclasses
-
 from rich.text import Text
 
-from simspec.analysis.validity import limit, trial
-from simspec.experiments.cases import world_of
-from simspec.report.kit import table
-from simspec.report.study.done import Done, Record, Shown, elsewhere, figure_records, milliseconds
-from simspec.runner.expectations import evaluate
+from simspec.analysis.validity import limit
+from simspec.report.kit import number, table
+from simspec.report.study.done import Done, Record, Shown, elsewhere, figure_records, finite, milliseconds
+from simspec.report.study.judged import Deviation, Judged, judged, worst
 
 
 def validity_tables(done: Done) -> list[Shown]:
-    """``validity``."""
+    """``validity``, and ``validity.deviations`` where what is expected has tolerances."""
     made = table(f"{done.sweep.name}: Up to which timestep all that is expected holds", "engine", "limit", "runs")
     records: list[Record] = []
+    runs = judged(done)
     for engine in done.engines:
-        trials = []
-        for cell, row in done.runs():
-            if cell.engine == engine and cell.repeat == 0:
-                run = done.store.load(row.key, tables=row.failed is None)
-                # what is expected is of the study, and may be other than when the run was made
-                run = dataclasses.replace(run, world=world_of(done.outcome.plan, cell))
-                trials.append(trial(run, evaluate(run)))
+        trials = [one.trial for one in runs if one.cell.engine == engine]
         if not trials:
             made.add_row(engine, "no runs", "0")
             continue
@@ -44,4 +36,46 @@ def validity_tables(done: Done) -> list[Shown]:
         if figure.quantity == "largest_valid_timestep":
             made.add_row(elsewhere(figure), Text(f"{milliseconds(figure.values[0])}: {figure.source}"), "–")
     known = figure_records(figure for figure in done.figures if figure.quantity == "largest_valid_timestep")
-    return [Shown("validity", made, records + known)]
+    return [Shown("validity", made, records + known), *_deviations(done, runs)]
+
+
+def _deviations(done: Done, runs: list[Judged]) -> list[Shown]:
+    """The largest deviation by timestep and engine; none where nothing that is expected has a tolerance."""
+    units = {one.deviation.unit for one in runs if one.deviation is not None}
+    if not units:
+        return []
+    title = f"{done.sweep.name}: Largest deviation from what is expected"
+    made = table(title, "timestep", *done.engines, right=range(1 + len(done.engines)))
+    records: list[Record] = []
+    by_step: dict[float, dict[str, list[Judged]]] = {}
+    for one in runs:
+        by_step.setdefault(one.trial.timestep, {}).setdefault(one.cell.engine, []).append(one)
+    for timestep, engines in sorted(by_step.items()):
+        made.add_row(milliseconds(timestep), *(cell(engines.get(engine, []), units) for engine in done.engines))
+        for engine, own in engines.items():
+            largest = worst(own)
+            records.append(
+                {"timestep": timestep, "engine": engine, "runs": len(own), "valid": valid_of(own)}
+                | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
+            )
+    tolerances = sorted({(one.deviation.tolerance, one.deviation.unit) for one in runs if one.deviation is not None})
+    bounds = ", ".join(str(Deviation(value, value, unit)) for value, unit in tolerances)
+    made.caption = (
+        f"Of all runs of a timestep; tolerance {bounds}. Where runs fail: how many, and their largest deviation"
+    )
+    return [Shown("validity.deviations", made, records)]
+
+
+def valid_of(runs: list[Judged]) -> int:
+    """How many runs do all that is expected."""
+    return sum(one.trial.valid for one in runs)
+
+
+def cell(runs: list[Judged], units: set[str]) -> str | Text:
+    """The largest deviation of some runs; a share of its tolerance where there are several units."""
+    if not runs:
+        return "–"
+    largest = worst(runs)
+    told = "–" if largest is None else str(largest) if len(units) == 1 else f"{number(100.0 * largest.share)} %"
+    failed = len(runs) - valid_of(runs)
+    return Text(f"fails ({failed} of {len(runs)}): {told}", style="bold red") if failed else told
