@@ -1,7 +1,11 @@
-"""Contacts of two runs, matched by pair of bodies: how long each pair touched, at the same times or not, and with which
+"""Contacts of two runs, matched by pair of shapes: how long each pair touched, at the same times or not, and with which
 impulse.
 
-Runs record bodies of a contact, not shapes: shapes of one body count together.
+What is matched is what both runs tell: shapes that an engine does not tell apart count together, and all of a body where a
+run did
+not record shapes (:mod:`simspec.comparison.sides`). A pair has the names of its sides: a body's, with shapes in brackets
+where they are
+not all of its shapes.
 """
 
 from __future__ import annotations
@@ -12,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.comparison.common import common_rows
-from simspec.comparison.contacts import CONTACT_BYTES, Side
+from simspec.comparison.contacts import CONTACT_BYTES, named_pair, sides_of
+from simspec.comparison.sides import Sides, common_sides
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts
 from simspec.runner.run import Run
@@ -41,34 +46,27 @@ class Touch:
     first: float
 
 
-def pair_numbers(run: Run, part: slice) -> NDArray[np.int64]:
-    """For contacts ``part`` of a run the number of the pair (n,): smaller index times the number of bodies, plus the
-    larger."""
-    pair = np.sort(run.arrays["contact.body"][part].astype(np.int64), axis=1)
-    result: NDArray[np.int64] = pair[:, 0] * len(run.world.bodies) + pair[:, 1]
+def pair_numbers(run: Run, part: slice, sides: Sides) -> NDArray[np.int64]:
+    """For contacts ``part`` of a run the number of the pair (n,): smaller side times the number of sides, plus the larger."""
+    pair = np.sort(sides.numbers[0][run.arrays[sides.arrays[0]][part].astype(np.int64)], axis=1)
+    result: NDArray[np.int64] = pair[:, 0] * len(sides.names) + pair[:, 1]
     return result
 
 
-def named_pair(run: Run, number: int) -> Pair:
-    """The names (sorted) of a pair's bodies, from its number."""
-    first, second = divmod(int(number), len(run.world.bodies))
-    one, other = sorted((run.world.bodies[first].name, run.world.bodies[second].name))
-    return one, other
-
-
-def touches(run: Run) -> dict[Pair, Touch]:
-    """Every pair of bodies that touched in a run. The impulse is the time integral of the normal force, Σ F Δt over the
+def touches(run: Run, by: str = "shape") -> dict[Pair, Touch]:
+    """Every pair of shapes (``by``: or of bodies) that touched in a run. The impulse is the time integral of the normal
+    force, Σ F Δt over the
     recorded
     rows: exact where every step is recorded, a sample of it otherwise. Raises SpecError where contacts were not recorded."""
     demand_contacts(run)
     row, force = run.arrays["contact.row"], run.arrays["contact.normal_force"]
-    lasting = durations(run)
+    lasting, sides = durations(run), common_sides([run], by)
     seconds: dict[int, float] = {}
     impulse: dict[int, float] = {}
     first: dict[int, float] = {}
     last_row: dict[int, int] = {}
-    for part in parts(len(row), CONTACT_BYTES, row, force, run.arrays["contact.body"]):
-        number, at = pair_numbers(run, part), row[part].astype(np.int64)
+    for part in parts(len(row), CONTACT_BYTES, row, force, run.arrays[sides.arrays[0]]):
+        number, at = pair_numbers(run, part, sides), row[part].astype(np.int64)
         pushed = force[part] * lasting[at]
         kinds, place = np.unique(number, return_inverse=True)
         for kind, total in zip(kinds.tolist(), np.bincount(place, pushed, len(kinds)).tolist(), strict=True):
@@ -80,7 +78,7 @@ def touches(run: Run) -> dict[Pair, Touch]:
             begun = 1 if own[0] == last_row.get(kind) else 0
             seconds[kind] = seconds.get(kind, 0.0) + float(lasting[own[begun:]].sum())
             last_row[kind] = int(own[-1])
-    return {named_pair(run, kind): Touch(seconds[kind], impulse[kind], first[kind]) for kind in impulse}
+    return {named_pair(sides.names, kind): Touch(seconds[kind], impulse[kind], first[kind]) for kind in impulse}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +101,10 @@ class PairComparison:
         return self.both_seconds / either if either else float("nan")
 
 
-def compare_contacts(a: Run, b: Run) -> tuple[PairComparison, ...]:
-    """The contacts of two runs at the times that both recorded, by pair, that with the largest impulse first.
+def compare_contacts(a: Run, b: Run, by: str = "shape") -> tuple[PairComparison, ...]:
+    """The contacts of two runs at the times that both recorded, by pair of shapes as far as both tell them (``by``: or of
+    bodies),
+    that with the largest impulse first. ``common_sides((a, b)).notes`` says what one does not tell.
 
     Raises SpecError where a run did not record contacts, or the runs have no common time.
     """
@@ -112,12 +112,8 @@ def compare_contacts(a: Run, b: Run) -> tuple[PairComparison, ...]:
         demand_contacts(run)
     rows_a, rows_b = common_rows(a, b)
     lasting = np.diff(a.time[rows_a], prepend=a.time[rows_a[:1]])
-    numbers: dict[str, int] = {}
-    sides = []
-    for run, rows in ((a, rows_a), (b, rows_b)):
-        index = np.array([numbers.setdefault(body.name, len(numbers)) for body in run.world.bodies], dtype=np.int64)
-        sides.append(Side(run, rows, index))
-    count = len(numbers)
+    known = common_sides((a, b), by)
+    sides, count = sides_of((a, b), (rows_a, rows_b), known), len(known.names)
     totals: dict[int, list[float]] = {}
     first = 0
     while first < len(rows_a):
@@ -130,8 +126,7 @@ def compare_contacts(a: Run, b: Run) -> tuple[PairComparison, ...]:
             at, pair, force = side.forces(first, last, count)
             _add(totals, column, pair, force * lasting[at])
         first = last
-    names = list(numbers)
-    compared = [PairComparison(_pair(names, number), *values) for number, values in totals.items()]
+    compared = [PairComparison(named_pair(known.names, number), *values) for number, values in totals.items()]
     return tuple(sorted(compared, key=lambda one: (-max(one.first_impulse, one.second_impulse), one.pair)))
 
 
@@ -139,11 +134,6 @@ def _add(totals: dict[int, list[float]], column: int, pair: NDArray[np.int64], a
     kinds, place = np.unique(pair, return_inverse=True)
     for kind, total in zip(kinds.tolist(), np.bincount(place, amount, len(kinds)).tolist(), strict=True):
         totals.setdefault(kind, [0.0] * 5)[column] += total
-
-
-def _pair(names: list[str], number: int) -> Pair:
-    first, second = sorted(names[index] for index in divmod(number, len(names)))
-    return first, second
 
 
 def total_jaccard(compared: tuple[PairComparison, ...]) -> float | None:

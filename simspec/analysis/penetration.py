@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.analysis.contacts import Pair, demand_contacts, durations, named_pair, pair_numbers
-from simspec.comparison.contacts import CONTACT_BYTES
+from simspec.analysis.contacts import Pair, demand_contacts, durations, pair_numbers
+from simspec.comparison.contacts import CONTACT_BYTES, named_pair
+from simspec.comparison.sides import common_sides
 from simspec.mapped import parts
 from simspec.runner.metrics import Penetration, deepest_penetration
 from simspec.runner.run import Run
@@ -20,7 +21,7 @@ class Depths:
 
     deepest  the deepest of all: depth (m), time (s), bodies (:func:`simspec.runner.metrics.deepest_penetration`)
     depth    (rows,) the deepest overlap of each recorded row, m; 0 where nothing overlaps
-    pairs    the deepest overlap (m) of each pair of bodies that overlapped
+    pairs    the deepest overlap (m) of each pair that overlapped, of shapes where the run tells them
     mean     the mean depth (m) over the time in which something overlaps; 0 where nothing ever does
     """
 
@@ -43,11 +44,12 @@ def penetration(run: Run) -> Depths:
     row, distance = run.arrays["contact.row"], run.arrays["contact.distance"]
     depth = np.zeros(len(run.time))
     pairs: dict[int, float] = {}
-    for part in parts(len(row), CONTACT_BYTES, row, distance, run.arrays["contact.body"]):
+    sides = common_sides([run])
+    for part in parts(len(row), CONTACT_BYTES, row, distance, run.arrays[sides.arrays[0]]):
         overlap = -distance[part]
         overlap = np.where(np.isnan(overlap), np.inf, overlap)
         np.maximum.at(depth, row[part].astype(np.int64), overlap)
-        kinds, place = np.unique(pair_numbers(run, part), return_inverse=True)
+        kinds, place = np.unique(pair_numbers(run, part, sides), return_inverse=True)
         largest = np.zeros(len(kinds))
         np.maximum.at(largest, place, overlap)
         for kind, value in zip(kinds.tolist(), largest.tolist(), strict=True):
@@ -57,5 +59,5 @@ def penetration(run: Run) -> Depths:
     overlapping = lasting * (depth > 0.0)
     inside = overlapping > 0.0
     mean = float((depth[inside] * overlapping[inside]).sum() / overlapping.sum()) if inside.any() else 0.0
-    named = {named_pair(run, kind): value for kind, value in pairs.items()}
+    named = {named_pair(sides.names, kind): value for kind, value in pairs.items()}
     return Depths(deepest_penetration(run.world, run.arrays), depth, named, mean, lasting)

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simspec.comparison.common import Common, moving_in_common
-from simspec.comparison.contacts import first_difference, first_touches
+from simspec.comparison.contacts import FirstContactDifference, first_difference, first_touches
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
 from simspec.comparison.horizon import horizon
+from simspec.comparison.sides import common_sides
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.markup import html_table, length
 from simspec.runner import metrics
@@ -82,7 +83,11 @@ class Diff:
                 that stays at a level ends nothing (see :mod:`simspec.comparison.horizon`).
     bodies      one entry per moving body that both have, worst first
     quantities  energy, momentum, contacts, spread: they are compared over the whole time, so also past the horizon
-    notes       what must be known to read it: other worlds, a run that ended early, no noise floor
+    contact_first_difference, first_contact  the first time (s) at which something touches in one run and not in the other, and
+                what; None = never
+    notes       what must be known to read it: other worlds, a run that ended early, no noise floor, contacts that are
+    matched by
+                less than single shapes
     """
 
     first: str
@@ -94,6 +99,7 @@ class Diff:
     bodies: tuple[BodyDiff, ...]
     quantities: tuple[Scalars, ...]
     contact_first_difference: float | None
+    first_contact: FirstContactDifference | None
     notes: tuple[str, ...] = field(default=())
 
     def __repr__(self) -> str:
@@ -176,6 +182,8 @@ def diff(
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
     angle_tolerance = tolerance if angle_tolerance is None else angle_tolerance
     notes = _notes(a, b, floors)
+    if all("contact.row" in run.arrays for run in (a, b)):
+        notes.extend(common_sides((a, b)).notes)
     names = moving_in_common(a, b)
     common = Common(a, b, names, floors)
     notes += [common.shared()] if common.shared() else []
@@ -197,6 +205,7 @@ def diff(
         ]
     # what is not finite is the worst of all
     bodies.sort(key=lambda body: -body.position_largest if np.isfinite(body.position_largest) else -np.inf)
+    first = first_difference(common, a, b)
     ends = departures.time(last) if last < common.rows else None
     return Diff(
         a.label,
@@ -207,7 +216,8 @@ def diff(
         departures.time(compared - 1),
         tuple(bodies),
         tuple(_quantities(a, b, int(common.rows_a[-1]), int(common.rows_b[-1]))),
-        first_difference(common, a, b),
+        None if first is None else first.time,
+        first,
         tuple(notes),
     )
 

@@ -12,6 +12,9 @@ from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
+SHOWN_PAIRS = 3
+"""Pairs that touch in one run only that a comparison lists."""
+
 
 def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     """Each engine's own noise."""
@@ -121,9 +124,16 @@ def diff_tables(diff: Diff) -> list[Table]:
             continue
         gap = item.second - item.first if item.first is not None and item.second is not None else None
         scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
-    if diff.contact_first_difference is not None:
-        scalars.add_row("first contact that differs", "", "", number(diff.contact_first_difference, "s"))
+    if diff.first_contact is not None:
+        one, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
+        scalars.add_row("first contact that differs", one, other, number(diff.first_contact.time, "s"))
     return [bodies, scalars]
+
+
+def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
+    """What touches in one run only: the first pairs, and how many more."""
+    told = "\n".join(" and ".join(pair) for pair in pairs[:SHOWN_PAIRS])
+    return f"{told}\nand {len(pairs) - SHOWN_PAIRS} more" if len(pairs) > SHOWN_PAIRS else told or "–"
 
 
 def changes(changed: Sequence[Change]) -> Table:

@@ -11,7 +11,12 @@ import pytest
 from simspec import mapped
 from simspec.analysis.contacts import compare_contacts, total_jaccard, touches
 from simspec.analysis.penetration import penetration
+from simspec.comparison.common import Common
+from simspec.comparison.contacts import first_difference
+from simspec.comparison.runs import diff
+from simspec.comparison.sides import common_sides
 from simspec.errors import SpecError
+from simspec.world.types import Shape
 from tests.runner.synthetic import free_body, run, world
 
 WORLD = world(free_body("floor"), free_body("ball"), free_body("cube"))
@@ -106,3 +111,94 @@ def test_what_is_no_number_is_the_deepest():
 def test_nothing_overlaps():
     told = penetration(touching())
     assert (told.deepest.depth, told.mean, told.pairs, told.share_deeper(0.0)) == (0.0, 0.0, {}, 0.0)
+
+
+SHAPES = {"floor": ("left", "right"), "ball": ("ball_0",), "cube": ("top", "side", "foot")}
+SHAPED = world(
+    *(
+        dataclasses.replace(free_body(name), shapes=tuple(Shape(shape, "box", (1.0, 1.0, 1.0)) for shape in shapes))
+        for name, shapes in SHAPES.items()
+    )
+)
+LEFT, RIGHT, ROUND, TOP, SIDE, FOOT, GROUP = range(7)
+"""Sides of contacts: shapes in the order of the bodies, then a group."""
+BODY = {LEFT: 0, RIGHT: 0, ROUND: 1, TOP: 2, SIDE: 2, FOOT: 2, GROUP: 2}
+
+
+def of_shapes(*contacts, groups=(), engine="first"):
+    """A run whose contacts are (row, side, side, force)."""
+    rows = [(row, BODY[one], BODY[other], -0.01, force) for row, one, other, force in contacts]
+    told = run(SHAPED, contacts=rows, engine=engine, contact_groups=[list(group) for group in groups])
+    sides = np.array([pair[1:3] for pair in contacts], dtype=np.int64).reshape(-1, 2)
+    return dataclasses.replace(told, arrays={**told.arrays, "contact.shape": sides})
+
+
+def without_shapes(one):
+    arrays = {name: values for name, values in one.arrays.items() if name != "contact.shape"}
+    facts = {name: value for name, value in one.provenance.items() if name != "contact_groups"}
+    return dataclasses.replace(one, arrays=arrays, provenance=facts)
+
+
+def test_contacts_are_matched_by_shape():
+    """The ball rests on the left in one run and on the right in the other: by bodies they would touch alike."""
+    one = of_shapes((2, LEFT, ROUND, 10.0), (3, ROUND, LEFT, 10.0))
+    other = of_shapes((2, ROUND, RIGHT, 10.0), (3, RIGHT, ROUND, 10.0), engine="second")
+    told = {pair.pair: pair for pair in compare_contacts(one, other)}
+    assert set(told) == {("ball", "floor (left)"), ("ball", "floor (right)")}
+    assert all(pair.jaccard == 0.0 for pair in told.values())
+    assert told["ball", "floor (left)"].first_impulse == pytest.approx(2.0)
+    assert told["ball", "floor (left)"].second_impulse == 0.0
+    (by_body,) = compare_contacts(one, other, by="body")
+    assert (by_body.pair, by_body.jaccard) == (("ball", "floor"), 1.0)
+    assert set(touches(one)) == {("ball", "floor (left)")}
+    assert set(touches(one, by="body")) == {("ball", "floor")}
+    assert penetration(one).pairs == {("ball", "floor (left)"): 0.01}
+    with pytest.raises(ValueError, match="by shape or by body"):
+        compare_contacts(one, other, by="material")
+
+
+def test_shapes_that_one_run_does_not_tell_apart_are_matched_together():
+    """The second engine tells top and side as a group, the first tells them apart; the foot both tell."""
+    one = of_shapes((2, TOP, ROUND, 10.0), (3, SIDE, ROUND, 10.0), (4, FOOT, ROUND, 10.0))
+    rows = [(2, GROUP, ROUND, 10.0), (3, GROUP, ROUND, 10.0), (4, ROUND, FOOT, 10.0)]
+    other = of_shapes(*rows, groups=[("top", "side")], engine="second")
+    told = {pair.pair: pair for pair in compare_contacts(one, other)}
+    assert set(told) == {("ball", "cube (top, side)"), ("ball", "cube (foot)")}
+    assert all(pair.jaccard == 1.0 for pair in told.values())
+    assert told["ball", "cube (top, side)"].first_impulse == pytest.approx(2.0)
+    assert common_sides((one, other)).notes == (
+        "second 1.0 does not tell some shapes of cube apart in contact: they are matched together",
+    )
+
+
+def test_groups_that_overlap_are_one():
+    one = of_shapes((2, GROUP, ROUND, 10.0), groups=[("top", "side")])
+    other = of_shapes((2, GROUP, ROUND, 10.0), groups=[("side", "foot")], engine="second")
+    (only,) = compare_contacts(one, other)
+    assert (only.pair, only.jaccard) == (("ball", "cube"), 1.0)
+
+
+def test_a_run_without_shapes_is_matched_by_bodies_and_that_is_said():
+    one = of_shapes((2, LEFT, ROUND, 10.0))
+    bare = without_shapes(of_shapes((2, RIGHT, ROUND, 10.0), engine="second"))
+    (only,) = compare_contacts(one, bare)
+    assert (only.pair, only.jaccard) == (("ball", "floor"), 1.0)
+    assert common_sides((one, bare)).notes == (
+        "second 1.0 does not tell the shapes of contacts: they are matched by bodies",
+    )
+    assert diff(one, bare).first_contact is None
+    assert any("matched by bodies" in note for note in diff(one, bare).notes)
+
+
+def test_the_first_contact_that_differs_names_shapes():
+    one = of_shapes((2, LEFT, ROUND, 10.0), (5, TOP, ROUND, 1.0))
+    other = of_shapes((2, LEFT, ROUND, 10.0), (5, FOOT, ROUND, 1.0), (5, RIGHT, SIDE, 1.0), engine="second")
+    told = diff(one, other)
+    assert told.contact_first_difference == pytest.approx(0.5)
+    assert told.first_contact.first_only == (("ball", "cube (top)"),)
+    assert told.first_contact.second_only == (("ball", "cube (foot)"), ("cube (side)", "floor (right)"))
+    assert first_difference(*_common(one, other), by="body").second_only == (("cube", "floor"),)
+
+
+def _common(one, other):
+    return Common(one, other, ["ball"], []), one, other
