@@ -21,7 +21,7 @@ from simspec.language.words import FileName, Text, Word
 VERSION = 1
 SHOWN = (
     *("speed", "load", "validity", "over_time", "determinism", "unequal", "contact"),
-    *("certified", "failures", "cases", "cost"),
+    *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
 )
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")

@@ -13,7 +13,8 @@ from simspec.cli import app
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import PROBES
 from simspec.report.page.sheets import sheet
-from simspec.report.study.contact import FORMS, Form, _cell, _digits, law_words
+from simspec.report.study.contact import FORMS, Form, _cell, law_words
+from simspec.report.study.digits import two_digits
 from simspec.world.types import Hardness, PairContact
 
 SPEC = """\
@@ -73,7 +74,7 @@ def cells(shown):
 
 
 def test_each_probe_has_a_table_over_the_timesteps(tables):
-    rest = tables["contact-rest"]
+    rest = tables["contact.rest"]
     assert [cell["text"] for cell in rest["head"]] == ["law", "probed", "settings", "engine", "2 ms", "4 ms"]
     put_down = [row for row in cells(rest) if row[1] == "cube put down"]
     assert [row[:4] for row in put_down] == [
@@ -90,21 +91,21 @@ def test_figures_are_those_of_the_stored_certificates(folder, tables):
         certificate = json.loads(path.read_text())
         for proof in certificate["engines"].values():
             depths |= {
-                _digits(1e6 * abs(figure["measured"]))
+                two_digits(1e6 * abs(figure["measured"]))
                 for figure in proof["contact"]
                 if figure["probe"] == "rest" and figure["case"] == "ball dropped"
             }
-    shown = {value for row in cells(tables["contact-rest"]) if row[1] == "ball dropped" for value in row[4:]}
+    shown = {value for row in cells(tables["contact.rest"]) if row[1] == "ball dropped" for value in row[4:]}
     assert shown == depths
 
 
 def test_a_case_without_effect_in_an_engine_is_not_shown_again(tables):
-    shown = [row[1:3] for row in cells(tables["contact-push"]) if row[0] == "μ 0"]
+    shown = [row[1:3] for row in cells(tables["contact.push"]) if row[0] == "μ 0"]
     assert shown == [["–", "mujoco"], ["–", "dart"], ["of-dart", "dart"]]
 
 
 def test_what_is_not_supported_is_told_with_the_reason_once(tables):
-    rows = cells(tables["contact-unsupported"])
+    rows = cells(tables["contact.unsupported"])
     assert [row[0] for row in rows] == ["mujoco", "dart"]
     assert rows[0][1] == "compliant"
     assert "approximately" in rows[0][2]
@@ -113,7 +114,7 @@ def test_what_is_not_supported_is_told_with_the_reason_once(tables):
 
 
 def test_a_law_that_only_one_engine_supports_has_rows_of_that_one(tables):
-    rows = cells(tables["contact-compliance"])
+    rows = cells(tables["contact.compliance"])
     assert {row[3] for row in rows} == {"mujoco"}
     assert {row[0] for row in rows} == {"μ 0, T 40 ms, ζ 1"}
     assert len({row[1] for row in rows}) == len(rows) == 2
@@ -165,8 +166,8 @@ def test_no_figure_is_no_number():
     assert _cell(Form(), []).plain == "–"
 
 
-def test_numbers_have_two_digits():
-    assert [_digits(value) for value in (0.0, 9e-4, 0.00123, 0.0501, 1.26, 12.6, 1260.0)] == [
+def test_numbers_have_twotwo_digits():
+    assert [two_digits(value) for value in (0.0, 9e-4, 0.00123, 0.0501, 1.26, 12.6, 1260.0)] == [
         "0", "0", "0.001", "0.050", "1.3", "13", "1260"
     ]  # fmt: skip
 

@@ -17,7 +17,8 @@ from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import laws
 from simspec.report.contact import TITLES
 from simspec.report.kit import length, table
-from simspec.report.study.done import Done, Shown, milliseconds
+from simspec.report.study.digits import two_digits
+from simspec.report.study.done import Done, Record, Shown, finite, milliseconds
 from simspec.report.study.variants import PLAIN, Variant, timesteps_of, unsupported_table, variants
 from simspec.world.types import PairContact
 
@@ -61,15 +62,12 @@ NOTE = (
     "the largest deviation of the measured from the analytic value; marked: beyond what simspec promises at 1 ms, declared by "
     "the engine (italic) or not (bold)"
 )
-SMALLEST = 1e-3
-"""Numbers below this are shown as 0: nobody asks for more than three digits after the point."""
-
 Measured = Mapping[tuple[str, str], Sequence[Figure]]
 """The figures of one proof, by the law in words and the probe."""
 
 
 def contact_tables(done: Done) -> list[Shown]:
-    """``contact``: a table for each probe that has figures, ``contact-PROBE``, and ``contact-unsupported``: what has none."""
+    """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: what has none."""
     made = variants(done)
     steps = timesteps_of(made)
     rows: dict[tuple[str, str, str], dict[int, dict[float, Sequence[Figure]]]] = {}
@@ -89,7 +87,7 @@ def contact_tables(done: Done) -> list[Shown]:
     if not shown and unmeasured:
         shown = [Shown("contact", table(f"{done.sweep.name}: {note}", "nothing was measured"))]
     refused = unsupported_table(done, made)
-    return [*shown, *([Shown("contact-unsupported", refused)] if refused is not None else [])]
+    return [*shown, *([Shown("contact.unsupported", refused)] if refused is not None else [])]
 
 
 def _shown(
@@ -111,12 +109,29 @@ def _shown(
         *map(milliseconds, steps),
         right=right,
     )
+    records: list[Record] = []
     for (name, law, case), own in rows.items():
         for index, figures in own.items() if name == probe else ():
+            records += [_record(form, law, case, made[index], step, of_step) for step, of_step in figures.items()]
             cells = [_cell(form, figures.get(step)) for step in steps]
             shown.add_row(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
     shown.caption = note
-    return Shown(f"contact-{probe}", shown)
+    return Shown(f"contact.{probe}", shown, records)
+
+
+def _record(form: Form, law: str, case: str, one: Variant, step: float, figures: Sequence[Figure]) -> Record:
+    """The worst of some figures as data: its deviation in the unit of the table."""
+    return {"law": law, "case": case, "settings": one.label, "engine": one.engine, "timestep": step} | {
+        "deviation": finite(_worst(form, figures)),
+        "passed": all(figure.passed for figure in figures),
+        "declared": any(bool(figure.deviation) for figure in figures),
+    }
+
+
+def _worst(form: Form, figures: Sequence[Figure]) -> float:
+    """The largest deviation; infinite where one is no number."""
+    deviations = [_deviation(form, figure) for figure in figures]
+    return max(math.inf if math.isnan(one) else one for one in deviations)
 
 
 def _measured(done: Done, cell: Cell) -> Measured | None:
@@ -169,13 +184,12 @@ def _cell(form: Form, figures: Sequence[Figure] | None) -> Text:
     """The worst of some figures."""
     if not figures:
         return Text(PLAIN, style="dim")
-    deviations = [_deviation(form, figure) for figure in figures]
-    worst = max(math.inf if math.isnan(one) else one for one in deviations)
+    worst = _worst(form, figures)
     if math.isinf(worst):
         return Text("no value", style="bold red")
     if not all(figure.passed for figure in figures):
-        return Text(_digits(worst), style="bold red")
-    return Text(_digits(worst), style="yellow" if any(figure.deviation for figure in figures) else "")
+        return Text(two_digits(worst), style="bold red")
+    return Text(two_digits(worst), style="yellow" if any(figure.deviation for figure in figures) else "")
 
 
 def _deviation(form: Form, figure: Figure) -> float:
@@ -187,11 +201,3 @@ def _deviation(form: Form, figure: Figure) -> float:
     if not figure.expected:
         return 0.0 if not off else math.inf
     return 100.0 * off / abs(figure.expected)
-
-
-def _digits(value: float) -> str:
-    """Two digits that count, at most three places."""
-    if value < SMALLEST:
-        return "0"
-    places = max(0, 1 - math.floor(math.log10(value)))
-    return f"{value:.{min(places, 3)}f}"

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from simspec.report.study.case_cost import case_cost_tables
 from simspec.report.study.cases import cases_tables
 from simspec.report.study.certified import certified_tables
 from simspec.report.study.contact import contact_tables
 from simspec.report.study.cost import cost_tables
 from simspec.report.study.determinism import determinism_tables
+from simspec.report.study.displacement import displacement_tables
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
@@ -28,6 +30,8 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "failures": failures_tables,
     "cases": cases_tables,
     "cost": cost_tables,
+    "displacement": displacement_tables,
+    "case_cost": case_cost_tables,
 }
 """By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
 

@@ -34,8 +34,14 @@ class Variant:
     @property
     def label(self) -> str:
         """The case and the values in words."""
+        told = self.told_values
+        return ", ".join([*([self.case] if self.case is not None else []), *([told] if told != PLAIN else [])]) or PLAIN
+
+    @property
+    def told_values(self) -> str:
+        """The values in words."""
         told = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
-        return ", ".join([*([self.case] if self.case is not None else []), *told]) or PLAIN
+        return ", ".join(told) or PLAIN
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -47,9 +53,19 @@ class Variant:
         for runs in self.runs.values():
             yield from runs
 
+    @staticmethod
+    def refused(row: Row) -> bool:
+        """Whether the engine does not support what was asked of it."""
+        return row.failed is not None and row.failed.startswith(REFUSED)
+
+    @property
+    def supported(self) -> bool:
+        """Whether the engine supports it at any timestep."""
+        return not all(self.refused(row) for _, row in self.all_runs())
+
     def refusals(self) -> list[str]:
         """Why the engine does not support the scenario with these values, each reason once."""
-        told = [row.failed for _, row in self.all_runs() if row.failed is not None and row.failed.startswith(REFUSED)]
+        told = [row.failed for _, row in self.all_runs() if row.failed is not None and self.refused(row)]
         return list(dict.fromkeys(why.removeprefix(REFUSED).removeprefix(": ") for why in told))
 
 
