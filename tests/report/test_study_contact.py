@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 from simspec.cli import app
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import PROBES
+from simspec.report.kit import table
 from simspec.report.page.sheets import sheet
 from simspec.report.study.contact import FORMS, Form, _cell, law_words
 from simspec.report.study.digits import two_digits
+from simspec.report.study.markdown import markdown
 from simspec.world.types import Hardness, PairContact
 
 SPEC = """\
@@ -178,9 +180,9 @@ def test_laws_in_words():
     assert law_words(PairContact("a", "b", 0.0, 0.0, hardness=Hardness("native"))) == "μ 0, native hardness"
 
 
-def test_marks_reach_the_page():
-    from simspec.report.kit import table
-
-    shown = table("t", "a")
-    shown.add_row(_cell(Form(share=True), [dataclasses.replace(FIGURE, tolerance=0.01)]))
-    assert sheet(shown).rows[0][0].classes == "bad"
+def test_marks_reach_pages_also_without_colours():
+    shown = table("t", "failed", "declared", "within")
+    figures = [{"tolerance": 0.01}, {"deviation": "it slips"}, {}]
+    shown.add_row(*(_cell(Form(share=True), [dataclasses.replace(FIGURE, **one)]) for one in figures))
+    assert [cell.classes for cell in sheet(shown).rows[0]] == ["bad", "warning", ""]
+    assert markdown(sheet(shown)).splitlines()[4] == "| **5.0** | *5.0* | 5.0 |"
