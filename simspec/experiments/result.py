@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 from simspec.comparison.runs import summary
+from simspec.runner.case import shared_world
 from simspec.runner.expectations import evaluate
 from simspec.runner.labels import labels_of
 from simspec.runner.run import Run
@@ -42,12 +43,6 @@ class TaskResult:
     asked: Mapping[str, Any]
     circumstances: Mapping[str, Any]
     tables: Mapping[str, Write]
-
-
-def shared_world(world: World) -> World:
-    """What the runs of several engines, settings and specs have in common: the world without its name, its expectations and its
-    options of engines. It is stored once."""
-    return dataclasses.replace(world, name="", expectations=(), engines=())
 
 
 def whole_world(shared: World, asked: Mapping[str, Any]) -> World:

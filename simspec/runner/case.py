@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +14,25 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world.canonical import sha256, to_plain
+from simspec.world.canonical import canonical_json, to_plain
+from simspec.world.derived import derived
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Record, World
 
 KEY_SCHEMA = 1
 """Version of what a key is made of."""
+
+
+@derived
+def shared_world(world: World) -> World:
+    """What the runs of several engines, settings and specs have in common: the world without its name, its expectations and its
+    options of engines."""
+    return dataclasses.replace(world, name="", expectations=(), engines=())
+
+
+@derived
+def _shared_json(world: World) -> str:
+    return canonical_json(shared_world(world))
 
 
 @dataclass(frozen=True)
@@ -69,10 +83,9 @@ class Case:
         world, name = self.resolved, engine_name(self.engine)
         options = world.options(name)
         pairs = {"pairs": to_plain(options.pairs)} if options.pairs else {}
-        return sha256(
+        told = canonical_json(
             {
                 "schema": KEY_SCHEMA,
-                "world": to_plain(dataclasses.replace(world, name="", expectations=(), engines=())),
                 "engine": name,
                 "settings": dict(sorted(resolve_settings(find_engine(name), world).items())),
                 "accept": sorted(options.accept),
@@ -83,6 +96,8 @@ class Case:
                 **pairs,
             }
         )
+        # the world's text is made once for all cases of it; its name comes last in the order of canonical JSON
+        return hashlib.sha256(f'{told[:-1]},"world":{_shared_json(world)}}}'.encode()).hexdigest()
 
 
 def perturbed_state(world: World, amount: float, seed: int | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -164,8 +164,9 @@ def load_tables(folder: Path, world: World, stored: Mapping[str, StoredTable], l
             sources = {}
             for name, schema in wanted.items():
                 path = folder / f"{name}.parquet"
-                source = opened.enter_context(_opened(path, folder, stored[name].sha256, schema, rows[name]))
-                sources[name] = _blocks(path, source, schema, rows[name])
+                table = _opened(path, folder, stored[name].sha256, world, schema, rows[name])
+                source, own_schema = opened.enter_context(table)
+                sources[name] = _blocks(path, source, own_schema, rows[name])
             return tables.read_arrays(world, labels, rows, sources)
     except UNREADABLE as error:
         raise _unreadable(folder, error) from None
@@ -183,8 +184,11 @@ def _wanted(world: World, stored: Mapping[str, StoredTable], labels: Labels) -> 
 
 
 @contextlib.contextmanager
-def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int) -> Iterator[parquet.ParquetFile]:
-    """A table, which is the one of its hash, and has these columns and this many rows. Raises SpecError that names the file."""
+def _opened(
+    path: Path, folder: Path, wanted: str, world: World, schema: pa.Schema, rows: int
+) -> Iterator[tuple[parquet.ParquetFile, pa.Schema]]:
+    """A table, which is the one of its hash, and has the columns of ``schema`` and this many rows; and the columns that it has
+    (``tables.as_stored``). Raises SpecError that names the file."""
     try:
         with contextlib.ExitStack() as opened:
             file = opened.enter_context(os.fdopen(open_regular(path, tables.LARGEST_TABLE, folder), "rb"))
@@ -197,6 +201,7 @@ def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int)
                     ]
                 )
             source = tables.open_parquet(file, file.tell())
+            schema = tables.as_stored(source, schema, world)
             tables.check(source, schema, rows)
             kept = opened.pop_all()
     except FileNotFoundError:
@@ -204,7 +209,7 @@ def _opened(path: Path, folder: Path, wanted: str, schema: pa.Schema, rows: int)
     except UNREADABLE as error:
         raise _unreadable(path, error) from None
     with kept:
-        yield source
+        yield source, schema
 
 
 def _blocks(path: Path, source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> Iterator[tuple[slice, pa.Table]]:

@@ -17,18 +17,23 @@ from typing import Any
 
 from simspec.world.derived import derived
 
+_WHOLE = frozenset({str, int, bool, type(None)})
+"""Types that are plain as they are."""
+
 
 def to_plain(value: Any) -> Any:
     """Dataclasses to dicts and tuples to lists, for JSON."""
+    kind = type(value)
+    if kind in _WHOLE:
+        return value
     if isinstance(value, float):
         return value + 0.0 if value else 0.0
-    if value is None or isinstance(value, (str, int)):
+    if isinstance(value, (str, int)):
         return value
     if isinstance(value, (tuple, list)):
         return [to_plain(item) for item in value]
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
-    kind = type(value)
     plain = {name: to_plain(getattr(value, name)) for name in _field_names(kind)}
     for name in _left_out(kind):
         if not plain[name]:

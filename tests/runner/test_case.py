@@ -11,6 +11,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.runner.case import Case, perturbed_state
 from simspec.runner.execution import run_case
+from simspec.world.canonical import sha256
 from simspec.world.types import EngineOptions, Expectation, Physics, Record
 from tests import worlds
 
@@ -115,3 +116,14 @@ def test_a_case_is_run_as_it_says():
     np.testing.assert_array_equal(run.arrays["q"][0], perturbed_state(world, 1e-3, 5)[0])
     unchanged = run_case(Case(world, ENGINE))
     assert unchanged.provenance["case"] != run.provenance["case"]
+
+
+def test_a_key_is_the_hash_of_all_that_it_is_of():
+    """The text of the world is made once and put in its place: nothing else may come after it."""
+    options = (EngineOptions(ENGINE, (("iterations", 7),), ("contact.impact_friction",)),)
+    case = Case(dataclasses.replace(WORLD, engines=options), ENGINE, perturb=1e-9, seed=4)
+    shared = dataclasses.replace(WORLD, name="", expectations=(), engines=())
+    settings = dict(resolve_settings(find_engine(ENGINE), case.world))
+    told = {"schema": 1, "world": shared, "engine": ENGINE, "settings": settings, "accept": ["contact.impact_friction"]}
+    told |= {"outside": [], "perturb": 1e-9, "seed": 4, "versions": VERSIONS}
+    assert case.key(VERSIONS) == sha256(told)

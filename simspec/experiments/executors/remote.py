@@ -26,10 +26,10 @@ from simspec.experiments.executors.parcel import (
     task_data,
     task_from,
 )
-from simspec.experiments.result import TaskResult, shared_world
+from simspec.experiments.result import TaskResult
 from simspec.experiments.versions import versions_of
 from simspec.reading import parse_json
-from simspec.runner.case import Case
+from simspec.runner.case import Case, shared_world
 from simspec.runner.execution import failed_run, run_case
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import canonical_json, from_plain, sha256
