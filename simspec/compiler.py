@@ -257,16 +257,28 @@ def check_at_timestep(spec: Spec) -> list[Problem]:
 
 
 def pairs_without_effect(spec: Spec, world: World) -> list[Problem]:
-    """Warnings of settings of pairs of materials of which no two shapes can touch."""
-    laws = meeting_laws(world)
+    """Warnings of settings of pairs of materials that do nothing, at whatever timestep: no two shapes of them can touch, or
+    their contact has not what the setting acts on."""
+    laws, cone = meeting_laws(world), world.contact.friction_cone
     problems = []
-    for options in world.engines:
-        for pair in options.pairs:
-            if (pair.first, pair.second) not in laws:
-                path = f"engines.{options.engine}.pairs.{pair.first}.{pair.second}"
-                message = f"no shapes of {pair.first} and {pair.second} can touch: their settings have no effect"
-                place = spec.locate(f"{path}.{pair.settings[0][0]}")
-                problems.append(Problem(message, path, place, found=", ".join(name for name, _ in pair.settings)))
+    for name, options in spec.data.engines.items():
+        table = find_engine(name).SETTINGS if name in engines() else {}
+        base = f"engines.{name}"
+        entries = [(f"{base}.at_timestep.{index}", entry.pairs) for index, entry in enumerate(options.at_timestep)]
+        for place, pairs in ((base, options.pairs), *entries):
+            for index, pair in enumerate(pairs):
+                path = f"{place}.pairs.{index}"
+                law, names = laws.get(pair.materials), " and ".join(pair.materials)
+                if law is None:
+                    message = f"no shapes of {names} can touch: these settings have no effect"
+                    problems.append(Problem(message, path, spec.locate(path), found=", ".join(pair.settings)))
+                    continue
+                for setting in pair.settings:
+                    by_pair = table[setting].by_pair if setting in table else None
+                    if by_pair is not None and (why := by_pair.idle(law, cone)):
+                        message = f"{setting} has no effect in contacts of {names}"
+                        where = f"{path}.settings.{setting}"
+                        problems.append(Problem(message, where, spec.locate(where), found=why))
     return problems
 
 

@@ -12,6 +12,7 @@ from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.hints import hint_for_key
 from simspec.language.models import EngineOptions, File, SettingsAtTimestep
 from simspec.language.quantities import Vector
+from simspec.language.reader import Reader
 from simspec.language.strict import near, show
 
 FILE = "--set"
@@ -61,17 +62,44 @@ def overridden(document: Document, overrides: Iterable[Override]) -> tuple[Docum
 
 
 def put(document: Document, override: Override) -> Problem | None:
-    """Put a value into a document, in copies of all that is on the way to it; returns what is wrong with the path."""
+    """Put a value into a document, in copies of all that is on the way to it; returns what is wrong with the path, where the
+    document stays as it is."""
+    before = document.data, document.mark
+    problem = _put_in_copies(document, override)
+    if problem is not None:
+        document.data, document.mark = before
+    return problem
+
+
+def _put_in_copies(document: Document, override: Override) -> Problem | None:
     path, place = override.path, override.place
     steps = path.split(".")
     document.data, document.mark = copy.copy(document.data), _copied(document.mark)
     holder, mark, kind = document.data, document.mark, File
     for index, step in enumerate(steps[:-1]):
-        below = _enter(holder, mark, kind, step, ".".join(steps[: index + 1]), place)
+        so_far = ".".join(steps[: index + 1])
+        if isinstance(holder, dict) and step not in holder and (problem := _no_parts(kind, step, so_far, override)):
+            return problem
+        below = _enter(holder, mark, kind, step, so_far, place)
         if isinstance(below, Problem):
             return below
         holder, mark, kind = below
     return _put(holder, mark, kind, steps[-1], override)
+
+
+def _no_parts(kind: Any, step: str, path: str, override: Override) -> Problem | None:
+    """The problem of a part of a list, or of another whole value, that the spec does not have: nothing says what the other
+    parts would be."""
+    below = walk.child(kind, step)
+    if not isinstance(below, (Reader, list)):
+        return None
+    whole = f"[{', '.join(['…'] * below.length)}]" if isinstance(below, Vector) else "…"
+    return Problem(
+        f"the spec has no {path!r} of which a part could be changed",
+        override.path,
+        override.place,
+        hint=f"{path}={whole}",
+    )
 
 
 def kind_at(document: Document, path: str, place: Location | None) -> Any:

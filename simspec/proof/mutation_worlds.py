@@ -141,13 +141,16 @@ def settings(engine: str) -> World:
 
 
 def pairs(engine: str) -> World:
-    """Two balls of two materials on a floor of a third, each of which meets the floor with settings of its own."""
+    """Two balls of two materials on a floor, with settings of their own for each pair of materials that meets."""
     world = hard("common", Hardness())(engine)
     (floor,) = (body for body in world.bodies if body.joint.kind == "fixed")
     (ball,) = (body for body in world.bodies if body.joint.kind == "free")
     bodies = [_of_material(floor, floor.name, "stone", 0.0)]
-    bodies += [_of_material(ball, name, name, away) for name, away in (("ice", 0.5), ("rubber", 0.0))]
-    friction = {"ice": 0.3, "rubber": 0.5, "stone": 0.4}
+    bodies += [
+        _of_material(ball, name, material, x)
+        for name, material, x in (("pebble", "stone", 0.5), ("ball", "rubber", 0.0))
+    ]
+    friction = {"rubber": 0.5, "stone": 0.4}
     names = list(friction)
     laws = tuple(
         PairContact(a, b, max(friction[a], friction[b]), 0.0) for index, a in enumerate(names) for b in names[index:]
@@ -164,8 +167,8 @@ def pairs(engine: str) -> World:
 
 
 def _own_settings(engine: str) -> tuple[PairSettings, ...]:
-    """Of ice with stone all settings that can be by pair, of rubber with stone the first one. An engine that has none is given
-    some other, which it refuses with the reason."""
+    """Of rubber with stone all settings that can be by pair, of stone with itself the first one. An engine without any gets
+    another one, which it refuses with the reason."""
     table = find_engine(engine).SETTINGS
     by_pair = {name: setting for name, setting in sorted(table.items()) if setting.by_pair} or dict(
         [min(table.items())]
@@ -174,7 +177,7 @@ def _own_settings(engine: str) -> tuple[PairSettings, ...]:
     idle = idle_settings(find_engine(engine), {name: setting.default for name, setting in table.items()} | own)
     used = tuple((name, value) for name, value in own.items() if name not in idle)
     first = next((name, _near(setting, 0.92)) for name, setting in by_pair.items() if name not in idle)
-    return PairSettings("ice", "stone", used), PairSettings("rubber", "stone", (first,))
+    return PairSettings("rubber", "stone", used), PairSettings("stone", "stone", (first,))
 
 
 def _near(setting: Setting, share: float) -> bool | int | float | str:

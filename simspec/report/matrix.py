@@ -75,7 +75,7 @@ def engine_data() -> dict[str, Any]:
                     "default": setting.default,
                     "meaning": setting.meaning,
                     "choices": list(setting.choices),
-                    "by_pair": setting.by_pair,
+                    "by_pair": setting.by_pair is not None,
                 }
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 | _frictionless(setting)

@@ -244,6 +244,29 @@ def test_wrong_overrides_are_placed_at_the_override(text, message, hint):
     assert hint is None or hint in found[0].hint
 
 
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("physics.gravity.2=-5", "physics.gravity=[…, …, …]"),
+        ("physics.gravity.z=-5", "physics.gravity=[…, …, …]"),
+        ("bodies.a.pose.xyz.1=3", "bodies.a.pose.xyz=[…, …, …]"),
+        ("contact.hardness.stiffness=100", "contact.hardness=…"),
+        ("expect.0.position.body=a", "expect=…"),
+        ("engines.mujoco.pairs.0.settings.x=1", "engines.mujoco.pairs=…"),
+    ],
+)
+def test_a_part_of_what_the_spec_does_not_say_is_one_error(text, hint, tmp_path):
+    """Nothing says what the other parts would be; and what could not be put in leaves nothing behind, to be found wrong."""
+    path = tmp_path / "m.yaml"
+    path.write_text("simspec: 1\nname: m\nbodies: {a: {fixed: true}}\n", encoding="utf-8")
+    with pytest.raises(SpecError) as error:
+        load(path, sets=[text])
+    (problem,) = error.value.problems
+    assert (problem.path, str(problem.location)) == (text.partition("=")[0], "--set:1:1")
+    assert "of which a part could be changed" in problem.message
+    assert problem.hint == hint
+
+
 def test_the_column_is_that_of_the_value():
     with pytest.raises(SpecError) as error:
         load(TABLE, sets=["physics.gravity=[0, 0, 1 s]"])

@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Protocol
 
 from simspec.contact.meeting import Pair, balls_alone
 from simspec.errors import Problem
-from simspec.world.types import World
+from simspec.language.vocabulary import FRICTION_CONES
+from simspec.world.types import PairContact, World
 
 Value = bool | int | float | str
 """What a setting can be."""
@@ -40,6 +41,27 @@ class Group(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class ByPair:
+    """The contacts in which a setting of a pair of materials acts: of these kinds of hardness, under these friction cones, and
+    with friction or without restitution where that is needed."""
+
+    hardness: tuple[str, ...]
+    cones: tuple[str, ...] = FRICTION_CONES
+    friction: bool = False
+    inelastic: bool = False
+
+    def idle(self, law: PairContact, cone: str) -> str:
+        """Why it has no effect in contacts of a law; empty where it has one."""
+        if law.hardness.kind not in self.hardness:
+            return f"hardness {law.hardness.kind}"
+        if cone not in self.cones:
+            return f"friction cone {cone}"
+        if self.friction and not law.friction:
+            return "no friction"
+        return "restitution" if self.inelastic and law.restitution else ""
+
+
+@dataclass(frozen=True, slots=True)
 class Setting:
     """One solver setting of an engine: its default, what is allowed, what it does and why the default is what it is."""
 
@@ -62,8 +84,8 @@ class Setting:
     """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
-    by_pair: bool = False
-    """Whether each pair of materials may have a value of its own (``engines.NAME.pairs``)."""
+    by_pair: ByPair | None = None
+    """Where each pair of materials may have a value of its own (``engines.NAME.pairs``): in which contacts it acts."""
 
 
 class HasSettings(Protocol):

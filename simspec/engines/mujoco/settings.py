@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import ByPair, Group, Setting
+
+_RIGID = ByPair(("common",))
+_SLIDING = ByPair(("common",), ("elliptic",), friction=True)
+_SLIDING_ON_SPRINGS_TOO = ByPair(("common", "time-constant", "stiffness"), ("elliptic",), friction=True)
+_CUSHIONED = ByPair(("common",), ("elliptic",), friction=True, inelastic=True)
 
 SETTINGS: Mapping[str, Setting] = {
     "solver": Setting(
@@ -120,7 +125,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=1.0,
         group=Group.ERROR_REDUCTION,
-        by_pair=True,
+        by_pair=_RIGID,
     ),
     "contact_impedance": Setting(
         0.999,
@@ -130,7 +135,7 @@ SETTINGS: Mapping[str, Setting] = {
         maximum=0.9999,
         group=Group.SOFTNESS,
         finer=0.9999,
-        by_pair=True,
+        by_pair=_RIGID,
     ),
     "friction_rate": Setting(
         100.0,
@@ -140,7 +145,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=1e-3,
         needs=("friction", (NATIVE,)),
         group=Group.FRICTION,
-        by_pair=True,
+        by_pair=_SLIDING,
     ),
     "friction_share": Setting(
         0.3,
@@ -152,7 +157,7 @@ SETTINGS: Mapping[str, Setting] = {
         maximum=1.0,
         needs=("friction", (NATIVE,)),
         group=Group.FRICTION,
-        by_pair=True,
+        by_pair=_SLIDING_ON_SPRINGS_TOO,
     ),
     "friction_cushion": Setting(
         1e-4,
@@ -165,7 +170,7 @@ SETTINGS: Mapping[str, Setting] = {
         needs=("friction", (NATIVE,)),
         group=Group.SOFTNESS,
         finer=0.0,
-        by_pair=True,
+        by_pair=_CUSHIONED,
     ),
     "explicit_pairs_limit": Setting(
         5000,

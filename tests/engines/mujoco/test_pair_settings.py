@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simspec.cli import main
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
@@ -24,6 +25,7 @@ from simspec.proof.comparator import inventory_checks
 from simspec.proof.contact.held import held, of_pair
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.runner.case import Case
+from simspec.support.features import Feature
 from simspec.world.types import EngineOptions, Hardness, PairSettings
 from tests import worlds
 
@@ -31,6 +33,9 @@ mujoco = pytest.importorskip("mujoco")
 
 LAWS = {("finger", "finger"): 0.3, ("finger", "wood"): 0.5, ("wood", "wood"): 0.4}
 BY_PAIR = [name for name, setting in SETTINGS.items() if setting.by_pair]
+
+
+NAMES = ("solref", "solimp", "solreffriction")
 
 
 def world_of(own, **options):
@@ -49,15 +54,17 @@ def numbers(world):
     root = ElementTree.fromstring(compile_world(world, ["mujoco"])["mujoco"].files["model.xml"])
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
     defaults = root.find("default/pair").attrib
-    found = {}
+    laws = {(law.first, law.second): law for law in world.contact.pairs}
+    found: dict[tuple[str, ...], list[dict[str, list[float]]]] = {}
     for pair in root.findall("contact/pair"):
         key = tuple(sorted((material[pair.get("geom1")], material[pair.get("geom2")])))
         values = {**defaults, **pair.attrib}
-        held_numbers = {
-            name: [float(x) for x in values[name].split()] for name in ("solref", "solimp", "solreffriction")
-        }
-        assert found.setdefault(key, held_numbers) == held_numbers
-    return found
+        held_numbers = {name: [float(x) for x in values[name].split()] for name in NAMES}
+        found.setdefault(key, []).append(held_numbers)
+    for key, rows in found.items():  # but for stiffness, which depends on masses, pairs of shapes have the same numbers
+        if (law := laws[key]).hardness.kind != "stiffness":
+            assert rows == [rows[0]] * len(rows), law
+    return {key: rows[0] for key, rows in found.items()}
 
 
 def test_the_settings_of_a_pair_are_those_of_its_contacts_alone():
@@ -218,6 +225,86 @@ def test_probes_of_a_pair_have_its_settings(tmp_path):
     law = next(pair for pair in world.contact.pairs if (pair.first, pair.second) == ("finger", "wood"))
     assert law in whole.contact.pairs
 
+
+KINDS = {
+    "rigid": {},
+    "without friction": {"friction": 0.0},
+    "bouncing": {"restitution": 0.5},
+    "time constant": {"hardness": Hardness("time-constant", time_constant=0.02, damping_ratio=1.0)},
+    "stiffness": {"hardness": Hardness("stiffness", stiffness=2000.0, damping=10.0)},
+    "native": {"hardness": Hardness("native")},
+}
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramid-inscribed"])
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", BY_PAIR)
+def test_a_setting_has_an_effect_exactly_in_the_contacts_that_its_declaration_says(name, kind, cone):
+    """The numbers in the file follow from it, but for a reference of friction where MuJoCo ignores it."""
+    everything = tuple(sorted(feature.value for feature in Feature))
+
+    def pair_numbers(value):
+        base = world_of({("finger", "wood"): {"contact_impedance": 0.5, name: value}}, accept=everything)
+        pairs = tuple(
+            dataclasses.replace(pair, **KINDS[kind]) if pair.first != pair.second else pair
+            for pair in base.contact.pairs
+        )
+        contact = dataclasses.replace(base.contact, friction_cone=cone, pairs=pairs)
+        world = dataclasses.replace(base, contact=contact)
+        law = next(pair for pair in pairs if pair.first != pair.second)
+        held_numbers = numbers(world)["finger", "wood"]
+        if cone != "elliptic" or not law.friction:
+            del held_numbers["solreffriction"]
+        return held_numbers, SETTINGS[name].by_pair.idle(law, cone)
+
+    if kind in ("time constant", "stiffness") and cone != "elliptic":
+        with pytest.raises(UnsupportedError, match="pyramid"):
+            pair_numbers(0.01)
+        return
+    (first, why), (second, _) = pair_numbers(0.01), pair_numbers(0.02)
+    assert (first == second) == bool(why)
+
+
+def test_settings_of_pairs_that_do_nothing_are_warnings(tmp_path, capsys):
+    path = tmp_path / "m.yaml"
+    path.write_text(SLICK, encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    told = capsys.readouterr().err
+    assert "m.yaml:19:58: warning: engines.mujoco.pairs.0.settings.friction_rate: friction_rate has no effect" in told
+    assert "found:   no friction" in told
+    assert "m.yaml:23:13: warning: engines.mujoco.at_timestep.0.pairs.0: no shapes of wood and wood can touch" in told
+    assert told.count("warning") == 2
+    assert main(["check", str(path), "--strict"]) == 2
+    wrong = "engines.mujoco.at_timestep.0.pairs.0.settings.iterations"
+    assert main(["check", str(path), "--set", f"{wrong}=3"]) == 2
+    assert f"error: {wrong}: mujoco's setting 'iterations' has one value for all contacts" in capsys.readouterr().err
+
+
+SLICK = """\
+simspec: 1
+name: m
+physics: {timestep: 1 ms, duration: 1 s}
+contact:
+  materials:
+    ice: {friction: 0}
+    wood: {friction: 0.5}
+bodies:
+  floor:
+    fixed: true
+    shapes: [{box: {size: [1, 1, 0.1]}, material: ice}]
+  cube:
+    pose: {xyz: [0, 0, 1]}
+    mass: 1
+    shapes: [{box: {size: [0.1, 0.1, 0.1]}, material: wood}]
+engines:
+  mujoco:
+    pairs:
+      - {between: [ice, wood], settings: {friction_rate: 50, contact_impedance: 0.99}}
+    at_timestep:
+      - above: 8 ms
+        pairs:
+          - {between: [wood, wood], settings: {friction_rate: 50}}
+"""
 
 WRONG = {
     "of all contacts": ({"iterations": 5}, "has one value for all contacts"),
