@@ -267,6 +267,16 @@ def test_a_part_of_what_the_spec_does_not_say_is_one_error(text, hint, tmp_path)
     assert problem.hint == hint
 
 
+@pytest.mark.parametrize("text", ["bodies.a.joint.typ=hinge", "bodies.a.inertia.prncipal=[1, 1, 1]"])
+def test_a_path_that_ends_nowhere_leaves_nothing_behind(text, tmp_path):
+    """An empty joint, say, whose type would be missing."""
+    path = tmp_path / "m.yaml"
+    path.write_text("simspec: 1\nname: m\nbodies: {a: {fixed: true}}\n", encoding="utf-8")
+    with pytest.raises(SpecError) as error:
+        load(path, sets=[text])
+    assert [problem.path for problem in error.value.problems] == [text.partition("=")[0]]
+
+
 def test_the_column_is_that_of_the_value():
     with pytest.raises(SpecError) as error:
         load(TABLE, sets=["physics.gravity=[0, 0, 1 s]"])

@@ -17,6 +17,7 @@ from simspec.cli import main
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
+from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.settings import SETTINGS
@@ -199,6 +200,16 @@ def test_a_damaged_sidecar_is_refused(name, tmp_path):
         dialects()["mujoco"].read(folder)
     with pytest.raises(EngineError, match=message):
         MuJoCo().load(folder, content)
+
+
+def test_the_order_of_two_shapes_does_not_matter(tmp_path):
+    folder = written(world_of({("finger", "wood"): OWN}), tmp_path / "files")
+    sidecar = MujocoSidecar.of(read_sidecar(folder))
+    (pair,) = sidecar.pair_settings
+    one, other = (names[0] for names in pair.shapes)
+    for ends in ((one, other), (other, one)):
+        assert sidecar.settings_between(*ends) == {**sidecar.settings, **OWN}
+    assert sidecar.settings_between(one, one) == sidecar.settings_between(other, other) == sidecar.settings
 
 
 def test_a_sidecar_of_a_world_without_them_says_nothing_of_them():
