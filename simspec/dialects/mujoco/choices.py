@@ -60,7 +60,6 @@ OPTION: Final[Attributes] = (
     ("magnetic", (0.0, 0.0, 0.0)),
     ("noslip_tolerance", 1e-6),
     ("ccd_iterations", 50),
-    ("ccd_tolerance", 1e-6),
 )
 SIZE: Final[Attributes] = (("nuser_jnt", 2),)
 """``user`` of a joint: its velocity and its effort rating, ``NO_RATING`` for none. Neither is enforced; MJCF's own
@@ -106,7 +105,7 @@ SETTINGS: Final[Mapping[str, NeededSetting]] = {
     "solver": NeededSetting(str, tuple(SOLVERS)),
     "friction": NeededSetting(str, (NATIVE, COULOMB)),
     **dict.fromkeys(("iterations", "ls_iterations", "noslip_iterations", "explicit_pairs_limit"), NeededSetting(int)),
-    **dict.fromkeys(("tolerance", "ls_tolerance", "impratio", "high_impratio"), NeededSetting(float)),
+    **dict.fromkeys(("tolerance", "ls_tolerance", "ccd_tolerance", "impratio", "high_impratio"), NeededSetting(float)),
     **dict.fromkeys(("warmstart", "island", "multiccd"), NeededSetting(bool)),
     **dict.fromkeys(("contact_error_reduction", "contact_impedance"), NeededSetting(float, by_pair=True)),
     **dict.fromkeys(("friction_rate", "friction_share", "friction_cushion"), NeededSetting(float, by_pair=True)),

@@ -201,6 +201,7 @@ def _option(world: World, target: Target) -> Attributes:
         ("impratio", friction_hardness(world, target)),
         *((("sleep_tolerance", float(settings["sleep_tolerance"])),) if _sleeping(target) else ()),
         *OPTION,
+        ("ccd_tolerance", float(settings["ccd_tolerance"])),
     )
 
 

@@ -263,7 +263,7 @@ class _Raising:
         option, flags = self._document.option, self._document.flags
         values: dict[str, HeldValue] = {"solver": option.text("solver").lower()}
         values |= {name: _whole(option, name) for name in ("iterations", "ls_iterations", "noslip_iterations")}
-        values |= {name: option.number(name) for name in ("tolerance", "ls_tolerance", "impratio")}
+        values |= {name: option.number(name) for name in ("tolerance", "ls_tolerance", "ccd_tolerance", "impratio")}
         values |= {name: _word(flags, name, FLAG_WORDS) for name in ("warmstart", "island", "multiccd")}
         if values["impratio"] != self._sidecar.settings.get("impratio"):
             # the file has one, whichever of the two settings it comes from

@@ -125,9 +125,8 @@ class _Expected:
             "magnetic": (0.0, 0.0, 0.0),
             "noslip_tolerance": 1e-6,
             "ccd_iterations": 50,
-            "ccd_tolerance": 1e-6,
         }
-        for name in ("iterations", "tolerance", "ls_iterations", "ls_tolerance", "noslip_iterations"):
+        for name in ("iterations", "tolerance", "ls_iterations", "ls_tolerance", "noslip_iterations", "ccd_tolerance"):
             said[name] = settings[name]
         if self._sleeping:
             said["sleep_tolerance"] = float(settings["sleep_tolerance"])

@@ -96,6 +96,16 @@ SETTINGS: Mapping[str, Setting] = {
         "Several contact points between shapes that meet in a face (MuJoCo 4's own choice, off in MuJoCo 3).",
         group=Group.GEOMETRY,
     ),
+    "ccd_tolerance": Setting(
+        1e-6,
+        "The search for the overlap of two convex shapes ends when it improves by less than this (m). MuJoCo's own number. "
+        "Of two cylinders that stand on each other it then answers, in 7 of 200,000 states drawn at random, an overlap of 37 "
+        "mm sideways in place of one of up to 20 µm, and they jump apart; with 1e-8 in none, at 6 to 8 % more of a step of "
+        "21 cylinders (measured, 4.0.1). On friction_cushion what rests is deeper than that.",
+        minimum=1e-12,
+        group=Group.ACCURACY,
+        finer=1e-8,
+    ),
     "warmstart": Setting(True, "Begin each solve at the last step's solution.", group=Group.ACCURACY),
     "island": Setting(
         False,
