@@ -22,6 +22,7 @@ VERSION = 1
 SHOWN = (
     *("speed", "load", "validity", "over_time", "determinism", "unequal", "contact"),
     *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
+    *("distributions", "consistency", "conservation", "penetration"),
 )
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")

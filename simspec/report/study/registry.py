@@ -7,13 +7,17 @@ from collections.abc import Callable, Mapping
 from simspec.report.study.case_cost import case_cost_tables
 from simspec.report.study.cases import cases_tables
 from simspec.report.study.certified import certified_tables
+from simspec.report.study.conservation import conservation_tables
+from simspec.report.study.consistency import consistency_tables
 from simspec.report.study.contact import contact_tables
 from simspec.report.study.cost import cost_tables
 from simspec.report.study.determinism import determinism_tables
 from simspec.report.study.displacement import displacement_tables
+from simspec.report.study.distributions import distributions_tables
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
+from simspec.report.study.penetration import penetration_tables
 from simspec.report.study.speed import load_tables, speed_tables
 from simspec.report.study.unequal import unequal_tables
 from simspec.report.study.validity import validity_tables
@@ -32,6 +36,10 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "cost": cost_tables,
     "displacement": displacement_tables,
     "case_cost": case_cost_tables,
+    "distributions": distributions_tables,
+    "consistency": consistency_tables,
+    "conservation": conservation_tables,
+    "penetration": penetration_tables,
 }
 """By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
 

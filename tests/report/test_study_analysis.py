@@ -1,0 +1,125 @@
+"""What a study shows of runs beyond speed: known answers of two balls that fall, and tables that say where nothing was
+compared."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec.cli import app
+
+SPEC = """\
+simspec: 1
+name: drop
+physics: {timestep: 1 ms, duration: 200 ms}
+contact:
+  materials:
+    rubber: {friction: 0}
+bodies:
+  floor: {fixed: true, shapes: [{plane: {}, material: rubber}]}
+  low: {pose: {xyz: [0, 0, 0.1]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
+  high: {pose: {xyz: [1, 0, 2]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
+record: {every: 4 ms, channels: [pose, velocity, contacts, energy]}
+"""
+STUDY = """\
+simspec_study: 1
+name: drops
+sweeps:
+  whole:
+    spec: drop.yaml
+    sweep:
+      engines: [mujoco, pybullet]
+      over:
+        physics.timestep: [1 ms, 2 ms, 4 ms]
+      perturb: {amount: 0.001, seeds: 5}
+    show: [distributions, consistency, conservation, penetration]
+  bare:
+    spec: drop.yaml
+    set: {record.channels: [pose, velocity]}
+    sweep:
+      engines: [mujoco, pybullet]
+    show: [distributions, consistency, conservation, penetration]
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "drop.yaml").write_text(SPEC)
+    (folder / "study.yaml").write_text(STUDY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        result = CliRunner().invoke(app, ["study", "study.yaml", "--no-verify", "--json"])
+    assert result.exit_code == 0, result.output
+    sweeps = json.loads(result.stdout)["sweeps"]
+    return {sweep: {one["name"]: one for one in own} for sweep, own in sweeps.items()}
+
+
+def texts(sheet):
+    return [[cell["text"] for cell in row] for row in sheet["rows"]]
+
+
+def test_consistency_is_the_drift_of_free_fall(told):
+    """The high ball falls freely: two timesteps differ by ½ g t Δdt, first order, and by it divided by √2 in the mean of both
+    balls, of which one stays where it is."""
+    records = told["whole"]["consistency"]["records"]
+    assert {(one["coarse"], one["fine"]) for one in records} == {(0.004, 0.002), (0.002, 0.001)}
+    at_the_end = [one for one in records if one["time"] == pytest.approx(0.2)]
+    assert len(at_the_end) == 4
+    for one in at_the_end:
+        assert one["drift"] == pytest.approx(0.5 * 9.81 * 0.2 * (one["coarse"] - one["fine"]), rel=1e-3)
+        assert one["largest"] == pytest.approx(one["drift"], rel=1e-2)
+        assert one["rms"] == pytest.approx(one["drift"] / 2**0.5, rel=2e-2)
+    orders = [one["order"] for one in at_the_end if one["coarse"] == 0.004]
+    assert orders == [pytest.approx(1.0, abs=0.05)] * 2
+    assert all(one["order"] is None for one in at_the_end if one["coarse"] == 0.002)
+
+
+def test_conservation_is_told_of_what_nothing_acts_on(told):
+    records = {(one["timestep"], one["engine"]): one for one in told["whole"]["conservation"]["records"]}
+    assert len(records) == 6
+    for (timestep, _), one in records.items():
+        assert one["linear"] == pytest.approx(0.0, abs=1e-9)
+        assert one["angular"] == pytest.approx(0.0, abs=1e-9)
+        assert any("not every step is recorded" in note for note in one["notes"]) == (timestep < 0.004)
+
+
+def test_penetration_is_that_of_the_ball_that_rests(told):
+    records = told["whole"]["penetration"]["records"]
+    assert [one["runs"] for one in records] == [6] * 6
+    for one in records:
+        assert one["pair"] == ["floor", "low"]
+        assert 0.0 < one["mean"] <= one["deepest"] < 5e-3
+
+
+def test_distributions_pair_runs_by_seed(told):
+    tests = told["whole"]["distributions.tests"]["records"]
+    assert [one["pairs"] for one in tests] == [6] * 3
+    for one in tests:
+        assert one["paired"]["smallest"] == pytest.approx(2 / 2**6)
+        assert one["paired"]["can_reject"]
+        assert one["seeds_in_one_only"] == one["left_out"] == []
+    summary = told["whole"]["distributions.summary"]["records"][0]
+    assert summary["seeds"] == [0, 1, 2, 3, 4, 5]
+    # 2 − ½ g t² of the high one, and 0.1 of the low one that rests, moved by up to a thousandth
+    assert summary["mean_height"][0] == pytest.approx((2.0 - 0.5 * 9.81 * 0.2**2 + 0.1) / 2, abs=2e-3)
+    assert len(set(summary["mean_height"])) == 6
+
+
+def test_one_run_each_cannot_be_told_apart_and_says_so(told):
+    (row,) = texts(told["bare"]["distributions.tests"])
+    assert row[2] == "1"
+    assert row[5].startswith("cannot reject: with so few runs p is at least 1")
+    assert "not compared: deepest_penetration" in row[4]
+    assert not told["bare"]["distributions.tests"]["records"][0]["paired"]["can_reject"]
+
+
+def test_what_was_not_recorded_is_said(told):
+    for name in ("conservation", "penetration"):
+        rows = texts(told["bare"][name])
+        assert len(rows) == 2
+        assert all("did not record contacts" in " ".join(row) for row in rows)
+    rows = texts(told["bare"]["consistency"])
+    assert all("fewer than two timesteps" in row[2] for row in rows)
