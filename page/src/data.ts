@@ -77,8 +77,40 @@ export interface Scene {
   plots: Plot[];
 }
 
+/** One figure of a study: a median at `x` with its interval, and the values that it is of. */
+export interface Mark {
+  x: number;
+  value: number;
+  low: number | null;
+  high: number | null;
+  values: number[];
+}
+
+export interface Series {
+  label: string;
+  colour: number;
+  dash: number;
+  /** `elsewhere`: figures that are not of these runs; `steps`: values of intervals, x their beginnings, and one more at the end. */
+  kind: "measured" | "elsewhere" | "steps";
+  marks: Mark[];
+}
+
+/** A plot of a study. Plots of one `group` have the same x axis and are linked. */
+export interface Chart {
+  title: string;
+  unit: string;
+  group: string;
+  x: { label: string; unit: string; logarithmic: boolean };
+  logarithmic: boolean;
+  series: Series[];
+  /** Vertical lines. */
+  limits: { label: string; x: number; colour: number; elsewhere: boolean }[];
+}
+
 export interface PageData {
   scenes: Scene[];
+  /** The plots of each part of the page that is a study. */
+  charts: Chart[][];
   packed: Record<string, string>;
 }
 

@@ -2,20 +2,27 @@
 
 import "uplot/dist/uPlot.min.css";
 import "./style.css";
-import { type PageData, readJson, type Scene } from "./data";
+import { Charts } from "./charts";
+import { type Chart, type PageData, readJson, type Scene } from "./data";
 import { Player } from "./player";
 
 declare global {
   interface Window {
-    /** For tests and scripts of readers: the players, in the order of the page. */
-    simspec: { players: Player[] };
+    /** For tests and scripts of readers: the players, and the plots of studies, in the order of the page. */
+    simspec: { players: Player[]; charts: Charts[] };
   }
 }
 
 async function main(): Promise<void> {
-  const page: PageData = { ...readJson<{ scenes: Scene[] }>("scenes"), packed: readJson("packed") };
+  const page: PageData = { ...readJson<{ scenes: Scene[]; charts: Chart[][] }>("scenes"), packed: readJson("packed") };
   const players: Player[] = [];
-  window.simspec = { players };
+  const charts: Charts[] = [];
+  window.simspec = { players, charts };
+  for (const [index, described] of page.charts.entries()) {
+    const box = document.getElementById(`charts-${index}`);
+    if (box === null) throw new Error(`the page has no plots ${index}`);
+    charts.push(new Charts(described, box));
+  }
   for (const [index, scene] of page.scenes.entries()) {
     const section = document.getElementById(`scene-${index}`);
     if (section === null) throw new Error(`the page has no scene ${index}`);

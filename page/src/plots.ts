@@ -5,12 +5,12 @@ import type { Line, PageData, Plot } from "./data";
 import { float32 } from "./packing";
 import { colour } from "./palette";
 
-const DASHES: number[][] = [[], [10, 4], [3, 3], [12, 4, 3, 4], [18, 6], [6, 6]];
+export const DASHES: number[][] = [[], [10, 4], [3, 3], [12, 4, 3, 4], [18, 6], [6, 6]];
 const HEIGHT = 220;
 const GREY = "#888888";
 
 /** A CSS variable of the page, so that plots follow the theme. */
-function themed(name: string): string {
+export function themed(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 

@@ -7,16 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.experiments.store import Store
 from simspec.outputs.marker import RUN, STUDY
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import change_file, write_file
-from simspec.report.page.document import is_page, page
-from simspec.report.page.section import Section
+from simspec.report.page.document import Part, is_page, page
 from simspec.report.plain import PAGE_FILE, text
 from simspec.report.screen import say
-from simspec.report.stored_study import StoredStudy, load_study
-from simspec.report.study.page_section import study_section, study_tables
+from simspec.report.stored_study import load_study
+from simspec.report.study.page_section import study_parts, study_tables
 from simspec.runner.store import is_run
+
+SWEEP_FOLDER = "sweep"
+"""Where ``simspec study`` has its store, in the folder of its results."""
 
 
 def report(folders: Sequence[Path], out: Path | None, as_json: bool) -> int:
@@ -39,10 +42,10 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
         raise SpecError([Problem(message, hint="use -o FILE")])
     if out is not None:
         demand([file_problem(out, is_page)])
-    studies: list[StoredStudy | Section] = []
+    studies: list[Part] = []
     for folder in folders:
         tables = study_tables(folder)
-        studies.append(load_study(folder) if tables is None else study_section(tables))
+        studies.append(load_study(folder) if tables is None else study_parts(tables, _store(folder)))
     content = page(studies).encode()
     if out is not None:
         return write_file(out, content, is_page)
@@ -50,3 +53,9 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     kind = RUN if is_run(folder) else STUDY
     change_file(folder, kind, PAGE_FILE, lambda before: None if before == content else content)
     return folder / PAGE_FILE
+
+
+def _store(folder: Path) -> Store | None:
+    """The store of a study's runs, where it is in its folder."""
+    place = folder / SWEEP_FOLDER
+    return Store.open(place) if place.is_dir() else None

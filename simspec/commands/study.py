@@ -12,6 +12,7 @@ from typing import Any
 from simspec.arguments import engines_at_work, interpreters, print_json
 from simspec.commands.publish import demand_publishable
 from simspec.commands.publish import publish as publish_study
+from simspec.commands.report import SWEEP_FOLDER
 from simspec.commands.sweep import side_by_side
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, SpecError
@@ -32,19 +33,22 @@ from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import change_file, open_folder
 from simspec.report.kit import table
+from simspec.report.page.document import page as html
 from simspec.report.page.sheets import Sheet, sheet
+from simspec.report.plain import PAGE_FILE as HTML_FILE
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
 from simspec.report.study.cases import unfailed
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.markdown import markdown
 from simspec.report.study.measured import measured
-from simspec.report.study.page_section import SCHEMA, TABLES_FILE
+from simspec.report.study.page_section import SCHEMA, TABLES_FILE, study_parts
 from simspec.report.study.registry import shown_of
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
+from simspec.stored import StudyTables, read_as
 
-RUNS, SWEEP_FOLDER = Path("runs"), "sweep"
+RUNS = Path("runs")
 PAGE_FILE = "study.md"
 Planned = tuple[SweepOfStudy, Plan]
 
@@ -144,6 +148,8 @@ def _tell(
     change_file(folder, STUDY, TABLES_FILE, lambda before: files[TABLES_FILE])
     change_file(folder, STUDY, PAGE_FILE, lambda before: files[PAGE_FILE])
     if into is not None:
+        published = read_as(StudyTables, text, TABLES_FILE)
+        files[HTML_FILE] = html([study_parts(published, done[0].store)])
         publish_study(source, name, done, files, small, into)
     if as_json:
         print_json({**data, "folder": folder, "exit_code": code})

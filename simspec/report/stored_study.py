@@ -46,7 +46,7 @@ def load_study(folder: Path) -> StoredStudy:
     if is_run(folder):
         run, floor = load_run(folder), load_floor(folder)
         why = "the certificate of a run is in the folder of its study: report that folder"
-        return StoredStudy(_study({run.engine: run}, _by_engine([floor]), None, TOLERANCE), folder, (why,))
+        return StoredStudy(study_of({run.engine: run}, _by_engine([floor]), None, TOLERANCE), folder, (why,))
     if not folder.is_dir():
         raise SpecError([Problem(f"{folder}: no such folder", allowed="the folder of a run, or of a study")])
     hashes = stored_runs(folder)
@@ -77,12 +77,13 @@ def load_study(folder: Path) -> StoredStudy:
     floors = _by_engine([load_floor(folder / name) for name, own in hashes.items() if own in (None, wanted)])
     certificate, why_none = _certificate(folder, wanted)
     notes += [why_none] if why_none else []
-    return StoredStudy(_study(runs, floors, certificate, _tolerance(report)), folder, tuple(notes))
+    return StoredStudy(study_of(runs, floors, certificate, _tolerance(report)), folder, tuple(notes))
 
 
-def _study(
+def study_of(
     runs: Mapping[str, Run], floors: Mapping[str, Floor], certificate: Certificate | None, tolerance: float
 ) -> Study:
+    """A study of runs of one world by engine; expectations and comparisons are computed. ``tolerance``: m."""
     world = next(iter(runs.values())).world
     recorded = [run for run in runs.values() if run.recorded]
     diffs: tuple[Diff, ...] = tuple(

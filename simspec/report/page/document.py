@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -25,7 +26,11 @@ MOST_STUDIES = 6
 _ESCAPED = {ord(character): f"\\u{ord(character):04x}" for character in "<>&\u2028\u2029"}
 
 
-def page(studies: Sequence[StoredStudy | Section]) -> str:
+Part = StoredStudy | Section | Callable[[Packed], Sequence[Section]]
+"""A stored study, a part that was made already, or what makes parts whose numbers go into the page's."""
+
+
+def page(studies: Sequence[Part]) -> str:
     """The report of some studies, or of parts that were made already, as one HTML file. The same studies give the same text.
 
     Raises SpecError where there are more than ``MOST_STUDIES``.
@@ -34,7 +39,14 @@ def page(studies: Sequence[StoredStudy | Section]) -> str:
         message = f"a page has 1 to {MOST_STUDIES} studies"
         raise SpecError([Problem(message, found=str(len(studies)), hint="write several pages")])
     packed = Packed()
-    sections = [stored if isinstance(stored, Section) else section(stored, packed) for stored in studies]
+    sections: list[Section] = []
+    for stored in studies:
+        if isinstance(stored, Section):
+            sections.append(stored)
+        else:
+            sections += [section(stored, packed)] if isinstance(stored, StoredStudy) else stored(packed)
+    if sum(part.scene is not None for part in sections) > MOST_STUDIES:
+        raise SpecError([Problem(f"a page plays at most {MOST_STUDIES} studies back", hint="write several pages")])
     return _text(sections, packed)
 
 
@@ -50,7 +62,7 @@ def _text(sections: Sequence[Section], packed: Packed) -> str:
         f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}; base-uri 'none'; form-action 'none'"
     )
     scenes = [part.scene for part in sections if part.scene is not None]
-    numbers = iter(range(len(scenes)))
+    numbers, places = itertools.count(), itertools.count()
     return str(
         environment()
         .get_template(TEMPLATE)
@@ -60,8 +72,11 @@ def _text(sections: Sequence[Section], packed: Packed) -> str:
             style=Markup(style),
             script=Markup(script),
             title=" and ".join(dict.fromkeys(part.name for part in sections)),
-            parts=[(part, next(numbers) if part.scene is not None else None) for part in sections],
-            scenes=Markup(_json({"scenes": scenes})),
+            parts=[
+                (part, next(numbers) if part.scene is not None else None, next(places) if part.charts else None)
+                for part in sections
+            ],
+            scenes=Markup(_json({"scenes": scenes, "charts": [part.charts for part in sections if part.charts]})),
             packed=Markup(_json(packed.entries)),
             licences=made.licences,
         )

@@ -24,7 +24,8 @@ FACTS = ("engine_version", "simspec", "python_version", "numpy_version", "platfo
 
 @dataclass(frozen=True)
 class Section:
-    """One study on a page: ``scene`` is what its playback and plots are drawn from, None where no run recorded anything."""
+    """One study on a page: ``scene`` is what its playback and plots are drawn from, None where no run recorded anything;
+    ``charts``: plots of a study's figures (``page/src/data.ts``)."""
 
     name: str
     verdict: tuple[Sentence, ...]
@@ -36,6 +37,7 @@ class Section:
     provenance: Sheet
     scene: dict[str, Any] | None
     caption: str
+    charts: tuple[dict[str, Any], ...] = ()
 
 
 def section(stored: StoredStudy, packed: Packed) -> Section:

@@ -12,8 +12,8 @@ from simspec.proof.certificate import Certificate
 from simspec.report.differences import inconclusive_note
 from simspec.report.kit import length, number
 
-GOOD, WARNING, BAD = "good", "warning", "bad"
-MARKS = {GOOD: "✓", WARNING: "!", BAD: "✗"}
+GOOD, WARNING, BAD, PLAIN = "good", "warning", "bad", "plain"
+MARKS = {GOOD: "✓", WARNING: "!", BAD: "✗", PLAIN: "·"}
 """Beside the colour: what is said does not depend on seeing it."""
 MOST_FAILED = 5
 """Failed expectations, and failed checks, that are named."""

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from simspec.errors import Problem, SpecError, visible
+from simspec.experiments.store import Store
 from simspec.outputs.marker import STUDY, read_marker
 from simspec.outputs.reading import read_bytes
+from simspec.report.page.packing import Packed
 from simspec.report.page.section import Section
-from simspec.report.page.sheets import Sheet
-from simspec.report.page.words import BAD, GOOD, Sentence
+from simspec.report.page.sheets import Cell, Sheet
+from simspec.report.page.words import BAD, GOOD, PLAIN, WARNING, Sentence
+from simspec.report.study.charts import charts
 from simspec.report.study.pages import stored_sheet
+from simspec.report.study.playback import playbacks
 from simspec.stored import StudyTables, read_as
 
 TABLES_FILE = "study.json"
 SCHEMA = 2
 LARGEST = 64 * 2**20
 """Bytes of ``study.json``."""
+UNEQUAL = "NOT EQUAL"
 
 
 def study_tables(folder: Path) -> StudyTables | None:
@@ -37,23 +43,49 @@ def study_tables(folder: Path) -> StudyTables | None:
 
 
 def study_section(tables: StudyTables) -> Section:
-    """A study as a part of a page: how it was done, then its tables. There is no playback: its runs are in a store."""
-    said = tuple(
-        Sentence(BAD if number in tables.bad else GOOD, visible(line)) for number, line in enumerate(tables.said)
-    )
-    notes = [tables.description, "The small study." if tables.small else ""]
+    """A study as a part of a page: what its tables say, its plots, its tables, and how it was done. Raises SpecError where its
+    figures are damaged."""
+    notes = [tables.description, "The small study: fewer timesteps, seeds and repetitions." if tables.small else ""]
     notes.append(f"Figures from elsewhere: {tables.figures}" if tables.figures else "")
     return Section(
         name=visible(tables.study),
-        verdict=said,
+        verdict=tuple(_verdict(tables)),
         notes=tuple(visible(note) for note in notes if note),
         certificate=(),
         certificate_notes=(),
         results=tuple(stored_sheet(one) for own in tables.sweeps.values() for one in own),
         details=(),
-        provenance=Sheet(
-            "Provenance", (), (), "Each run is in the study's store, with where it came from: simspec study"
-        ),
+        provenance=_provenance(tables),
         scene=None,
         caption="",
+        charts=tuple(charts(tables)),
     )
+
+
+def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], list[Section]]:
+    """What makes the parts of a study's page: the study, then the runs that are played back where ``store`` has them."""
+
+    def parts(packed: Packed) -> list[Section]:
+        return [study_section(tables), *(playbacks(tables, store, packed) if store is not None else ())]
+
+    return parts
+
+
+def _verdict(tables: StudyTables) -> Iterator[Sentence]:
+    """How it was done in one sentence, what is wrong, and what its tables say."""
+    bad = [line for number, line in enumerate(tables.said) if number in tables.bad]
+    proofs = "Something is wrong in" if bad else "All is done in"
+    yield Sentence(BAD if bad else GOOD, visible(f"{proofs} {len(tables.sweeps)} sweeps of {tables.study}."))
+    for line in bad:
+        yield Sentence(BAD, visible(line))
+    for sweep, own in tables.sweeps.items():
+        for shown in own:
+            for text in shown.said:
+                yield Sentence(WARNING if UNEQUAL in text else PLAIN, visible(f"{sweep}: {text}"))
+
+
+def _provenance(tables: StudyTables) -> Sheet:
+    rows = [(one.what, one.value) for one in tables.measured] + [("how it was done", line) for line in tables.said]
+    cells = tuple((Cell(visible(what)), Cell(visible(value), "wrap")) for what, value in rows)
+    note = "Each run is in the study's store, with where it came from."
+    return Sheet("Provenance", (Cell(""), Cell("")), cells, note)

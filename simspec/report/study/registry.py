@@ -18,6 +18,8 @@ from simspec.report.study.done import Done, Shown
 from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
 from simspec.report.study.penetration import penetration_tables
+from simspec.report.study.playback import playback_tables
+from simspec.report.study.sentences import with_sentences
 from simspec.report.study.speed import load_tables, speed_tables
 from simspec.report.study.unequal import unequal_tables
 from simspec.report.study.validity import validity_tables
@@ -28,6 +30,7 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "validity": validity_tables,
     "over_time": over_time_tables,
     "determinism": determinism_tables,
+    "playback": playback_tables,
     "unequal": unequal_tables,
     "contact": contact_tables,
     "certified": certified_tables,
@@ -46,4 +49,4 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
 
 def shown_of(done: Done) -> list[Shown]:
     """All that the study shows of a sweep."""
-    return [shown for word in done.sweep.words.show for shown in SHOWN[word](done)]
+    return [with_sentences(shown) for word in done.sweep.words.show for shown in SHOWN[word](done)]

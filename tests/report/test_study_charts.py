@@ -1,0 +1,96 @@
+"""Plots and sentences of a study, from the figures of its tables."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.report.study.charts import charts
+from simspec.report.study.sentences import said_of
+from simspec.stored import StudyTables
+from tests.report.page import study_samples as samples
+
+
+def made():
+    return {chart["title"].partition(": ")[2]: chart for chart in charts(samples.study_tables())}
+
+
+def test_every_figure_is_in_a_plot():
+    speed = made()["Simulated time over the processor time of the steps"]
+    series = {one["label"]: one for one in speed["series"]}
+    assert list(series) == ["first", "second", "FIRST (elsewhere)", "Third (elsewhere)"]
+    assert [mark["x"] for mark in series["first"]["marks"]] == [1.0, 2.0, 4.0, 8.0]
+    mark = series["first"]["marks"][1]
+    assert (mark["value"], mark["low"], mark["high"]) == pytest.approx((8.0, 7.2, 8.8))
+    assert mark["values"] == pytest.approx([7.2, 8.0, 8.8])
+    # an engine's figures from elsewhere have its colour, and are told apart by their kind
+    assert series["FIRST (elsewhere)"]["colour"] == series["first"]["colour"]
+    assert series["FIRST (elsewhere)"]["kind"] == "elsewhere"
+    assert series["Third (elsewhere)"]["colour"] not in (series["first"]["colour"], series["second"]["colour"])
+    assert speed["logarithmic"]
+    assert speed["x"]["logarithmic"]
+
+
+def test_limits_of_validity_have_intervals_and_those_from_elsewhere():
+    share = made()["Share of runs that do all that is expected"]
+    assert [mark["value"] for mark in share["series"][0]["marks"]] == [1.0, 1.0, 1.0, 0.25]
+    assert all(mark["low"] < mark["value"] for one in share["series"] for mark in one["marks"])
+    assert [(one["label"], one["x"]) for one in share["limits"]] == [("Third (elsewhere)", 3.0)]
+
+
+def test_speed_over_time_has_its_contacts_and_one_axis_with_them():
+    found = made()
+    speed = found["Simulated time over processor time of the steps, timestep 1 ms"]
+    contacts = found["Points of contact, mean, timestep 1 ms"]
+    assert speed["group"] == contacts["group"] == "time"
+    assert [mark["x"] for mark in contacts["series"][0]["marks"]] == [0.0, 0.5, 1.0, 1.5, 2.0]  # the last is an end
+    assert [mark["value"] for mark in contacts["series"][0]["marks"]] == [0.0, 10.0, 20.0, 30.0, 30.0]
+
+
+def test_unequal_models_are_named_as_such():
+    assert [title for title in made() if "NOT EQUAL" in title] == [
+        "Simulated time over processor time of the steps, NOT EQUAL: made-up"
+    ]
+
+
+def test_sentences_are_those_of_the_figures():
+    said = {one.name: one.said for one in samples.study_tables().sweeps["made-up"]}
+    assert said["speed.cpu_factor"] == [
+        "At 1 ms, by processor time: first = 2 × second (fastest: 4 × real time). Elsewhere: Third = 3 × FIRST.",
+        "At 8 ms, by processor time: first = 2 × second (fastest: 32 × real time).",
+    ]
+    assert said["validity"] == [
+        "first: all that is expected holds up to 4 ms (10 of 10 runs, a share of at least 0.80); it fell.",
+        "second: not valid at any timestep; it fell.",
+    ]
+    assert said["unequal.models.made-up"] == [
+        "made-up, models that are NOT EQUAL, at 1 ms by processor time: second = 2 × first (fastest: 2 × real time)."
+    ]
+    assert said["over_time"][0] == (
+        "first: slowest 2 × real time at 1.5 to 2 s, with 30 points of contact; "
+        "fastest 8 × real time at 0 to 0.5 s, with 0 points of contact."
+    )
+
+
+def test_a_timestep_that_an_engine_lacks_has_no_order():
+    records = [one for one in samples.speeds(("a", "b")) if not (one["engine"] == "b" and one["timestep"] == 0.001)]
+    assert said_of("speed.cpu_factor", records)[0].startswith("At 2 ms")
+    assert said_of("speed.cpu_factor", []) == ()
+    assert said_of("load", records) == ()
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        {"timestep": 0.001},
+        {"engine": "a", "quantity": "cpu_factor", "timestep": "much", "median": 1.0, "lower": 0.1, "upper": 2.0},
+        {"engine": "a", "quantity": "cpu_factor", "timestep": None, "median": 1.0},
+    ],
+)
+def test_figures_that_were_edited_are_an_error_that_names_the_table(record):
+    plain = json.loads(samples.study_tables().model_dump_json(by_alias=True))
+    plain["sweeps"]["made-up"][0]["records"].append(record)
+    with pytest.raises(SpecError, match=r"the figures of made-up, speed\.cpu_factor"):
+        charts(StudyTables.model_validate_json(json.dumps(plain)))
