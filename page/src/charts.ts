@@ -179,7 +179,7 @@ class ChartPlot {
       ctx.fillStyle = themed("--ink");
       const wide = ctx.measureText(limit.label).width;
       const beside = x + 4 * ratio + wide > left + width ? x - wide - 4 * ratio : x + 4 * ratio;
-      ctx.fillText(limit.label, beside, top + (14 + 14 * (index % 6)) * ratio);
+      ctx.fillText(limit.label, beside, top + height - (8 + 14 * (index % 6)) * ratio);
     });
     ctx.restore();
   }

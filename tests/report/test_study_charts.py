@@ -37,7 +37,7 @@ def test_limits_of_validity_have_intervals_and_those_from_elsewhere():
     share = made()["Share of runs that do all that is expected"]
     assert [mark["value"] for mark in share["series"][0]["marks"]] == [1.0, 1.0, 1.0, 0.25]
     assert all(mark["low"] < mark["value"] for one in share["series"] for mark in one["marks"])
-    assert [(one["label"], one["x"]) for one in share["limits"]] == [("Third (elsewhere)", 3.0)]
+    assert [(one["label"], one["x"]) for one in share["limits"]] == [("Third (elsewhere): 3 ms", 3.0)]
 
 
 def test_speed_over_time_has_its_contacts_and_one_axis_with_them():

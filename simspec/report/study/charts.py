@@ -129,7 +129,7 @@ def _validity(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator
         series.append(_series(engine, colours.of(engine), marks, dash=index))
     limits = [
         {
-            "label": visible(label),
+            "label": visible(f"{label}: {MILLI * one['value']:g} ms"),
             "x": MILLI * one["value"],
             "colour": colours.of(str(one["engine"])),
             "elsewhere": True,

@@ -74,8 +74,9 @@ def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], 
 def _verdict(tables: StudyTables) -> Iterator[Sentence]:
     """How it was done in one sentence, what is wrong, and what its tables say."""
     bad = [line for number, line in enumerate(tables.said) if number in tables.bad]
-    proofs = "Something is wrong in" if bad else "All is done in"
-    yield Sentence(BAD if bad else GOOD, visible(f"{proofs} {len(tables.sweeps)} sweeps of {tables.study}."))
+    count = f"{len(tables.sweeps)} sweep{'' if len(tables.sweeps) == 1 else 's'}"
+    told = f"{count}, and something is wrong." if bad else f"{count}, all done."
+    yield Sentence(BAD if bad else GOOD, visible(f"{tables.study}: {told}"))
     for line in bad:
         yield Sentence(BAD, visible(line))
     for sweep, own in tables.sweeps.items():
