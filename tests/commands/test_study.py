@@ -60,7 +60,7 @@ sweeps:
     unequal:
       weak-in-one: {pybullet: weak}
     small: {}
-    show: [unequal]
+    show: [unequal, playback]
 """
 FIGURES = """\
 simspec_figures: 1
@@ -91,7 +91,7 @@ def study(*words, code=0):
 def test_a_study_is_run_once_and_shown(folder):
     told = json.loads(study("study.yaml", "--no-verify", "--json").stdout)
     sheets = {sheet["title"]: sheet for own in told["sweeps"].values() for sheet in own}
-    assert len(sheets) == 8
+    assert len(sheets) == 9
 
     speed = next(sheet for title, sheet in sheets.items() if "wall time" in title)
     assert [cell["text"] for cell in speed["head"]] == ["timestep", "mujoco", "pybullet", "Other (elsewhere)"]
@@ -145,7 +145,12 @@ def test_its_page_has_its_tables(folder):
     assert result.exit_code == 0, result.output
     page = (folder / "runs" / "bounces" / "report.html").read_text()
     assert "these models are NOT EQUAL" in page
-    assert page.count("<table>") == 9  # eight, and where they came from
+    study_part, _, played = page.partition("one run of each engine at 1 ms</h2>")
+    assert study_part.count("<table>") == 10  # nine, and where they came from
+    assert "mujoco" in played
+    drawn = json.loads(page.partition('id="scenes">')[2].partition("</script>")[0])
+    assert [[run["engine"] for run in scene["runs"]] for scene in drawn["scenes"]] == [["mujoco", "pybullet"]]
+    assert len(drawn["charts"]) == 1
     assert "Other (elsewhere)" in page
     tables = folder / "runs" / "bounces" / "study.json"
     whole = tables.read_text()
