@@ -36,7 +36,8 @@ KINDS: Mapping[str, str] = {
 TRACKING = 0.2
 """rad, or 0.2 m of a slide: a controller that follows its trajectory stays far below it."""
 DEEP = 0.1
-"""Share of the inner radius of the thinner of two bodies: below it an overlap is how an engine models contact."""
+"""Share of the inner radius of the thinner of two bodies: below it an overlap is how an engine models contact. So is one that
+is not deeper than those before, while expectations held."""
 FALLEN = 2.0
 """How many tolerances of its place a body comes down when it falls."""
 RISEN = 0.5
@@ -77,7 +78,7 @@ class Failure:
 def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
     """What happened first in a run with the outcomes of its expectations; None where all are met."""
     if run.failed is not None:
-        return Failure("no-result", float(run.time[-1]) if run.recorded else None, run.failed)
+        return _ended(run, run.failed)
     pairs = zip(run.world.expectations, outcomes, strict=True)
     missed = [(index, one, outcome) for index, (one, outcome) in enumerate(pairs) if not outcome.passed]
     if not missed:
@@ -93,6 +94,16 @@ def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
         return Failure("not-recorded", None, outcome.detail, index, at)
     begun = max((_time(one, end) for one in run.world.expectations if _time(one, end) < _time(asked, end)), default=0.0)
     return _of_place(run, asked, index, targets, _row(run, begun), _row(run, _time(asked, end)))
+
+
+def _ended(run: Run, why: str) -> Failure:
+    """What happened first in a run that ended early: a joint that left its trajectory before, or that it ended."""
+    if not run.recorded:
+        return Failure("no-result", None, why)
+    event = _off_trajectory(run, len(run.time) - 1)
+    if event is None:
+        return Failure("no-result", float(run.time[-1]), "; ".join(part for part in (why, _unseen(run)) if part))
+    return Failure(event[1], float(run.time[event[0]]), f"{event[2]}; {KINDS['no-result']}: {why}")
 
 
 def _of_place(
@@ -145,14 +156,18 @@ def _unseen(run: Run) -> str:
 
 
 def _overlap(run: Run, body: str, begin: int, end: int) -> Event | None:
-    """The first row in which a body overlaps another one by more than DEEP."""
+    """The first row, from that of the expectation before on, in which a body overlaps another one by more than DEEP, and by
+    more than any two bodies did until then."""
     if "contact.distance" not in run.arrays:
         return None
     rows, bodies = np.asarray(run.arrays["contact.row"]), np.asarray(run.arrays["contact.body"])
     own = np.flatnonzero((rows >= begin) & (rows <= end) & (bodies == run.index[body]).any(axis=1))
-    depth = -np.asarray(run.arrays["contact.distance"])[own]
+    overlaps = -np.asarray(run.arrays["contact.distance"])
+    harmless = float(overlaps[rows < begin].max(initial=0.0))
+    depth = overlaps[own]
     thin = np.array([_inner_radius(one) for one in run.world.bodies])
-    deep = np.flatnonzero(~(depth <= DEEP * thin[bodies[own].astype(np.int64)].min(axis=1)))
+    bound = np.maximum(harmless, DEEP * thin[bodies[own].astype(np.int64)].min(axis=1))
+    deep = np.flatnonzero(~(depth <= bound))
     if not len(deep):
         return None
     first = deep[np.argmin(rows[own[deep]])]

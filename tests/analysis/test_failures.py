@@ -108,11 +108,14 @@ def test_a_deep_overlap_comes_first_where_it_did():
     assert kind((6, 0, 1, -0.03, 1.0)).kind == "dropped", "it had fallen before"
     # what was before an expectation that held has nothing to do with it
     held = (place("cup", (0.15, 0, 0.3), at=0.3), place("cup", (0.5, 0, 0.1)))
-    assert told(carried(dropped, contacts=[(2, 0, 1, -0.03, 1.0)], expect=held)).kind == "dropped"
+    before = (2, 0, 1, -0.03, 1.0)
+    assert told(carried(dropped, contacts=[before], expect=held)).kind == "dropped"
+    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.03, 1.0)], expect=held)).kind == "dropped"
+    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.04, 1.0)], expect=held)).kind == "overlap"
 
 
 def test_a_joint_that_is_off_its_trajectory():
-    def driven(error, targets):
+    def driven(error, targets, why=None):
         made = carried(([0, 0.3, 0.4, 0.45, 1.0], [0, 0.3, 0.3, 0, 0]))
         arm = dataclasses.replace(
             free_body("arm"), joint=Joint("elbow", "hinge", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
@@ -123,11 +126,8 @@ def test_a_joint_that_is_off_its_trajectory():
         arrays["pose"] = np.concatenate([arrays["pose"], arrays["pose"][:, :1]], axis=1)
         arrays["control.target"] = np.interp(made.time, *targets)[:, None]
         facts = {**made.provenance, "control": {"joints": ["elbow"], "error": [error], "clipped": [0]}}
-        return told(
-            dataclasses.replace(
-                made, world=dataclasses.replace(made.world, bodies=bodies), arrays=arrays, provenance=facts
-            )
-        )
+        of = dataclasses.replace(made.world, bodies=bodies)
+        return told(dataclasses.replace(made, world=of, arrays=arrays, provenance=facts, failed=why))
 
     first = driven(0.5, ([0, 0.25, 0.3, 1], [0, 0, 0.4, 0.4]))
     assert (first.kind, first.time, first.what) == ("off-trajectory", 0.3, "elbow by 0.4")
@@ -136,6 +136,13 @@ def test_a_joint_that_is_off_its_trajectory():
     assert later.what == "elbow was up to 0.5 off its trajectory at some time"
     assert driven(0.1, ([0, 1], [0, 0.1])).what == ""
     assert driven(None, ([0, 1], [0, 0])).kind == "dropped"
+    # also in a run that ended early
+    ended = driven(0.5, ([0, 0.25, 0.3, 1], [0, 0, 0.4, 0.4]), "not finite")
+    assert (ended.kind, ended.time) == ("off-trajectory", 0.3)
+    assert ended.what == f"elbow by 0.4; {KINDS['no-result']}: not finite"
+    unseen = driven(0.5, ([0, 1], [0, 0]), "not finite")
+    assert (unseen.kind, unseen.time) == ("no-result", 1.0)
+    assert unseen.what == "not finite; elbow was up to 0.5 off its trajectory at some time"
 
 
 def test_what_is_no_place_and_what_gave_no_result():

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
+import numpy as np
+
 from simspec.analysis.failures import Failure, first_failure
 from simspec.analysis.validity import Trial, trial
 from simspec.experiments.cases import world_of
@@ -54,11 +56,12 @@ def judged(done: Done, case: str | None = None) -> list[Judged]:
 
 
 def _judge(done: Done, cell: Cell, row: Row) -> Judged:
-    run = done.store.load(row.key, tables=row.failed is None)
+    run = done.store.load(row.key)
     # what is expected is of the study, and may be other than when the run was made
     run = dataclasses.replace(run, world=world_of(done.outcome.plan, cell))
-    outcomes = evaluate(run)
-    return Judged(cell, row, trial(run, outcomes), _deviation(run, outcomes), first_failure(run, outcomes))
+    with np.errstate(over="ignore"):  # what flies off may be farther than numbers go: infinitely far
+        outcomes = evaluate(run)
+        return Judged(cell, row, trial(run, outcomes), _deviation(run, outcomes), first_failure(run, outcomes))
 
 
 def _deviation(run: Run, outcomes: list[Outcome]) -> Deviation | None:
