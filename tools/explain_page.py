@@ -23,11 +23,11 @@ from tests.attribution.planted import CASES  # noqa: E402
 
 PAGE, DATA = ROOT / "docs" / "explain.md", ROOT / "docs" / "explain.json"
 PAIRS = {
-    "box-on-ramp: mujoco, dart": ("box-on-ramp", "mujoco", "dart", (), 240),
-    "box-on-ramp: mujoco, pybullet": ("box-on-ramp", "mujoco", "pybullet", (), 240),
-    "box-on-ramp: pybullet, dart": ("box-on-ramp", "pybullet", "dart", (), 240),
+    "box-on-ramp: mujoco, dart": ("box-on-ramp", "mujoco", "dart", (), 60),
+    "box-on-ramp: mujoco, pybullet": ("box-on-ramp", "mujoco", "pybullet", (), 60),
+    "box-on-ramp: pybullet, dart": ("box-on-ramp", "pybullet", "dart", (), 60),
+    "box-on-ramp: dart, drake": ("box-on-ramp", "dart", "drake", (), 60),
     "spheres-216, 1 s: mujoco, pybullet": ("spheres-216", "mujoco", "pybullet", ("physics.duration=1 s",), 60),
-    "spheres-216, 1 s: dart, pybullet": ("spheres-216", "dart", "pybullet", ("physics.duration=1 s",), 60),
     "gripper-lift: mujoco, pybullet": ("gripper-lift", "mujoco", "pybullet", (), 60),
 }
 """Spec, engines, overrides, windows."""
@@ -61,7 +61,7 @@ def planted(known: dict[str, Any]) -> str:
         word = "nothing" if first is None or not first["share"] else first["name"]
         left = told["unexplained"].get("all", told["unexplained"].get("whole run"))
         rows.append(
-            f"| `{told['planted'][0]}` | {', '.join(told['engines'])} | {word} | "
+            f"| {', '.join(f'`{change}`' for change in told['planted'])} | {', '.join(told['engines'])} | {word} | "
             f"{shares(first['share']) if first else '–'} | {'–' if left is None else percent(left)} |"
         )
     return "\n".join(rows)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from simspec.attribution.candidates import Candidate, Kind, causes, probes
 from simspec.attribution.configuration import Asking, Configuration
@@ -12,10 +13,14 @@ from simspec.attribution.differences import differences
 from simspec.attribution.judge import Joint, Judge, Swap
 from simspec.attribution.measure import RUN, Gap, Gaps, negligible
 from simspec.attribution.models import ModelProof
-from simspec.attribution.windows import MOST_WINDOWS, take_windows
+from simspec.attribution.windows import CLASSES, MOST_WINDOWS, take_windows
 from simspec.errors import EngineError
 
 COLD = Asking()
+MUCH = 0.5
+"""Unexplained share of a class from which the same is asked from the second side's states, too."""
+SIDES = ("A", "B")
+"""What the two sides are called."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,9 @@ class Explanation:
     probes         of what is left then: other choices, refinements, removals, each by itself; ``probed``: those that help,
                    together, with shares of what was left
     unexplained    share of the gap, by class, that neither causes nor probes close
+    restart        of two engines, of A and B by class (m): how far each is from its own run, where it begins windows in that
+                   run's states; what they remember beside their state
+    exchanged      the same from B's states, where much is unexplained from A's; there A is B, and B is A
     notes          what was not looked at, and why
     """
 
@@ -55,6 +63,8 @@ class Explanation:
     probes: tuple[Swap, ...]
     probed: Joint
     unexplained: Mapping[str, float]
+    restart: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    exchanged: Explanation | None = None
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -82,6 +92,32 @@ def explain_sides(
     Raises SpecError where they are of different scenes or have no common window, UnsupportedError and EngineError where one of
     the two as they are cannot be asked; a swap that cannot is told as such.
     """
+    explanation = _from_first(first, second, names, most=most, asking=asking, proofs=proofs, progress=progress)
+    if explanation.same_engine or not any(
+        share > MUCH for name, share in explanation.unexplained.items() if name in CLASSES
+    ):
+        return explanation
+    # a state may be one that the other side never comes into: a deep overlap, say, that no swap takes back within a window
+    progress("asking the same from the second side's states")
+    try:
+        other = _from_first(second, first, names[::-1], most=most, asking=asking, proofs=(), progress=progress)
+    except EngineError as error:
+        notes = (*explanation.notes, f"not asked from the second side's states: {error}")
+        return dataclasses.replace(explanation, notes=notes)
+    return dataclasses.replace(explanation, exchanged=other)
+
+
+def _from_first(
+    first: Configuration,
+    second: Configuration,
+    names: tuple[str, str],
+    *,
+    most: int,
+    asking: Asking,
+    proofs: Sequence[ModelProof],
+    progress: Callable[..., None],
+) -> Explanation:
+    """What :func:`explain_sides` gives, from states of the first side."""
     differing = causes(first, second)
     progress("running the first side")
     windows, run = take_windows(first, second, asking, most)
@@ -97,6 +133,14 @@ def explain_sides(
     judge, swaps, notes = _in_whole_runs(judge, differing, swaps)
     caused, left, rest = judge.together(differing, swaps)
     same = first.kind is second.kind
+    restart: dict[str, dict[str, float]] = {}
+    if not same and judge.telling:
+        progress("asking whether the engines repeat their own runs")
+        try:
+            again = asked.restarted(pair, run)
+            restart = {name: judge.means(gap) for name, gap in zip(SIDES, again, strict=True)}
+        except EngineError as error:
+            notes.append(f"not known whether the engines repeat their own runs from their states: {error}")
     probed, further = Joint((), caused.gap, {}), list[Swap]()
     if not same and judge.open(caused.gap):
         second_judge = Judge(asked, left, Gap(rest.windows), floor, progress)
@@ -122,6 +166,8 @@ def explain_sides(
         tuple(further),
         probed,
         unexplained,
+        restart,
+        None,
         tuple(notes),
     )
 

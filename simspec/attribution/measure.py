@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.attribution.candidates import Pair
-from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation
+from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation, windows_operation
 from simspec.attribution.contact import FirstContact, contact_questions, first_contact
 from simspec.attribution.windows import Windows, ends, gaps, ordered_poses, question
 from simspec.comparison.floor import FLOOR_FACTOR, PERTURBATION
@@ -76,6 +76,25 @@ class Gaps:
         noise = Gap(gaps(windows.world, self._ends[pair[0].key], ends(pair[0], windows, ours[-1])))
         self.quiet = noise.of_windows <= np.maximum(NEGLIGIBLE, gap.of_windows / FLOOR_FACTOR)
         return gap, noise, first_contact(pair, [ours[1], theirs[1]]) if contact else None
+
+    def restarted(self, pair: Pair, run: Answer) -> tuple[Gap, Gap]:
+        """How far each side is from its own run where it begins windows in that run's states: nothing, where the state is all
+        that an engine has; more, where it remembers contact points of earlier steps, say. ``run``: the first side's. Raises
+        EngineError."""
+        first, second = pair
+        windows = self.windows
+        rows = [windows.rows(run, number) for number in (windows.numbers, windows.numbers + 1)]
+        ours = gaps(windows.world, self._ends[first.key], run.arrays["pose"][rows[1]])
+        steps = windows.steps(second.world)
+        (own,) = self._asking.ask(second, run_operation(second, int(windows.numbers.max() + 1) * steps, steps))
+        if own.result["failed"] is not None:
+            raise EngineError(second.engine, f"the state is not finite after step {own.result['failed']['step']}")
+        states = own.arrays["q"][windows.numbers], own.arrays["v"][windows.numbers]
+        again = windows_operation(second, *states, (windows.numbers * steps).tolist(), steps)
+        (answer,) = self._asking.ask(second, again)
+        there = ends(second, windows, answer)
+        here = ordered_poses(second.world, windows.world, own.arrays["pose"][windows.numbers + 1])
+        return Gap(ours), Gap(gaps(windows.world, there, here))
 
     def of(self, pair: Pair, runs: bool = False) -> Gap:
         """The gap of a pair, whatever is accepted or not: a counterfactual is no claim. ``runs``: of whole runs, too. Raises

@@ -22,6 +22,8 @@ WORDS: Mapping[str, str] = {
 """The classes, as sentences say them."""
 MOST = 3
 """Probes that are told in sentences; the table has all."""
+REMEMBERED = 0.05
+"""What a side remembers beside its state is told from this part of the gap on."""
 NARROW = 0.01
 """Intervals that are narrower are not told."""
 LIKE = 0.005
@@ -46,8 +48,12 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
     idle = [swap.name for swap in explanation.causes if swap not in active and swap.failed is None]
     if not active:
         lines.append(_idle(idle) if explanation.causes else _no_cause(explanation))
-    lines += _asked(explanation, rest=bool(active))
+    lines += [*_ways(explanation, rest=bool(active)), *_places(explanation)]
     lines += _left(explanation)
+    lines += _remembered(explanation)
+    if explanation.exchanged is not None:
+        told = [*_ways(explanation.exchanged, bool(active)), *_left(explanation.exchanged)]
+        lines += [f"Begun in B's states instead: {line[:1].lower()}{line[1:]}" for line in told]
     if idle and active:
         lines.append(f"Different, and without effect here: {_listed(idle)}.")
     return tuple(lines)
@@ -120,7 +126,7 @@ def percent(share: float) -> str:
     return f"{value:.1f} %" if abs(value) < 10.0 else f"{value:.0f} %"
 
 
-def _asked(explanation: Explanation, rest: bool) -> Iterable[str]:
+def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
     of = "what is left" if rest else "the difference"
     ways = [
         swap
@@ -134,6 +140,9 @@ def _asked(explanation: Explanation, rest: bool) -> Iterable[str]:
     if len(explanation.probed.names) > 1:
         joint = explanation.probed
         yield f"Of {of}, {_listed(joint.names)} together close {_plain(joint.share, told, joint.interval)}."
+
+
+def _places(explanation: Explanation) -> Iterable[str]:
     places = [swap for swap in useful(explanation.probes) if swap.kind == Kind.REMOVAL.value]
     for swap in places:
         if swap.share.get(ALL, 0.0) > 0.5:
@@ -152,6 +161,20 @@ def _left(explanation: Explanation) -> Iterable[str]:
         yield f"Unexplained: {', '.join(f'{percent(share)} in {WORDS[name]}' for name, share in left.items())}."
     else:
         yield f"Unexplained: less than {percent(1.0 - ENOUGH)}."
+
+
+def _remembered(explanation: Explanation) -> Iterable[str]:
+    for side, means in explanation.restart.items():
+        parts = {
+            name: means[name] / explanation.gap[name] for name in explanation.telling if name in means and name != ALL
+        }
+        large = [f"{percent(part)} in {WORDS[name]}" for name, part in parts.items() if part > REMEMBERED]
+        if large:
+            yield (
+                f"{side} does not repeat its own run from its own states: it remembers more than positions and velocities "
+                f"(contact points of earlier steps, say). Begun anew it moves by, of the difference, {', '.join(large)}: "
+                "so much may be due to the beginnings of windows."
+            )
 
 
 def _listed(names: Sequence[str]) -> str:

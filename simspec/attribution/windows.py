@@ -55,6 +55,13 @@ class Windows:
     def __repr__(self) -> str:
         return f"<Windows: {len(self.numbers)} of {float(self.length):g} s>"
 
+    def rows(self, run: Answer, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The rows (k,) of the run that the windows are of, at the beginnings of windows of these numbers (k)."""
+        rows: NDArray[np.int64] = numbers * (
+            self.steps(self.world) // int(run.arrays["step"][1] - run.arrays["step"][0])
+        )
+        return rows
+
     def steps(self, world: World) -> int:
         """Steps of ``world`` in a window. Raises SpecError where that is no whole number."""
         steps = self.length / exact(world.physics.timestep)

@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import simspec
-from simspec.attribution.configuration import Configuration
-from simspec.attribution.explanation import Explanation
+from simspec.attribution.configuration import Asking, Configuration
+from simspec.attribution.explanation import COLD, Explanation, explain_sides
 from simspec.attribution.windows import MOST_WINDOWS
 from simspec.world.types import World
 
@@ -69,6 +69,28 @@ engines:
   pybullet: {accept: [contact.cone.elliptic]}
   dart: {accept: [material.restitution]}
 """
+STANDING = """\
+simspec: 1
+name: standing
+description: A cylinder that stands, on points that an engine may find one after another
+physics: {gravity: [0, 0, -9.81], timestep: 1 ms, duration: 0.1 s}
+contact:
+  materials:
+    wood: {friction: 0.6}
+bodies:
+  floor:
+    fixed: true
+    shapes:
+      - {plane: {}, material: wood}
+  cylinder:
+    pose: {xyz: [0, 0, 0.05]}
+    mass: 0.125 kg
+    shapes:
+      - {cylinder: {radius: 0.02, length: 0.1}, material: wood}
+engines:
+  mujoco: {accept: [contact.friction.impact]}
+  pybullet: {accept: [contact.cone.elliptic]}
+"""
 FALL = """\
 simspec: 1
 name: fall
@@ -104,11 +126,11 @@ class Planted:
     classes: tuple[str, ...]
     shared: tuple[str, ...] = ()
 
-    def explain(self, windows: int = MOST_WINDOWS) -> Explanation:
-        """What ``simspec explain`` makes of it."""
+    def explain(self, windows: int = MOST_WINDOWS, asking: Asking = COLD) -> Explanation:
+        """What ``simspec explain`` makes of it; ``asking``: with warm processes of several cases."""
         sides = (world(SCENE, *self.shared), world(SCENE, *self.shared, *self.sets))
         first, second = (Configuration(side, engine) for side, engine in zip(sides, self.engines, strict=True))
-        return simspec.explain(first, second, names=("A", "B"), windows=windows)
+        return explain_sides(first, second, ("A", "B"), most=windows, asking=asking)
 
 
 def alone(engine: str, sets: str, culprit: str, *classes: str) -> Planted:
@@ -116,6 +138,12 @@ def alone(engine: str, sets: str, culprit: str, *classes: str) -> Planted:
     return Planted((engine, engine), (sets,), culprit, classes)
 
 
+DULL = (
+    "contact.materials.rubber.restitution=0",
+    "contact.pairs.1.restitution=0",
+    "engines.drake.accept=[shape.box]",
+)
+"""For an engine without restitution."""
 CASES = {
     "gravity": alone("mujoco", "physics.gravity=[0,0,-9.7]", "gravity", "free", "impact", "contact"),
     "timestep": alone("dart", "physics.timestep=2 ms", "timestep", "free", "contact"),
@@ -154,6 +182,55 @@ CASES = {
         ),
         "DART's collision_detector",
         ("contact",),
+    ),
+    "drake-gravity": Planted(("drake", "drake"), ("physics.gravity=[0,0,-9.7]",), "gravity", ("free", "contact"), DULL),
+    "drake-friction": Planted(
+        ("drake", "drake"), ("contact.pairs.0.friction=0.5",), "friction of ground and wood", ("contact",), DULL
+    ),
+    "drake-dissipation": Planted(
+        ("drake", "drake"), ("engines.drake.settings.dissipation=100",), "Drake's dissipation", ("contact",), DULL
+    ),
+    "drake-stiction-of-another": Planted(
+        ("pybullet", "drake"),
+        ("engines.drake.settings.stiction_tolerance=0.001",),
+        "Drake's stiction_tolerance",
+        ("contact",),
+        DULL,
+    ),
+    "friction-in-drake": Planted(
+        ("mujoco", "drake"), ("contact.pairs.0.friction=0.5",), "friction of ground and wood", ("contact",), DULL
+    ),
+    "erp-beside-drake": Planted(
+        ("drake", "pybullet"),
+        ("engines.pybullet.settings.contact_erp=0.2",),
+        "PyBullet's contact_erp",
+        ("contact",),
+        DULL,
+    ),
+    "mass-in-drake": Planted(
+        ("dart", "drake"), ("bodies.arm.mass=1.1 kg",), "mass and inertia of arm", ("free", "contact"), DULL
+    ),
+    "gravity-of-another": Planted(
+        ("mujoco", "pybullet"), ("physics.gravity=[0,0,-9.7]",), "gravity", ("free", "contact")
+    ),
+    "gain-of-another": Planted(
+        ("dart", "mujoco"), ("control.drive.kp=30",), "controller of drive", ("free", "contact")
+    ),
+    "armature-of-another": Planted(
+        ("dart", "mujoco"), ("bodies.arm.joint.armature=0.02",), "armature of arm", ("free", "contact")
+    ),
+    "restitution-of-another": Planted(
+        ("dart", "pybullet"), ("contact.pairs.1.restitution=0.7",), "restitution of ground and rubber", ("impact",)
+    ),
+    "timestep-of-another": Planted(("mujoco", "dart"), ("physics.timestep=2 ms",), "timestep", ("free", "contact")),
+    "impratio-of-another": Planted(
+        ("pybullet", "mujoco"), ("engines.mujoco.settings.impratio=1",), "MuJoCo's impratio", ("contact",)
+    ),
+    "two-of-another": Planted(
+        ("mujoco", "pybullet"),
+        ("bodies.arm.joint.damping=0.2", "engines.pybullet.settings.contact_erp=0.2"),
+        "joint damping of arm",
+        ("free",),
     ),
     "initial-state": alone("mujoco", "bodies.ball.pose.xyz=[0,1,0.2]", "initial state of ball", "whole run"),
     "nothing": alone("mujoco", "physics.gravity=[0,0,-9.81]", "", ""),

@@ -7,17 +7,28 @@ import dataclasses
 import pytest
 
 import simspec
-from simspec.attribution.judge import SMALLEST_SHARE
+from simspec.attribution import explanation as explaining
+from simspec.attribution.configuration import Asking, Configuration
+from simspec.attribution.judge import SMALLEST_SHARE, acting
 from simspec.attribution.verdict import verdict
-from tests.attribution.planted import CASES, FALL, world
+from simspec.engines.kit.warm import WarmProcesses
+from tests.attribution.planted import CASES, FALL, STANDING, world
 
-QUICK = ("gravity", "restitution", "timestep", "erp", "impratio", "gain", "initial-state")
+QUICK = ("gravity", "restitution", "timestep", "erp", "impratio", "gain", "initial-state", "drake-dissipation")
+OF_ANOTHER = ("drake-stiction-of-another", "mass-in-drake", "gain-of-another", "impratio-of-another", "two-of-another")
+
+
+@pytest.fixture(scope="module")
+def asking():
+    """Warm processes for all cases: most of what a small question takes is the engine's import."""
+    with WarmProcesses() as warm:
+        yield Asking(warm)
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_the_culprit_is_named_in_the_classes_in_which_it_acts(name):
+def test_the_culprit_is_named_in_the_classes_in_which_it_acts(name, asking):
     case = CASES[name]
-    explanation = case.explain()
+    explanation = case.explain(asking=asking)
     first = max(explanation.causes, key=lambda swap: swap.largest)
     assert first.name == case.culprit
     for kind in explanation.telling:
@@ -28,8 +39,44 @@ def test_the_culprit_is_named_in_the_classes_in_which_it_acts(name):
     assert all(abs(share) < SMALLEST_SHARE for share in explanation.unexplained.values())
 
 
-def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about():
-    explanation = CASES["dart-erp-of-another"].explain()
+@pytest.mark.parametrize("name", OF_ANOTHER)
+def test_the_culprit_is_named_first_although_the_engines_differ_too(name, asking, monkeypatch):
+    monkeypatch.setattr(explaining, "probes", lambda pair: [])
+    case = CASES[name]
+    explanation = case.explain(windows=40, asking=asking)
+    first = acting(explanation.causes)[0]
+    assert first.name == case.culprit
+    assert set(case.classes) <= set(first.effect)
+    assert verdict(explanation)[0].lower().startswith(case.culprit.lower())
+    assert len(acting(explanation.causes)) == len(case.sets)
+    for kind, (low, high) in first.interval.items():
+        assert low <= 1.0 - first.gap[kind] / explanation.gap[kind] <= high
+
+
+def test_what_acts_and_closes_nothing_is_said_to(asking, monkeypatch):
+    monkeypatch.setattr(explaining, "probes", lambda pair: [])
+    explanation = CASES["impratio-of-another"].explain(asking=asking)
+    (cause,) = explanation.causes
+    assert not cause.share
+    assert 1e-4 < cause.effect["contact"] < 0.01
+    assert "acts, but accounts for none of the difference" in verdict(explanation)[0]
+
+
+def test_what_an_engine_remembers_is_told_and_the_same_is_asked_from_the_other_side(asking):
+    sides = [Configuration(world(STANDING), engine) for engine in ("mujoco", "pybullet")]
+    explanation = explaining.explain_sides(sides[0], sides[1], ("A", "B"), most=20, asking=asking)
+    assert explanation.restart["A"]["contact"] < 1e-12
+    assert explanation.restart["B"]["contact"] > 1e-7
+    assert any(line.startswith("B does not repeat its own run") for line in verdict(explanation))
+    if explanation.exchanged is not None:
+        assert explanation.exchanged.restart["A"]["contact"] == pytest.approx(explanation.restart["B"]["contact"])
+        assert any(line.startswith("Begun in B's states instead: ") for line in verdict(explanation))
+    assert explanation.unexplained["contact"] < explaining.MUCH or explanation.exchanged is not None
+
+
+def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about(asking, monkeypatch):
+    monkeypatch.setattr(explaining, "MUCH", 2.0)  # not from the other side's states, too
+    explanation = CASES["dart-erp-of-another"].explain(asking=asking)
     (cause,) = explanation.causes
     assert (cause.name, cause.values) == ("PyBullet's contact_erp", ("0.01", "0.2"))
     assert cause.share["contact"] > 0.2
@@ -41,8 +88,8 @@ def test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_abo
     assert explanation.unexplained["contact"] < 0.3
 
 
-def test_nothing_is_explained_where_nothing_differs():
-    explanation = CASES["nothing"].explain()
+def test_nothing_is_explained_where_nothing_differs(asking):
+    explanation = CASES["nothing"].explain(asking=asking)
     assert not explanation.causes
     assert not explanation.telling
     assert "Nothing differs" in verdict(explanation)[0]
