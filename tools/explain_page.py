@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import simspec  # noqa: E402
-from simspec.attribution.verdict import percent  # noqa: E402
+from simspec.attribution.verdict import percent, ranged  # noqa: E402
 from simspec.report.attribution import explanation_data  # noqa: E402
 from tests.attribution.planted import CASES  # noqa: E402
 
@@ -45,9 +45,22 @@ def asked(name: str) -> dict[str, Any]:
     return explanation_data(simspec.explain(sides[0], sides[1], windows=windows))
 
 
-def shares(values: dict[str, float]) -> str:
-    """Shares by class."""
-    return ", ".join(f"{percent(share)} {name}" for name, share in values.items() if name != "all") or "–"
+def shares(swap: dict[str, Any]) -> str:
+    """Shares by class with their intervals; where nothing is closed, what it moves."""
+    closed = {name: share for name, share in swap["share"].items() if name != "all"}
+    if closed:
+        return ", ".join(f"{ranged(share, swap['interval'].get(name))} {name}" for name, share in closed.items())
+    moved = [f"{percent(part)} {name}" for name, part in swap["effect"].items() if name != "all"]
+    return f"none; moves its side by {', '.join(moved)}"
+
+
+def rank(swap: dict[str, Any]) -> tuple[bool, float, float]:
+    """Its place among the causes, as the verdict has it."""
+    return (
+        swap["kind"] != "difference",
+        -max(swap["share"].values(), default=0.0),
+        -max(swap["effect"].values(), default=0.0),
+    )
 
 
 def planted(known: dict[str, Any]) -> str:
@@ -57,12 +70,13 @@ def planted(known: dict[str, Any]) -> str:
         told = known.get(name)
         if told is None:
             continue
-        first = max(told["causes"], key=lambda swap: max(swap["share"].values(), default=0.0), default=None)
-        word = "nothing" if first is None or not first["share"] else first["name"]
+        acting = sorted((swap for swap in told["causes"] if swap["effect"]), key=rank)
+        first = acting[0] if acting else None
+        word = first["name"] if first else "nothing"
         left = told["unexplained"].get("all", told["unexplained"].get("whole run"))
         rows.append(
             f"| {', '.join(f'`{change}`' for change in told['planted'])} | {', '.join(told['engines'])} | {word} | "
-            f"{shares(first['share']) if first else '–'} | {'–' if left is None else percent(left)} |"
+            f"{shares(first) if first else '–'} | {'–' if left is None else percent(left)} |"
         )
     return "\n".join(rows)
 
