@@ -118,13 +118,23 @@ def run_operation(configuration: Configuration, steps: int, every: int, channels
 
 
 def windows_operation(
-    configuration: Configuration, q: Floats, v: Floats, starts: Sequence[int], steps: int, contacts: bool = False
+    configuration: Configuration,
+    q: Floats,
+    v: Floats,
+    starts: Sequence[int],
+    steps: int,
+    contacts: bool = False,
+    before: tuple[Floats, Floats] | None = None,
 ) -> Operation:
-    """Windows of ``steps`` steps from states q (k, nq), v (k, nv), each the one after ``starts`` (k) steps of a run."""
+    """Windows of ``steps`` steps from states q (k, nq), v (k, nv), each the one after ``starts`` (k) steps of a run.
+    ``before``: states so many steps earlier, for an engine that keeps contact points of earlier steps; others do not step from
+    them."""
     parameters, arrays = to_request(configuration.world)
     channels = ["contacts"] if contacts else []
     asked = {**parameters, "starts": list(starts), "steps": steps, "channels": channels}
     states = {"q": np.ascontiguousarray(q), "v": np.ascontiguousarray(v)}
+    if before is not None and configuration.kind.KEEPS_CONTACTS:
+        states |= {"q_before": np.ascontiguousarray(before[0]), "v_before": np.ascontiguousarray(before[1])}
     return Operation("windows", asked, {**arrays, **states}, configuration.world)
 
 

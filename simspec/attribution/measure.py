@@ -90,7 +90,9 @@ class Gaps:
         if own.result["failed"] is not None:
             raise EngineError(second.engine, f"the state is not finite after step {own.result['failed']['step']}")
         states = own.arrays["q"][windows.numbers], own.arrays["v"][windows.numbers]
-        again = windows_operation(second, *states, (windows.numbers * steps).tolist(), steps)
+        earlier = np.maximum(windows.numbers - 1, 0)
+        before = own.arrays["q"][earlier], own.arrays["v"][earlier]
+        again = windows_operation(second, *states, (windows.numbers * steps).tolist(), steps, before=before)
         (answer,) = self._asking.ask(second, again)
         there = ends(second, windows, answer)
         here = ordered_poses(second.world, windows.world, own.arrays["pose"][windows.numbers + 1])

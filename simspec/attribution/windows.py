@@ -42,7 +42,7 @@ ALL = "all"
 class Windows:
     """Windows of a run: states q (k, nq), v (k, nv) at their beginnings, in the coordinates of ``world``; ``numbers`` (k): each
     begins after so many lengths of a window; ``kinds`` (k): index into ``CLASSES``; ``counts``: how many windows of each class
-    the run has, of which these are a sample."""
+    the run has, of which these are a sample; ``before``: states a window's length earlier (of the first window: its own)."""
 
     world: World
     length: Fraction
@@ -51,6 +51,7 @@ class Windows:
     v: Floats
     kinds: NDArray[np.int64]
     counts: Mapping[str, int]
+    before: tuple[Floats, Floats]
 
     def __repr__(self) -> str:
         return f"<Windows: {len(self.numbers)} of {float(self.length):g} s>"
@@ -144,7 +145,9 @@ def take_windows(
     rows = chosen * (steps // every)
     arrays = answer.arrays
     counts = {name: int((kinds == index).sum()) for index, name in enumerate(CLASSES)}
-    windows = Windows(world, length, chosen, arrays["q"][rows], arrays["v"][rows], kinds[chosen], counts)
+    earlier = np.maximum(chosen - 1, 0) * (steps // every)
+    states, before = ((arrays["q"][at], arrays["v"][at]) for at in (rows, earlier))
+    windows = Windows(world, length, chosen, *states, kinds[chosen], counts, before)
     return windows, answer
 
 
@@ -214,7 +217,8 @@ def question(configuration: Configuration, windows: Windows, states: tuple[Float
     """The windows, as they are asked of a configuration. ``states``: others to begin in."""
     q, v = map_states(windows.world, configuration.world, *(states or (windows.q, windows.v)))
     steps = windows.steps(configuration.world)
-    return windows_operation(configuration, q, v, (windows.numbers * steps).tolist(), steps)
+    before = map_states(windows.world, configuration.world, *windows.before)
+    return windows_operation(configuration, q, v, (windows.numbers * steps).tolist(), steps, before=before)
 
 
 def ends(configuration: Configuration, windows: Windows, answer: Answer) -> Floats:

@@ -16,7 +16,9 @@ def draws(kinds, quiet=None):
     kinds = np.array(kinds)
     nothing = np.zeros((len(kinds), 0))
     counts = {name: int((kinds == index).sum()) for index, name in enumerate(("free", "impact", "contact"))}
-    windows = Windows(world(), Fraction(1, 100), np.arange(len(kinds)), nothing, nothing, kinds, counts)
+    windows = Windows(
+        world(), Fraction(1, 100), np.arange(len(kinds)), nothing, nothing, kinds, counts, (nothing, nothing)
+    )
     return Draws(windows, np.ones(len(kinds), dtype=bool) if quiet is None else np.array(quiet))
 
 

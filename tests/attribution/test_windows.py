@@ -92,7 +92,9 @@ def test_the_sample_is_spread_and_keeps_what_is_rare():
 def windows(kinds, counts):
     kinds = np.array(kinds)
     nothing = np.zeros((len(kinds), 0))
-    return Windows(world(), Fraction(1, 100), np.arange(len(kinds)), nothing, nothing, kinds, counts)
+    return Windows(
+        world(), Fraction(1, 100), np.arange(len(kinds)), nothing, nothing, kinds, counts, (nothing, nothing)
+    )
 
 
 def test_means_weigh_each_class_as_the_run_has_it():

@@ -50,6 +50,8 @@ class Engine:
     """Whether pairs that no numbers give are realised by copies of shapes in layers (see ``contact/plan.py``)."""
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     """What it is known not to reach of the contact law, each measured."""
+    KEEPS_CONTACTS: ClassVar[bool] = False
+    """Whether a step depends on contact points of earlier steps, beside the state; :meth:`move_to` then leaves them."""
     PROBED_TOGETHER: ClassVar[int | None] = None
     """Moving bodies of a contact probe in one world, where a step's time grows faster than their number; None: all."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
@@ -124,6 +126,10 @@ class Engine:
         """Put the simulation into state (q (nq,), v (nv,)), with derived quantities updated and no memory of before
         (warm starts, contact caches) as far as the engine allows."""
         raise NotImplementedError
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same for a state near the present one: contact points of earlier steps stay, where the engine keeps any."""
+        self.set_state(q, v)
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         """The state (q (nq,), v (nv,))."""

@@ -167,13 +167,20 @@ def _touching(session: Session, arrays: Arrays, operation: Parameters) -> Result
 def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """Short motions with contact and under the controllers, ``steps`` steps each, from q (k, nq), v (k, nv), each the state
     after ``starts`` (k) steps of a run -> q (k, nq), v (k, nv), pose (k, bodies, 7), velocity (k, bodies, 6) at their ends.
-    With the channel ``contacts`` also the contacts of each one's last step; ``contact.row`` is its place among the k."""
+    With the channel ``contacts`` also the contacts of each one's last step; ``contact.row`` is its place among the k. With
+    ``q_before``, ``v_before`` (k, ...), states ``steps`` steps earlier, the engine first steps from these, so that it has the
+    contact points that it keeps from earlier steps."""
     stepper = Stepper(session, from_request(operation, arrays))
     with_contacts = "contacts" in operation["channels"]
     rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
     touching: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS)}
     for index, (q, v, start) in enumerate(zip(arrays["q"], arrays["v"], operation["starts"], strict=True)):
-        session.set_state(q, v)
+        if "q_before" in arrays and start >= operation["steps"]:
+            session.set_state(arrays["q_before"][index], arrays["v_before"][index])
+            stepper.advance(start - operation["steps"], operation["steps"])
+            session.move_to(q, v)
+        else:
+            session.set_state(q, v)
         stepper.advance(start, operation["steps"])
         _add_state(rows, session)
         if with_contacts:

@@ -170,6 +170,11 @@ class Session:
         """Put the simulation into the state (q (nq,), v (nv,))."""
         self._at(Condition.PLACED).set_state(q, v)
 
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into a state near the present one; contact points of earlier steps stay, where the engine keeps
+        any."""
+        self._at(Condition.CHANGED).move_to(q, v)
+
     def step(self, count: int = 1, effort: np.ndarray | None = None) -> None:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         self._at(Condition.CHANGED).step(count, effort)

@@ -84,6 +84,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     EXTRA: ClassVar[str] = "pybullet"
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
+    KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
@@ -213,6 +214,9 @@ class PyBullet(SimulatedEngine[Simulation]):
             inventory=inventory(sim),
             neutral=neutral(sim),
         )
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.move_to(q, v)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         q, _ = self._simulation.get_state()

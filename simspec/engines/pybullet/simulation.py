@@ -228,6 +228,11 @@ class Simulation:
     # --- state -------------------------------------------------------------------------------------------------
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.move_to(q, v)
+        self.forget_contacts()
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same with the contact points of earlier steps kept."""
         p, client = self.bullet, self.client
         q, v = np.asarray(q, dtype=float), np.asarray(v, dtype=float)
         self._seen = None
@@ -256,7 +261,6 @@ class Simulation:
                 p.resetJointStatesMultiDof(
                     tree.uid, [link.link for link in movers], positions, velocities, physicsClientId=client
                 )
-        self.forget_contacts()
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         p, client = self.bullet, self.client
