@@ -57,7 +57,9 @@ class Parcel:
             facts, compressed = head["facts"], head["compressed"]
             contents = {}
             for name, size in head["contents"]:
-                contents[str(name)] = _content(packed[end : end + size], size, compressed)
+                if type(name) is not str or type(size) is not int or name in contents:
+                    raise ValueError(f"a content {name!r:.80} of {size!r:.40} bytes")
+                contents[name] = _content(packed[end : end + size], size, compressed)
                 end += size
         except (NotReadableError, KeyError, TypeError, ValueError, zlib.error) as error:
             raise ParcelError(f"damaged: {str(error)[:200]}") from None
@@ -67,14 +69,15 @@ class Parcel:
 
 
 def _content(packed: bytes, size: int, compressed: bool) -> bytes:
+    """Raises ValueError where it is not whole, or too large."""
     if size < 0 or len(packed) != size:
-        raise ParcelError("damaged: it ends early")
+        raise ValueError("it ends early")
     if not compressed:
         return packed
     unpacker = zlib.decompressobj()
     content = unpacker.decompress(packed, LARGEST_CONTENT)
     if not unpacker.eof or unpacker.unused_data:
-        raise ParcelError("damaged: a content is too large, or not whole")
+        raise ValueError("a content is too large, or not whole")
     return content
 
 
