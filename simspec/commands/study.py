@@ -22,6 +22,7 @@ from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
+from simspec.experiments.proof_cost import proof_seconds, proofs_left
 from simspec.experiments.roundings import rounding_lines
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
@@ -44,6 +45,7 @@ from simspec.report.study.markdown import markdown
 from simspec.report.study.measured import measured
 from simspec.report.study.page_section import SCHEMA, TABLES_FILE, study_parts
 from simspec.report.study.registry import shown_of
+from simspec.report.sweep import proof_words
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
 from simspec.stored import StudyTables, read_as
@@ -239,7 +241,9 @@ def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Map
 
 
 def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_json: bool) -> int:
-    index = refresh(Store.open(place), repair=False) if place.is_dir() and any(place.iterdir()) else Index()
+    store = Store.open(place) if place.is_dir() and any(place.iterdir()) else None
+    index = refresh(store, repair=False) if store is not None else Index()
+    took, proofs = proof_seconds(index, store), []
     shown = table(
         f"{source.name}: to do",
         "sweep",
@@ -254,6 +258,7 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
     asked: set[str] = set()
     for one, plan in planned:
         cells = list(plan)
+        proofs.append(proofs_left(cells, index, took))
         left = [cell for cell in cells if index.done(cell.key) is None and cell.key not in asked]
         asked.update(cell.key for cell in cells)
         cost = estimate(plan, left, costs(index.rows.values(), plan.spec.name))
@@ -270,7 +275,10 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
                 | {"steps": cost.steps[engine], "seconds": seconds}
             )
     if as_json:
-        print_json({"study": source.name, "store": place, "sweeps": told, "seconds": total if known else None})
+        print_json(
+            {"study": source.name, "store": place, "sweeps": told, "seconds": total if known else None}
+            | {"proofs": [{"models": one.models, "seconds": one.total} for one in proofs]}
+        )
         return EXIT_OK
     console().print(shown)
     for one, plan in planned:
@@ -279,5 +287,7 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
     end = (
         f"about {duration(total)}, from what such runs took in this store" if known else "the time of some is not known"
     )
-    console().print(f"{end}; each model is verified first (not in the estimate)", soft_wrap=True)
+    console().print(f"runs: {end}", soft_wrap=True)
+    for (one, _), own in zip(planned, proofs, strict=True):
+        console().print(f"{one.name}: {proof_words(own)}", soft_wrap=True)
     return EXIT_OK

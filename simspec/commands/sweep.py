@@ -19,6 +19,7 @@ from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Cell, Plan, plan_sweep
+from simspec.experiments.proof_cost import proof_seconds, proofs_left
 from simspec.experiments.roundings import rounded_data, rounding_sets
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
@@ -193,7 +194,8 @@ def _tell(
 
 
 def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: bool, as_json: bool) -> int:
-    index = refresh(Store.open(folder), repair=False) if folder.is_dir() and any(folder.iterdir()) else Index()
+    store = Store.open(folder) if folder.is_dir() and any(folder.iterdir()) else None
+    index = refresh(store, repair=False) if store is not None else Index()
     done = 0
 
     def to_do() -> Iterable[Cell]:
@@ -205,11 +207,12 @@ def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: 
                 done += 1
 
     left = estimate(plan, to_do(), costs(index.rows.values(), plan.spec.name))
-    proofs = "each model is verified first (not in the estimate)" if verify else "without proof"
+    proofs = proofs_left(plan, index, proof_seconds(index, store)) if verify else None
     if as_json:
         told: dict[str, Any] = {"plan": plan.describe(), "store": folder, "done": done, "jobs": jobs}
         told["rounded"] = {name: rounded_data(rounded) for name, rounded in rounding_sets(plan).items()}
         told |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}
+        told["proofs"] = None if proofs is None else {"models": proofs.models, "seconds": proofs.total}
         print_json({**told, "verify": verify, "not_run": selection.not_taken, "exit_code": EXIT_OK})
         return EXIT_OK
     show_not_taken(selection, console())

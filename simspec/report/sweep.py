@@ -16,6 +16,7 @@ from rich.text import Text
 from simspec.experiments.cost import Estimate
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.proof_cost import ProofsLeft
 from simspec.experiments.roundings import rounded_data, rounding_lines, roundings
 from simspec.experiments.sweep import Outcome
 from simspec.report.kit import length, number, table
@@ -104,7 +105,19 @@ def groups(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> list[Group]:
     return list(found.values())
 
 
-def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: str) -> None:
+def proof_words(proofs: ProofsLeft | None) -> str:
+    """What the proofs that are left will take; None: without proofs."""
+    if proofs is None:
+        return "without proof"
+    if not proofs.count:
+        return "proofs: all are there"
+    told = f"proofs: {proofs.count:,} at most"
+    if proofs.total is None:
+        return f"{told}, whose time is not known: none of some engine in this store"
+    return f"{told}, about {duration(proofs.total)}, from what proofs took in this store"
+
+
+def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLeft | None) -> None:
     """Print what a sweep would do."""
     screen = console()
     screen.print(f"{plan.spec.name}: {len(plan):,} runs of {plan.worlds:,} sets of values in {', '.join(plan.engines)}")
@@ -117,7 +130,7 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: str) -> 
         shown.add_row(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", told if left.runs[engine] else "–")
     screen.print(shown)
     to_do = sum(left.runs.values())
-    screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}; {proofs}")
+    screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}")
     if to_do and left.total is not None:
         together = f", {duration(left.total / jobs)} at {jobs} side by side" if jobs > 1 else ""
         screen.print(
@@ -125,6 +138,7 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: str) -> 
         )
     elif to_do:
         screen.print("no run of some engine has been measured in this store: its time is not known", soft_wrap=True)
+    screen.print(proof_words(proofs), soft_wrap=True)
 
 
 def axes(plan: Plan) -> list[str]:

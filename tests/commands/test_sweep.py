@@ -53,6 +53,7 @@ def test_a_plan_a_sweep_and_nothing_left_to_do(place):
     assert "2 runs of 2 sets of values in mujoco" in said
     assert "done: 0; to do: 2" in said
     assert "not measured yet" in said
+    assert "proofs: 2 at most, whose time is not known" in said
     assert os.listdir(place) == ["fall.yaml"], "a plan writes nothing"
     said = call("--csv", "fall.csv")
     assert "2 runs now, 0 before" in said
@@ -62,6 +63,13 @@ def test_a_plan_a_sweep_and_nothing_left_to_do(place):
     said = call("--dry-run", "--set", "sweep.repeat=2")
     assert "done: 2; to do: 2" in said
     assert "from what such runs took in this store" in said
+    assert "proofs: all are there" in said, "a repetition is of the same model"
+    said = call("--dry-run", "--set", "bodies.ball.mass=2")
+    assert "proofs: 2 at most, about" in said
+    assert "without proof" in call("--dry-run", "--no-verify")
+    proofs = json.loads(call("--dry-run", "--json", "--set", "bodies.ball.mass=2"))["proofs"]
+    assert proofs["models"] == {"mujoco": 2}
+    assert 0.0 < proofs["seconds"] < 600.0
     told = json.loads(call("--json", "--csv", "fall.csv", "--no-verify"))
     assert (told["ran"], told["done_before"], told["proof"]["asked"], told["exit_code"]) == (0, 2, False, 0)
     assert [run["values"] for run in told["runs"]] == [{"physics.timestep": "1 ms"}, {"physics.timestep": "2 ms"}]

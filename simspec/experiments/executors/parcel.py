@@ -55,11 +55,9 @@ class Parcel:
         try:
             head = parse_json(packed[start:end])
             facts, compressed = head["facts"], head["compressed"]
-            contents = {}
+            contents: dict[str, bytes] = {}
             for name, size in head["contents"]:
-                if type(name) is not str or type(size) is not int or name in contents:
-                    raise ValueError(f"a content {name!r:.80} of {size!r:.40} bytes")
-                contents[name] = _content(packed[end : end + size], size, compressed)
+                contents[_new(name, contents)] = _content(packed[end : end + size], size, compressed)
                 end += size
         except (NotReadableError, KeyError, TypeError, ValueError, zlib.error) as error:
             raise ParcelError(f"damaged: {str(error)[:200]}") from None
@@ -68,9 +66,16 @@ class Parcel:
         return cls(facts, contents)
 
 
+def _new(name: Any, contents: Mapping[str, bytes]) -> str:
+    """The name of another content. Raises ValueError where it is none, or taken."""
+    if type(name) is not str or name in contents:
+        raise ValueError(f"a content {str(name)[:80]!r}")
+    return name
+
+
 def _content(packed: bytes, size: int, compressed: bool) -> bytes:
     """Raises ValueError where it is not whole, or too large."""
-    if size < 0 or len(packed) != size:
+    if type(size) is not int or size < 0 or len(packed) != size:
         raise ValueError("it ends early")
     if not compressed:
         return packed
