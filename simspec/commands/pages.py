@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from simspec.arguments import interpreters, print_json
@@ -16,7 +16,7 @@ from simspec.outputs.targets import LARGEST_OWN
 from simspec.outputs.writing import write_file
 from simspec.report.screen import say
 from simspec.report.study.page_section import TABLES_FILE, study_tables
-from simspec.report.study.pages import filled, marks
+from simspec.report.study.pages import Mark, filled, marks
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
@@ -28,9 +28,10 @@ def pages(files: Sequence[Path], *, check: bool, older: bool, python: list[str] 
     texts = {path: _text(path) for path in files}
     found = {path: marks(text, str(path)) for path, text in texts.items()}
     folders = {path.parent / STUDIES / mark.study for path, own in found.items() for mark in own}
-    kept = {folder: _published(folder) for folder in sorted(folders)}
+    absent = _absent(found, older)
+    kept = {folder: None if folder in absent else _published(folder) for folder in sorted(folders)}
     pythons = interpreters(python, None)
-    why = {folder: _older(folder, pythons) for folder in kept}
+    why = {folder: {} if folder in absent else _older(folder, pythons) for folder in kept}
     problems: list[str] = []
     written: list[Path] = []
     for path, text in texts.items():
@@ -64,8 +65,19 @@ def pages(files: Sequence[Path], *, check: bool, older: bool, python: list[str] 
     return EXIT_FAILED if problems else EXIT_OK
 
 
-def _tables_in(beside: Path, kept: dict[Path, StudyTables]) -> Callable[[str], StudyTables]:
+def _tables_in(beside: Path, kept: dict[Path, StudyTables | None]) -> Callable[[str], StudyTables | None]:
     return lambda study: kept[beside / study]
+
+
+def _absent(found: Mapping[Path, Sequence[Mark]], older: bool) -> set[Path]:
+    """The folders of studies that are not there, where all pages that name them say so, or are to say so."""
+    said: dict[Path, bool] = {}
+    for path, own in found.items():
+        for mark in own:
+            folder = path.parent / STUDIES / mark.study
+            if not folder.exists():
+                said[folder] = said.get(folder, True) and (older or mark.says_unmeasured)
+    return {folder for folder, all_say_so in said.items() if all_say_so}
 
 
 def _text(path: Path) -> str:

@@ -72,7 +72,7 @@ def run(
             fail_on_diff=fail_on_diff is not None,
             pythons=pythons,
             deadline=deadline,
-            source=source_of(spec, sets),
+            source={**source_of(spec, sets), **_shown(loaded.data.record.show)},
             page=page,
             as_json=as_json,
             warnings=warned,
@@ -80,6 +80,11 @@ def run(
             reports=reports,
             baselines=baselines,
         )
+
+
+def _shown(show: Sequence[str]) -> dict[str, list[str]]:
+    """What `record.show` names, for a run's provenance: reports made later show the same."""
+    return {"show": list(show)} if show else {}
 
 
 def run_world(

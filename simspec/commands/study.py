@@ -96,7 +96,8 @@ def study(
                 verify=not no_verify,
                 pythons=pythons,
                 deadline=deadline,
-                source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name},
+                source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name}
+                | {"show": list(one.spec.data.record.show)},
                 progress=tell,
                 wait=wait,
             )

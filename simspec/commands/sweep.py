@@ -99,7 +99,7 @@ def sweep(
                 retry_failed=retry_failed,
                 pythons=pythons,
                 deadline=deadline,
-                source=source_of(spec, sets),
+                source={**source_of(spec, sets), "show": list(loaded.data.record.show)},
                 progress=tell,
                 wait=wait,
             )

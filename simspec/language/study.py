@@ -20,7 +20,7 @@ from simspec.language.words import FileName, Text, Word
 
 VERSION = 1
 SHOWN = (
-    *("speed", "load", "validity", "over_time", "determinism", "playback", "unequal", "contact"),
+    *("speed", "load", "validity", "over_time", "determinism", "playback", "quantities", "unequal", "contact"),
     *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
     *("distributions", "consistency", "conservation", "penetration"),
 )

@@ -35,6 +35,13 @@ def shown_joints(world: World, show: Sequence[str]) -> list[str]:
     return [name for name in show if name in movable] if show else movable
 
 
+def shown_of(run: Run) -> tuple[str, ...]:
+    """What `record.show` named when the run was made; nothing where it named nothing, or where that was not kept."""
+    spec = run.provenance.get("spec")
+    names = spec.get("show") if isinstance(spec, Mapping) else None
+    return tuple(name for name in names if isinstance(name, str)) if isinstance(names, list) else ()
+
+
 def ends(run: Run, show: Sequence[str]) -> dict[str, Any]:
     """The last record of a run: time (s), bodies (xyz, quat) and joints (rad, m) by name; empty where nothing was recorded."""
     if not run.recorded:

@@ -241,6 +241,18 @@ def test_places_that_the_study_does_not_have(words, message):
         filled(f"\n<!-- study s: {words} --><!-- end of study -->", "page.md", lambda name: tables(), [])
 
 
+def test_a_page_may_say_that_its_study_was_not_measured_yet(unpublished):
+    page = unpublished / "docs" / "results.md"
+    run("pages", "docs/results.md", "--check", "--older", code=1)
+    run("pages", "docs/results.md", "--older")
+    assert page.read_text().count("Not measured yet.") == 4
+    run("pages", "docs/results.md", "--check")
+    publish()
+    run("pages", "docs/results.md", "--check", code=1)
+    run("pages", "docs/results.md")
+    assert "Not measured yet." not in page.read_text()
+
+
 def test_a_page_without_its_study(unpublished):
     assert "is not a published study" in run("pages", "docs/results.md", code=2).stderr
     assert "no such page" in run("pages", "docs/none.md", code=2).stderr

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from simspec.errors import SpecError
 from simspec.language.load import Spec
-from simspec.report.final import MOST_ROWS, ends, final_table
+from simspec.report.final import MOST_ROWS, ends, final_table, shown_of
 from simspec.world import frames
 from simspec.world.types import Joint
 from tests.runner.synthetic import column, free_body, run, world
@@ -90,3 +90,12 @@ def test_names_of_record_show_must_be_there():
         Spec.from_data({**data, "record": {"show": ["arm", "amr"]}}).resolve()
     assert error.value.problems[0].path == "record.show.1"
     assert "arm" in error.value.problems[0].hint
+
+
+def test_a_stored_run_knows_what_was_to_be_shown():
+    one = two()["first"]
+    assert shown_of(one) == ()
+    kept = dataclasses.replace(one, provenance={**one.provenance, "spec": {"show": ["arm", "wall"]}})
+    assert shown_of(kept) == ("arm", "wall")
+    for edited in ({"show": "arm"}, {"show": [1, None]}, [], None):
+        assert shown_of(dataclasses.replace(one, provenance={**one.provenance, "spec": edited})) == ()

@@ -7,7 +7,7 @@ from typing import Any
 
 from simspec.errors import visible
 from simspec.report import differences, terminal
-from simspec.report.final import final_table
+from simspec.report.final import final_table, shown_of
 from simspec.report.kit import table
 from simspec.report.page.curves import charts
 from simspec.report.page.frames import FARTHEST, Frames, choose_frames
@@ -67,7 +67,7 @@ def section(stored: StoredStudy, packed: Packed) -> Section:
                 terminal.expectations(study.outcomes),
                 differences.repeatability(study.floors),
                 differences.differences(study.diffs),
-                final_table(study.runs, ()),
+                final_table(study.runs, shown_of(next(iter(study.runs.values())))),
             ]
         ),
         details=tuple(sheet(part) for diff in study.diffs for part in differences.diff_tables(diff)),

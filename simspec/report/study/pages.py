@@ -25,6 +25,7 @@ END = "<!-- end of study -->"
 MEASURED, SAID = "measured", "said"
 OLDER = "**These figures are older than the code: models of this sweep have changed since they were measured.**"
 OLDER_CELL = " (older than the code)"
+NOT_MEASURED = "Not measured yet."
 NOT_SMALL = "Not part of the small study, which these figures are of."
 BETWEEN = " | "
 
@@ -47,6 +48,11 @@ class Mark:
     def says_older(self) -> bool:
         """Whether it says that its figures are older than the code."""
         return OLDER in self.content or self.content.endswith(OLDER_CELL)
+
+    @property
+    def says_unmeasured(self) -> bool:
+        """Whether it says that the study was not measured yet."""
+        return self.content.strip() == NOT_MEASURED
 
 
 def marks(text: str, page: str) -> list[Mark]:
@@ -79,8 +85,9 @@ def marks(text: str, page: str) -> list[Mark]:
     return found
 
 
-def filled(text: str, page: str, study: Callable[[str], StudyTables], older: Collection[tuple[str, str]]) -> str:
-    """A page with its marked places made anew. ``older``: studies and sweeps that the page is to say are older than the code.
+def filled(text: str, page: str, study: Callable[[str], StudyTables | None], older: Collection[tuple[str, str]]) -> str:
+    """A page with its marked places made anew. ``study``: its tables by name, None for one that was not measured yet.
+    ``older``: studies and sweeps that the page is to say are older than the code.
 
     Raises SpecError, with every problem, for places that are not understood or that the study does not have.
     """
@@ -101,7 +108,9 @@ def filled(text: str, page: str, study: Callable[[str], StudyTables], older: Col
     return "".join([*parts, text[position:]])
 
 
-def _content(mark: Mark, tables: StudyTables, older: bool) -> str:
+def _content(mark: Mark, tables: StudyTables | None, older: bool) -> str:
+    if tables is None:
+        return NOT_MEASURED if len(mark.words) == 4 else _block(NOT_MEASURED)
     if mark.sweep is None:
         lines = [f"- {escaped(one.what)}: {escaped(one.value)}" for one in tables.measured]
         return _block("\n".join([*lines, *(f"- {escaped(line)}" for line in tables.said)]))

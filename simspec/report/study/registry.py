@@ -19,6 +19,7 @@ from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
 from simspec.report.study.penetration import penetration_tables
 from simspec.report.study.playback import playback_tables
+from simspec.report.study.quantities import quantities_tables
 from simspec.report.study.sentences import with_sentences
 from simspec.report.study.speed import load_tables, speed_tables
 from simspec.report.study.unequal import unequal_tables
@@ -31,6 +32,7 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "over_time": over_time_tables,
     "determinism": determinism_tables,
     "playback": playback_tables,
+    "quantities": quantities_tables,
     "unequal": unequal_tables,
     "contact": contact_tables,
     "certified": certified_tables,
