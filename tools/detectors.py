@@ -4,6 +4,9 @@ python tools/detectors.py [--draws 12] [--poses 250]
 
 Two shapes of random sizes are put into random poses in which coal, the library of signed distances that the filter proof uses,
 has them overlap by 0.1, 1 or 10 mm, or 0.1 or 1 mm apart; then the detector is asked whether they touch.
+
+This is no study: nothing is run, and no scenario is at stake. The table ``UNSOUND`` of simspec/dialects/dart/detectors.py is
+made of it.
 """
 
 from __future__ import annotations

@@ -9,8 +9,10 @@ from simspec.errors import UnsupportedError
 from simspec.experiments.cases import world_of
 from simspec.experiments.plan import plan_sweep
 from simspec.language.study_specs import load_study_file
+from simspec.report.study.pages import marks
 
-STUDY = Path(__file__).parents[2] / "specs" / "studies" / "contact.yaml"
+ROOT = Path(__file__).parents[2]
+STUDY, PAGE = ROOT / "specs" / "studies" / "contact.yaml", ROOT / "docs" / "contact.md"
 
 
 def test_every_approximation_is_accepted_since_the_study_measures_it():
@@ -32,3 +34,8 @@ def test_every_approximation_is_accepted_since_the_study_measures_it():
     assert ("friction", "drake", "pyramid-inscribed") in lacking
     assert {engine for _, engine, case in lacking if case is None} == {"dart", "drake"}
     assert not [name for name, engine, case in lacking if engine == "mujoco" and case != "pyramid-circumscribed"]
+
+
+def test_the_page_shows_every_sweep_of_the_study():
+    shown = {mark.sweep for mark in marks(PAGE.read_text(encoding="utf-8"), "contact.md")}
+    assert shown == {None, *(one.name for one in load_study_file(STUDY).sweeps())}

@@ -59,8 +59,8 @@ FORMS: Mapping[str, Form] = {
 }
 """By probe. One that is not named here has a row for each case, in the figure's own unit."""
 NOTE = (
-    "the largest deviation of the measured from the analytic value; marked: beyond what simspec promises at 1 ms, declared by "
-    "the engine (italic) or not (bold)"
+    "The largest deviation from the analytic value. Italic, yellow: beyond what simspec promises at 1 ms, and within what the "
+    "engine declares; bold, red: beyond that too"
 )
 Measured = Mapping[tuple[str, str], Sequence[Figure]]
 """The figures of one proof, by the law in words and the probe."""
