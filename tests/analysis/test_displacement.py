@@ -42,6 +42,16 @@ def test_the_furthest_way_sideways_and_the_lowest_end_count():
     assert told.left is None
 
 
+def test_a_way_and_back_counts_sideways_and_not_down():
+    """80 mm aside and 50 mm down at 0.5 s, and back at the end; the other one ends 20 mm aside."""
+    back = lambda t: column(0.0, 0.08 * np.sin(np.pi * t), -0.05 * np.sin(np.pi * t))  # noqa: E731
+    told = displacement(moved(low=back, high=lambda t: column(0.02 * t, 0.0, 0.0 * t)))
+    assert (told.sideways, told.whose) == (pytest.approx(0.08), "low")
+    assert told.down == pytest.approx(0.0, abs=1e-12)
+    last = displacement(moved(high=back, low=lambda t: column(0.02 * t, 0.0, 0.0 * t)))
+    assert (last.sideways, last.whose) == (pytest.approx(0.08), "high")
+
+
 def test_a_body_that_has_left_its_place_is_told_with_the_first_time():
     """0.3 m/s along x: beyond half a width of 0.1 m from 1/3 s on; records every 0.1 s."""
     told = displacement(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 
 import pytest
@@ -153,6 +154,7 @@ FIGURE = Figure("push", "a, b", "24 directions", "friction", "", 1.0, 1.05, 0.1)
         ({"deviation": "it slips"}, "5.0", "yellow"),
         ({"deviation": "it slips", "tolerance": 0.01}, "5.0", "bold red"),
         ({"measured": None}, "no value", "bold red"),
+        ({"measured": math.nan}, "no value", "bold red"),
         ({"expected": 2.0, "measured": 2.0}, "0", ""),
         ({"expected": 0.0, "measured": 0.5}, "no value", "bold red"),
     ],
