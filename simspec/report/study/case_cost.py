@@ -38,11 +38,7 @@ def case_cost_tables(done: Done) -> list[Shown]:
                 | {"seconds_per_step": cost, "ratio": ratio, "said": said}
             )
     shown.caption = NOTE
-    refused = unsupported_table(done, made)
-    return [
-        Shown("case_cost", shown, records),
-        *([Shown("case_cost.unsupported", refused)] if refused is not None else []),
-    ]
+    return [Shown("case_cost", shown, records), Shown("case_cost.unsupported", unsupported_table(done, made))]
 
 
 def _cost(one: Variant, step: float) -> float | None:

@@ -86,8 +86,7 @@ def contact_tables(done: Done) -> list[Shown]:
     shown = [_shown(done, made, steps, probe, ordered, note) for probe in probes]
     if not shown and unmeasured:
         shown = [Shown("contact", table(f"{done.sweep.name}: {note}", "nothing was measured"))]
-    refused = unsupported_table(done, made)
-    return [*shown, *([Shown("contact.unsupported", refused)] if refused is not None else [])]
+    return [*shown, Shown("contact.unsupported", unsupported_table(done, made))]
 
 
 def _shown(

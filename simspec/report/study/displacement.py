@@ -33,9 +33,7 @@ def displacement_tables(done: Done) -> list[Shown]:
             records += [record] if record is not None else []
         shown.add_row(one.label, one.engine, *cells)
     shown.caption = NOTE
-    refused = unsupported_table(done, made)
-    own = Shown("displacement", shown, records)
-    return [own, *([Shown("displacement.unsupported", refused)] if refused is not None else [])]
+    return [Shown("displacement", shown, records), Shown("displacement.unsupported", unsupported_table(done, made))]
 
 
 def _at(done: Done, one: Variant, step: float) -> tuple[Text, Record | None]:

@@ -100,15 +100,15 @@ def timesteps_of(made: list[Variant]) -> list[float]:
     return sorted({timestep for variant in made for timestep in variant.runs})
 
 
-def unsupported_table(done: Done, made: list[Variant]) -> Table | None:
-    """Which engines do not support which variants, and why; None where all support all."""
+def unsupported_table(done: Done, made: list[Variant]) -> Table:
+    """Which engines do not support which variants, and why."""
     reasons: dict[tuple[str, str], dict[str, None]] = {}
     for variant in made:
         for why in variant.refusals():
             reasons.setdefault((variant.engine, why), {})[variant.label] = None
-    if not reasons:
-        return None
     shown = table(f"{done.sweep.name}: Not supported", "engine", "settings", "why")
+    if not reasons:
+        shown.add_row("none", PLAIN, "every engine supports everything that was asked")
     for (engine, why), labels in reasons.items():
         shown.add_row(engine, ", ".join(labels), why)
     return shown
