@@ -19,6 +19,7 @@ from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, SpecEr
 from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.local import LocalExecutor
+from simspec.experiments.first_gap import second_passes
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
@@ -88,21 +89,32 @@ def study(
     done = []
     for one, plan in planned:
         say(f"{source.name}: {one.name}, {len(plan):,} runs", error=True)
-        with progress(not as_json) as tell:
-            outcome = run_sweep(
-                plan,
-                opened,
-                functools.partial(_local, plan, pythons),
-                verify=not no_verify,
-                pythons=pythons,
-                deadline=deadline,
-                source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name}
-                | {"show": list(one.spec.data.record.show)},
-                progress=tell,
-                wait=wait,
+
+        def run_plan(plan: Plan, one: SweepOfStudy = one) -> Outcome:
+            with progress(not as_json) as tell:
+                return run_sweep(
+                    plan,
+                    opened,
+                    functools.partial(_local, plan, pythons),
+                    verify=not no_verify,
+                    pythons=pythons,
+                    deadline=deadline,
+                    source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name}
+                    | {"show": list(one.spec.data.record.show)},
+                    progress=tell,
+                    wait=wait,
+                )
+
+        outcome = run_plan(plan)
+        moved = []
+        for second in second_passes(outcome, opened, one.words.gap_seeds) if one.words.gap_seeds else ():
+            say(
+                f"{source.name}: {one.name}, moved by {second.amount:g} (the first gap), {len(second.plan):,} runs",
+                error=True,
             )
+            moved.append((second, run_plan(second.plan)))
         figures = [figure for figure in source.figures if figure.sweep == one.name]
-        done.append(Done(one, outcome, opened, figures))
+        done.append(Done(one, outcome, opened, figures, moved))
     return _tell(source, name, done, folder, small, as_json, publish)
 
 
@@ -144,6 +156,7 @@ def _tell(
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
     code = max((exit_code(one.outcome) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
+    code = max([code, *(exit_code(second) for one in done for _, second in one.moved)])
     command = f"simspec study {name}{' --small' if small else ''}"
     data = study_data(source, done, parts, small, command)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -200,6 +213,13 @@ def study_data(
             + (f", {missing:,} not done" if missing else "")
             + f"; {proof}"
         )
+        for second, of_second in one.moved:
+            if exit_code(of_second) != EXIT_OK:
+                bad.append(len(said))
+            line = f"{one.sweep.name}: {len(of_second.plan):,} runs moved by {second.amount:g}, the engines' first gap"
+            said.append(
+                f"{line}, {of_second.ran:,} of them now" + "".join(f"; {why}" for why in of_second.stopped.values())
+            )
         said += [f"{one.sweep.name}: {line}" for line in rounding_lines(outcome.plan)]
         said += [f"{one.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
         said += [f"{one.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]

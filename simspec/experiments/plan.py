@@ -65,14 +65,21 @@ class Plan:
 
     ``spec``: the scenario with its sweep; one without ``sweep`` is run once in each engine. ``engines``: labels, in the order
     in which they take turns. ``versions``: by label, what is at work, as :meth:`simspec.runner.case.Case.key` takes it.
+    ``sweep``: in place of the spec's own.
 
     The order: samples, cases, the grid of ``over``, ``together``, perturbations, repetitions, and engines innermost
     (A B C A B C), so that what disturbs a machine for a while disturbs all engines alike.
     """
 
-    def __init__(self, spec: Spec, engines: Sequence[str], versions: Mapping[str, Mapping[str, str]]):
+    def __init__(
+        self,
+        spec: Spec,
+        engines: Sequence[str],
+        versions: Mapping[str, Mapping[str, str]],
+        sweep: Sweep | None = None,
+    ):
         self.spec, self.engines, self.versions = spec, tuple(engines), versions
-        self.sweep = spec.data.sweep or Sweep()
+        self.sweep = sweep or spec.data.sweep or Sweep()
         self._names = tuple(dict.fromkeys(map(engine_name, self.engines)))
         self._asked = Asked(spec, self._names)
 

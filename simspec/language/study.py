@@ -22,11 +22,12 @@ VERSION = 1
 SHOWN = (
     *("speed", "load", "validity", "over_time", "determinism", "playback", "quantities", "unequal", "contact"),
     *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
-    *("distributions", "consistency", "conservation", "penetration"),
+    *("divergence", "distributions", "consistency", "conservation", "penetration"),
 )
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")
 """Quantities of figures from elsewhere."""
+MOST_GAP_SEEDS = 100
 MOST_FIGURES = 1000
 """Numbers of one series."""
 
@@ -60,6 +61,11 @@ class StudySweep(Strict):
     fails: list[NameOf] = Field(
         [], description="Cases that are expected to fail (controls): the study fails where a run of one does not"
     )
+    gap_seeds: Annotated[int, Whole(0, MOST_GAP_SEEDS)] = Field(
+        0,
+        description="A second pass: how many runs of each engine are moved by the size of the engines' first gap, known when "
+        "the first runs are done; for `show: [divergence]`",
+    )
     show: list[Annotated[str, Word(SHOWN)]] = Field(["speed"], description="What is shown of it")
 
     @classmethod
@@ -77,6 +83,8 @@ class StudySweep(Strict):
             yield Fault(("show",), "there are no unequal models to show", None, None, "unequal: {NAME: {ENGINE: CASE}}")
         if data.get("unequal") and "unequal" not in shown:
             yield Fault(("unequal",), "unequal models are not shown", None, "show: [unequal]")
+        if data.get("gap_seeds") and "divergence" not in shown:
+            yield Fault(("gap_seeds",), "what the second pass is for is not shown", None, None, "show: [divergence]")
         if "determinism" in shown and sweeps.get("repeat", 1) == 1:
             yield Fault(("show",), "determinism is shown by repeated runs", None, None, "sweep: {repeat: 2}")
 

@@ -35,6 +35,14 @@ sweeps:
         physics.timestep: [1 ms, 2 ms, 4 ms]
       perturb: {amount: 0.001, seeds: 5}
     show: [distributions, consistency, conservation, penetration]
+  chaos:
+    spec: drop.yaml
+    set: {bodies.high.pose.xyz: [0.001, 0, 0.302], physics.timestep: 1 ms, physics.duration: 400 ms}
+    sweep:
+      engines: [mujoco, pybullet]
+      perturb: {amount: 1.0e-15, seeds: 1}
+    gap_seeds: 2
+    show: [divergence]
   bare:
     spec: drop.yaml
     set: {record.channels: [pose, velocity]}
@@ -106,6 +114,16 @@ def test_distributions_pair_runs_by_seed(told):
     # 2 − ½ g t² of the high one, and 0.1 of the low one that rests, moved by up to a thousandth
     assert summary["mean_height"][0] == pytest.approx((2.0 - 0.5 * 9.81 * 0.2**2 + 0.1) / 2, abs=2e-3)
     assert len(set(summary["mean_height"])) == 6
+
+
+def test_a_second_pass_is_moved_by_the_first_gap(told):
+    (record,) = told["chaos"]["divergence"]["records"]
+    assert record["noise_measured"]
+    assert record["second_measured"]
+    assert record["gap"] > 1e-9
+    assert record["gap_body"] in ("low", "high")
+    assert not any("of another size" in note or "chaos may hide" in note for note in record["notes"])
+    assert record["second_horizon"] is None or record["second_horizon"] > record["gap_time"] > 0.0
 
 
 def test_one_run_each_cannot_be_told_apart_and_says_so(told):

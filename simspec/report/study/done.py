@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from simspec.analysis.speed import Speed, speed
+from simspec.experiments.first_gap import SecondPass
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell
 from simspec.experiments.store import Store
@@ -23,13 +24,15 @@ Record = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Done:
-    """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``kept``: what several
+    """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``moved``: its second
+    passes; ``kept``: what several
     tables need of the runs, worked out once."""
 
     sweep: SweepOfStudy
     outcome: Outcome
     store: Store
     figures: Sequence[Figure]
+    moved: Sequence[tuple[SecondPass, Outcome]] = ()
     kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def runs(self, case: str | None = None, whole: bool = False) -> Iterator[tuple[Cell, Row]]:

@@ -14,6 +14,7 @@ from simspec.report.study.cost import cost_tables
 from simspec.report.study.determinism import determinism_tables
 from simspec.report.study.displacement import displacement_tables
 from simspec.report.study.distributions import distributions_tables
+from simspec.report.study.divergence import divergence_tables
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.failures import failures_tables
 from simspec.report.study.over_time import over_time_tables
@@ -41,6 +42,7 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "cost": cost_tables,
     "displacement": displacement_tables,
     "case_cost": case_cost_tables,
+    "divergence": divergence_tables,
     "distributions": distributions_tables,
     "consistency": consistency_tables,
     "conservation": conservation_tables,

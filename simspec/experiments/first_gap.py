@@ -1,0 +1,115 @@
+"""A second pass of a sweep: runs moved by the size of the engines' first gap, which is known when the first runs are done.
+
+What a scene makes of a difference grows with its size, so that repeats moved in the last bits do not show it. The size is
+rounded
+to a power of ten, and follows from stored runs alone: the same store gives the same second pass.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from simspec.analysis.horizons import first_gap, perturbation_of
+from simspec.comparison.floor import Floor, measure_floor
+from simspec.errors import SpecError
+from simspec.experiments.index import Row
+from simspec.experiments.plan import Cell, Plan
+from simspec.experiments.store import Store
+from simspec.experiments.sweep import Outcome
+from simspec.language.sweep import Perturb
+from simspec.runner.run import Run
+
+ROUND_OFF = 1e-12
+"""Relative changes of the initial state up to which a run shows noise; moved by more, it is another run."""
+SMALLEST, LARGEST = ROUND_OFF, 0.1
+"""Relative changes of the initial state between which a second pass is run: below, it is round-off; above, another scene."""
+
+Overrides = tuple[tuple[str, object], ...]
+
+
+@dataclass(frozen=True)
+class SecondPass:
+    """Runs of one world (``overrides`` of the sweep), all engines, moved by ``amount``: what is to be run."""
+
+    overrides: Overrides
+    amount: float
+    plan: Plan
+
+
+def unmoved(outcome: Outcome) -> dict[Overrides, dict[str, tuple[Cell, Row]]]:
+    """The whole runs whose initial state is not moved, by what the sweep puts in and by engine; without its named cases."""
+    worlds: dict[Overrides, dict[str, tuple[Cell, Row]]] = {}
+    for cell, row in outcome.rows():
+        if row is not None and row.failed is None and cell.case is None and cell.seed is None and cell.repeat == 0:
+            worlds.setdefault(cell.overrides, {})[cell.engine] = (cell, row)
+    return worlds
+
+
+Repeats = Iterable[tuple[Cell, Row]]
+
+
+def floors_of(pair: Sequence[Run], overrides: Overrides, repeats: Repeats, store: Store) -> list[Floor]:
+    """The floors of two runs of the world that ``overrides`` make, from those of ``repeats`` that are of it and of their
+    engines;
+    none where either has none."""
+    told = [(cell, row) for cell, row in repeats if cell.overrides == overrides and cell.case is None]
+    floors = []
+    for run in pair:
+        own = [store.load(row.key) for cell, row in told if cell.engine == run.engine]
+        floor = measure_floor(run, own)
+        if floor is not None:
+            floors.append(floor)
+    return floors if len(floors) == len(pair) else []
+
+
+def moved_by_round_off(outcome: Outcome) -> list[tuple[Cell, Row]]:
+    """The runs of a sweep that show noise: whose initial state is moved in the last bits."""
+    return [
+        (cell, row)
+        for cell, row in outcome.rows()
+        if row is not None and cell.seed is not None and cell.perturb <= ROUND_OFF and cell.repeat == 0
+    ]
+
+
+def amount_of(a: Run, b: Run, floors: Sequence[Floor]) -> float | None:
+    """The relative change of the initial state that is of the size of two runs' first gap, a power of ten; None where they
+    never
+    part, or where it is no perturbation. Raises SpecError where the runs have nothing in common."""
+    gap = first_gap(a, b, floors)
+    if gap is None or not math.isfinite(gap.size):
+        return None
+    amount = 10.0 ** round(math.log10(perturbation_of(a.world, gap.size)))
+    return amount if SMALLEST <= amount <= LARGEST else None
+
+
+def second_passes(outcome: Outcome, store: Store, seeds: int) -> Iterator[SecondPass]:
+    """The second passes of a sweep whose runs are done: for each world, one for each size of gap that two of its engines
+    have."""
+    plan, noisy = outcome.plan, moved_by_round_off(outcome)
+    for overrides, members in unmoved(outcome).items():
+        runs = {engine: store.load(row.key) for engine, (_, row) in members.items()}
+        amounts: dict[float, None] = {}
+        for first, second in itertools.combinations(runs, 2):
+            try:
+                pair = (runs[first], runs[second])
+                amount = amount_of(*pair, floors_of(pair, overrides, noisy, store))
+            except SpecError:  # no common time or body: the table of the study says so
+                continue
+            if amount is not None:
+                amounts[amount] = None
+        for amount in amounts:
+            changed = {
+                "perturb": Perturb(amount=amount, seeds=seeds),
+                "over": {path: (value,) for path, value in overrides},
+                "together": [],
+                "cases": {},
+                "only_cases": False,
+                "samples": None,
+                "repeat": 1,
+                "measure": "physics",
+            }
+            own = plan.sweep.model_copy(update=changed)
+            yield SecondPass(overrides, amount, Plan(plan.spec, plan.engines, plan.versions, own))
