@@ -13,7 +13,9 @@ from simspec.contact.meeting import balls_alone, frictionless
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import check_settings, default_settings, resolve_settings
-from simspec.world.types import EngineOptions, World
+from simspec.errors import UnsupportedError
+from simspec.report.matrix import engine_data
+from simspec.world.types import Body, EngineOptions, Inertial, Joint, PairContact, World
 from tests import worlds
 
 SLICK = {
@@ -51,6 +53,10 @@ ROUGH = with_friction(SLIPPERY)
 def test_which_worlds_are_without_friction():
     assert (frictionless(SLIPPERY), balls_alone(SLIPPERY)) == (True, True)
     assert (frictionless(ROUGH), balls_alone(ROUGH)) == (False, False)
+    one_pair = (*SLIPPERY.contact.pairs, PairContact("moss", "moss", 0.1, 0.0))
+    assert not frictionless(
+        dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=one_pair))
+    )
     nothing_meets = dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=()))
     assert not frictionless(nothing_meets)
 
@@ -66,6 +72,22 @@ def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
         bodies = tuple(body if one is moving else one for one in SLIPPERY.bodies)
         world = dataclasses.replace(SLIPPERY, bodies=bodies)
         assert (frictionless(world), balls_alone(world)) == (True, False), name
+
+
+def test_what_only_shows_and_what_is_fixed_may_be_of_any_shape():
+    moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
+    label = dataclasses.replace(moving.shapes[0], name="label", kind="box", size=(0.1, 0.1, 0.1), collision=False)
+    marked = dataclasses.replace(moving, shapes=(*moving.shapes, label))
+    world = dataclasses.replace(SLIPPERY, bodies=tuple(marked if one is moving else one for one in SLIPPERY.bodies))
+    assert balls_alone(world)
+    assert any(shape.kind != "sphere" for body in SLIPPERY.bodies for shape in body.shapes), "the floor"
+
+
+def test_a_ball_that_carries_another_is_not_alone():
+    moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
+    joint = Joint("carried_joint", "hinge", moving.name, axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+    carried = Body("carried", moving.model, Inertial(1.0, inertia=moving.inertial.inertia), joint)
+    assert not balls_alone(dataclasses.replace(SLIPPERY, bodies=(*SLIPPERY.bodies, carried)))
 
 
 @pytest.mark.parametrize("engine", SLICK)
@@ -93,6 +115,50 @@ def test_a_stated_setting_keeps_what_it_needs():
     assert written(world, "mujoco")["solver"] == "newton"
     other = stating(SLIPPERY, "mujoco", ("warmstart", False))
     assert resolve_settings(mujoco, other)["solver"] == "pgs"
+
+
+def test_a_stated_law_of_friction_keeps_the_solver_that_it_needs():
+    """PGS does not converge to Coulomb's law; MuJoCo's own friction, stated, changes nothing."""
+    mujoco = find_engine("mujoco")
+    settings = {
+        law: resolve_settings(mujoco, stating(SLIPPERY, "mujoco", ("friction", law))) for law in ("coulomb", "native")
+    }
+    assert {law: own["solver"] for law, own in settings.items()} == {"coulomb": "newton", "native": "pgs"}
+    assert {own["tolerance"] for own in settings.values()} == {1e-10}
+    assert written(stating(SLIPPERY, "mujoco", ("friction", "coulomb")), "mujoco")["solver"] == "newton"
+
+
+CONES = {"pybullet": (), "dart": (("contact_solver", "dantzig"),)}
+"""Settings with which the engine has the elliptic cone approximately, where anything but balls has friction."""
+
+
+@pytest.mark.parametrize("engine", CONES)
+def test_without_friction_no_cone_is_an_approximation(engine):
+    rough, slick = (
+        dataclasses.replace(worlds.table({("a", "a"): friction}), engines=(EngineOptions(engine, CONES[engine]),))
+        for friction in (0.3, 0.0)
+    )
+    assert compile_world(slick, [engine])
+    with pytest.raises(UnsupportedError, match="contact.cone.elliptic only approximately"):
+        compile_world(rough, [engine])
+
+
+def test_the_defaults_are_listed_for_programs():
+    listed = {name: data["settings"] for name, data in engine_data().items()}
+    told = {
+        engine: {name: entry["frictionless"] for name, entry in settings.items() if "frictionless" in entry}
+        for engine, settings in listed.items()
+    }
+    chosen = {"dart"}  # auto: what it chooses is no default of its own
+    assert {engine: told[engine] for engine in SLICK} == {
+        engine: {} if engine in chosen else values for engine, values in SLICK.items()
+    }
+    conditions = [entry["frictionless_unless"] for entry in listed["mujoco"].values() if "frictionless_unless" in entry]
+    assert conditions == [{"friction": "coulomb"}] == [listed["mujoco"]["solver"]["frictionless_unless"]]
+    by_pair = {engine: [name for name in settings if settings[name]["by_pair"]] for engine, settings in listed.items()}
+    assert "contact_impedance" in by_pair.pop("mujoco")
+    assert not any(by_pair.values())
+    json.dumps(listed)
 
 
 @pytest.mark.parametrize("engine", engines())
