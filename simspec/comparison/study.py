@@ -204,7 +204,7 @@ def _run_each(
     runs: dict[str, Run] = {}
     for name in names:
         if name in absent:
-            runs[name] = failed_run(world, name, EngineError(name, absent[name]))
+            runs[name] = failed_run(world, name, EngineError(name, absent[name]), (pythons or {}).get(name))
             arrivals.run(runs[name])
             continue
         progress(f"running {name}")
@@ -218,7 +218,7 @@ def _run_each(
                 progress=functools.partial(progress, f"running {name}"),
             )
         except EngineError as error:
-            runs[name] = failed_run(world, name, error)
+            runs[name] = failed_run(world, name, error, (pythons or {}).get(name))
         arrivals.run(runs[name])
         if runs[name].failed is not None and not keep_going:
             break

@@ -168,6 +168,7 @@ class _Driver:
         """Keys of runs that are at work, or were made by this call."""
         self._lived: set[str] = set()
         self._deaths: dict[str, int] = {}
+        self._pythons = pythons
         self._certifier = Certifier(store, pythons, deadline, lambda text: self._tell(text), verify)
         self._steps, self._costs = Steps(self._plan), costs(self._index.rows.values(), self._plan.spec.name)
         self._to_do = self._weight_done = 0.0
@@ -284,7 +285,7 @@ class _Driver:
         """An engine that does not support a world: that is its result."""
         first, more = error.problems[0], len(error.problems) - 1
         told = f"{REFUSED}: {first.message}" + (f"; and {more} more problems" if more else "")
-        run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, told))
+        run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, told), self._pythons.get(cell.engine))
         with self._lock:
             self._asked.add(key)
             self._weights[key] = self._weight(cell)

@@ -120,7 +120,7 @@ def timed_runs(
         try:
             yield timed_run(timed.case, timed.folder, core=core, python=timed.python, deadline=deadline, source=source)
         except EngineError as error:
-            yield failed_run(timed.case.resolved, timed.case.engine, error)
+            yield failed_run(timed.case.resolved, timed.case.engine, error, timed.python)
 
 
 def disturbed(run: Run) -> list[str]:

@@ -20,6 +20,7 @@ from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.process import DEADLINE, PROGRESS_FILE, Reply, Running, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
@@ -245,16 +246,26 @@ def run_case(
         return pending.wait(progress)
 
 
-def failed_run(world: World, engine: str, error: EngineError) -> Run:
-    """The run of an engine that gave nothing: the error is its result."""
+def failed_run(world: World, engine: str, error: EngineError, python: str | None = None) -> Run:
+    """The run of an engine that gave nothing: the error is its result. ``python``: the interpreter that has the engine, where
+    it is another one; its version is that of the run, not the one installed here."""
     facts = {
         "schema": SCHEMA,
         "simspec": own_version(),
         "world_sha256": sha256(world),
         "engine": engine,
-        "engine_version": find_engine(engine).version() or "not installed",
+        "engine_version": _version(engine, python),
     }
     return Run(world, engine, {}, facts, str(error).removeprefix(f"{engine}: "))
+
+
+def _version(engine: str, python: str | None) -> str:
+    if python is None:
+        return find_engine(engine).version() or "not installed"
+    try:
+        return version_in(python, engine)
+    except EngineError:
+        return "unknown"
 
 
 def run_all(
@@ -283,7 +294,7 @@ def run_all(
                 deadline=deadline,
             )
         except EngineError as error:
-            runs[engine] = failed_run(world, engine, error)
+            runs[engine] = failed_run(world, engine, error, (pythons or {}).get(engine))
     return runs
 
 
@@ -301,19 +312,21 @@ def run_jobs(
         with contextlib.ExitStack() as stack:
             pending: list[PendingRun | Run] = []
             for case, folder in jobs[first : first + at_once]:
+                python = (pythons or {}).get(case.engine)
                 try:
-                    begun = start_case(case, folder, python=(pythons or {}).get(case.engine), deadline=deadline)
+                    begun = start_case(case, folder, python=python, deadline=deadline)
                     pending.append(stack.enter_context(begun))
                 except EngineError as error:
-                    pending.append(failed_run(case.resolved, case.engine, error))
-            runs.extend(_wait(started) for started in pending)
+                    pending.append(failed_run(case.resolved, case.engine, error, python))
+            runs.extend(_wait(started, pythons or {}) for started in pending)
     return runs
 
 
-def _wait(pending: PendingRun | Run) -> Run:
+def _wait(pending: PendingRun | Run, pythons: Mapping[str, str]) -> Run:
     if isinstance(pending, Run):
         return pending
     try:
         return pending.wait()
     except EngineError as error:
-        return failed_run(pending.case.resolved, pending.case.engine, error)
+        case = pending.case
+        return failed_run(case.resolved, case.engine, error, pythons.get(case.engine))

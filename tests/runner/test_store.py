@@ -13,9 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, SpecError
-from simspec.runner import store, tables
-from simspec.runner.execution import failed_run
+from simspec.runner import execution, store, tables
+from simspec.runner.execution import failed_run, run_all
 from simspec.runner.labels import Labels
 from simspec.runner.store import is_run, load_run
 from simspec.world.coordinates import coordinates
@@ -85,6 +86,35 @@ def test_a_run_that_gave_nothing_is_kept(tmp_path):
     again = load_run(tmp_path / "run")
     assert again.failed == "the process was ended by signal 11"
     assert not again.recorded
+
+
+def test_a_failed_run_in_another_interpreter_has_its_version(monkeypatch):
+    """Not that of the engine which is installed here."""
+    asked = []
+
+    def version_in(python, label):
+        asked.append((python, label))
+        if python == "/broken":
+            raise EngineError(label, "gave no version")
+        return "9.9"
+
+    monkeypatch.setattr(execution, "version_in", version_in)
+    error = EngineError("mujoco", "the process was ended by signal 11")
+    versions = [
+        failed_run(worlds.spheres(2), "mujoco@9.9", error, python).provenance["engine_version"]
+        for python in ("/other", "/broken", None)
+    ]
+    assert versions == ["9.9", "unknown", find_engine("mujoco").version()]
+    assert asked == [("/other", "mujoco@9.9"), ("/broken", "mujoco@9.9")]
+
+
+def test_what_fails_in_another_interpreter_is_told_with_it(monkeypatch):
+    asked = []
+    monkeypatch.setattr(execution, "version_in", lambda python, label: asked.append(python) or "9.9")
+    runs = run_all(worlds.spheres(2), ["mujoco"], pythons={"mujoco": "/no/such/python"})
+    assert runs["mujoco"].failed is not None
+    assert runs["mujoco"].provenance["engine_version"] == "9.9"
+    assert asked == ["/no/such/python"]
 
 
 def test_saving_replaces_what_simspec_wrote_and_no_more(tmp_path):

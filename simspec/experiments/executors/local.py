@@ -84,7 +84,7 @@ class LocalExecutor:
             if self._ending.is_set():
                 raise _EndingError from error
             _demand_room(error)
-            run = failed_run(self._supplies.case(task).resolved, task.engine, error)
+            run = failed_run(self._supplies.case(task).resolved, task.engine, error, self._pythons.get(task.engine))
         publish(task, packed(task, run))
 
     def _in_a_process(self, case: Case, folder: Path, task: Task) -> Run:
