@@ -27,6 +27,10 @@ from simspec.runner.run import Run
 Numbers = NDArray[np.float64]
 ONE_COLUMN = (3.5, 2.6)
 """Inches: the width of a column of a paper."""
+WIDE = (6.0, 2.8)
+"""Inches: the width of a page of text."""
+LIMIT_TICKS = (0.5, 1, 2, 4, 8, 16, 32, 64)
+"""ms: timesteps that are named where there are many."""
 RESOLUTION = 300
 """Dots per inch of a PNG."""
 MOST_TICKS = 10
@@ -80,6 +84,41 @@ def speed_over_timestep(
         tried = sorted({1e3 * step for by_step in spreads.values() for step in by_step})
         # of many timesteps every second, third, … one is named
         axis.set_xticks(tried[:: -(-len(tried) // MOST_TICKS)])
+        axis.set_xticks([], minor=True)
+        axis.xaxis.set_major_formatter(_plain)
+        _finish(axis)
+        return _saved(plot, chart)
+
+
+def deviation_over_timestep(
+    records: Sequence[Mapping[str, Any]], tolerance: float, unit: str = "mm", factor: float = 1e3
+) -> dict[str, bytes]:
+    """A figure of the largest deviation by engine and timestep (s), both axes logarithmic, with the ``tolerance`` as a line.
+
+    ``records``: engine, timestep, deviation (None where nothing was measured), and how many of ``runs`` are ``valid``
+    (``validity.deviations`` of a study); deviations and the tolerance are shown ``factor`` times, in ``unit``. Where a run
+    fails, the mark is hollow, at the top where its deviation is beyond it.
+    """
+    if not records:
+        return {}
+    top = 4.0 * factor * tolerance
+    plot = pyplot()
+    with plot.rc_context(STYLE):
+        chart, axis = plot.subplots(figsize=WIDE)
+        for index, engine in enumerate(dict.fromkeys(one["engine"] for one in records)):
+            own = sorted((one for one in records if one["engine"] == engine), key=lambda one: one["timestep"])
+            times = 1e3 * np.array([one["timestep"] for one in own])
+            far = np.array([np.inf if one["deviation"] is None else factor * one["deviation"] for one in own])
+            valid = np.array([one["valid"] == one["runs"] for one in own])
+            look = _look(index)
+            axis.plot(times, np.where(valid, far, np.nan), linewidth=0.8, **look)
+            marked = {"marker": MARKERS[index % len(MARKERS)], "markersize": 4, "linestyle": "none"}
+            axis.plot(times[valid], far[valid], color=look["color"], label=visible(engine), **marked)
+            axis.plot(times[~valid], np.minimum(far, top)[~valid], color=look["color"], fillstyle="none", **marked)
+        axis.axhline(factor * tolerance, color="0.4", linewidth=0.8, linestyle="--")
+        axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=f"largest deviation, {unit}")
+        tried = sorted({1e3 * one["timestep"] for one in records})
+        axis.set_xticks([step for step in tried if step in LIMIT_TICKS] or tried[:MOST_TICKS])
         axis.set_xticks([], minor=True)
         axis.xaxis.set_major_formatter(_plain)
         _finish(axis)

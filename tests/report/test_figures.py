@@ -61,6 +61,26 @@ def test_speed_over_time_with_contacts(monkeypatch):
     assert below["first"][:, 1].tolist() == [0.0, 1.0, 2.0]
 
 
+def test_deviations_over_the_timestep(monkeypatch):
+    """What fails is a mark of its own, at the top where it is beyond it, and no part of the line."""
+
+    def record(engine, timestep, deviation, valid):
+        return {"engine": engine, "timestep": timestep, "deviation": deviation, "valid": valid, "runs": 3}
+
+    records = [record("first", 0.002, 0.004, 3), record("first", 0.001, 0.002, 3), record("first", 0.004, 5.0, 2)]
+    records.append(record("second", 0.001, None, 0))
+    seen = []
+    monkeypatch.setattr(figures, "_saved", lambda plot, chart: seen.extend(chart.axes[0].get_lines()) or {})
+    figures.deviation_over_timestep(records, 0.01)
+    points = [np.column_stack([line.get_xdata(), line.get_ydata()]).tolist() for line in seen[:6]]
+    np.testing.assert_allclose(points[0], [[1.0, 2.0], [2.0, 4.0], [4.0, np.nan]])
+    np.testing.assert_allclose(points[1], [[1.0, 2.0], [2.0, 4.0]])
+    np.testing.assert_allclose(points[2], [[4.0, 40.0]])
+    np.testing.assert_allclose(points[5], [[1.0, 40.0]])
+    assert seen[6].get_ydata()[0] == 10.0
+    assert figures.deviation_over_timestep([], 0.01) == {}
+
+
 def test_pictures_are_the_same_each_time_and_run_nothing():
     draw = lambda: figures.divergence([moved(0.0, "$\\input{x}$"), moved(0.5, "<script>")])  # noqa: E731
     first, second = draw(), draw()

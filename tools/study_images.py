@@ -1,0 +1,31 @@
+"""The picture of docs/stacking.md and the README, from the published study.
+
+    python tools/study_images.py docs/studies/koerber-2021
+
+Needs matplotlib (extra plots).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from simspec.report.figures import deviation_over_timestep
+
+ROOT = Path(__file__).resolve().parent.parent
+PICTURE = ROOT / "docs" / "images" / "stacking.png"
+SWEEP, TABLE = "robot", "validity.deviations"
+TOLERANCE = 0.01
+"""m: that of every placement."""
+
+
+def main(folder: Path) -> None:
+    tables = json.loads((folder / "study.json").read_text(encoding="utf-8"))["sweeps"][SWEEP]
+    (records,) = [one["records"] for one in tables if one["name"] == TABLE]
+    PICTURE.write_bytes(deviation_over_timestep(records, TOLERANCE)[".png"])
+    print(f"{PICTURE.relative_to(ROOT)}: {len(records)} records, {PICTURE.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
