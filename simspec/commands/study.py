@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,8 @@ from simspec.stored import StudyTables, read_as
 
 RUNS = Path("runs")
 PAGE_FILE = "study.md"
+CONTACT_SHOWN = frozenset(("certified", "contact"))
+"""Words of `show` whose tables say where contact is beyond the tolerances of L5."""
 Planned = tuple[SweepOfStudy, Plan]
 
 
@@ -155,8 +157,8 @@ def _tell(
 ) -> int:
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
-    code = max((exit_code(one.outcome) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
-    code = max([code, *(exit_code(second) for one in done for _, second in one.moved)])
+    code = max((_code(one) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
+    code = max([code, *(exit_code(second, one.sweep.words.show) for one in done for _, second in one.moved)])
     command = f"simspec study {name}{' --small' if small else ''}"
     data = study_data(source, done, parts, small, command)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -181,13 +183,15 @@ def _tell(
     return code
 
 
-def exit_code(outcome: Outcome) -> int:
-    """What a sweep of a study ends with: runs that fail or do not do what is expected are what a study is to find out."""
+def exit_code(outcome: Outcome, show: Collection[str]) -> int:
+    """What a sweep of a study ends with. Runs that fail or do not do what is expected are what a study is to find out, and so,
+    where the study shows it (``CONTACT_SHOWN``), is contact beyond the tolerances of L5 at a timestep."""
     if outcome.invalid_count:
         return EXIT_WRONG
     if outcome.stopped:
         return EXIT_ENGINE
-    return EXIT_FAILED if outcome.unproven else EXIT_OK
+    told = outcome.by_contact if CONTACT_SHOWN.intersection(show) else set()
+    return EXIT_FAILED if outcome.unproven.keys() - told else EXIT_OK
 
 
 def study_data(
@@ -202,19 +206,19 @@ def study_data(
     bad: list[int] = []
     for one in done:
         outcome = one.outcome
-        if exit_code(outcome) != EXIT_OK:
+        if _code(one) != EXIT_OK:
             bad.append(len(said))
         held = unfailed(one)
         missing = sum(row is None for _, row in outcome.rows())
         proof = "proof not asked for" if not outcome.verified else "every model proven"
-        proof = f"proof FAILED for {len(outcome.unproven)} models" if outcome.unproven else proof
+        proof = _failed(one) if outcome.unproven else proof
         said.append(
             f"{one.sweep.name}: {len(outcome.plan):,} runs, {outcome.ran:,} of them now"
             + (f", {missing:,} not done" if missing else "")
             + f"; {proof}"
         )
         for second, of_second in one.moved:
-            if exit_code(of_second) != EXIT_OK:
+            if exit_code(of_second, one.sweep.words.show) != EXIT_OK:
                 bad.append(len(said))
             line = f"{one.sweep.name}: {len(of_second.plan):,} runs moved by {second.amount:g}, the engines' first gap"
             said.append(
@@ -237,6 +241,19 @@ def study_data(
         "sweeps": {one.sweep.name: [_plain(shown) for shown in own] for one, own in parts},
         "measured": measured(done, command),
     }
+
+
+def _code(done: Done) -> int:
+    return exit_code(done.outcome, done.sweep.words.show)
+
+
+def _failed(done: Done) -> str:
+    """Of how many models the proof failed; where contact alone is beyond its tolerances, that is said."""
+    count, by_contact = len(done.outcome.unproven), len(done.outcome.by_contact)
+    if not by_contact or CONTACT_SHOWN.isdisjoint(done.sweep.words.show):
+        return f"proof FAILED for {count} models"
+    told = f"contact beyond the tolerances of L5 for {by_contact} models, all else of them proven"
+    return told if by_contact == count else f"proof FAILED for {count - by_contact} models; {told}"
 
 
 def _plain(shown: Shown) -> dict[str, Any]:

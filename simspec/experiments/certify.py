@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from simspec.proof.verify import Probes
 
 KEY_SCHEMA = 1
+MEASURED_CONTACT = "L5"
+"""The level that says how an engine solves contact at a timestep. All others say that it holds the model."""
 
 
 def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> str:
@@ -47,7 +49,7 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
 
 class Certifier:
     """Verifies models that have no certificate in ``store`` yet. ``verdicts``: by the model's key, why it is not proven;
-    None where it is."""
+    None where it is. ``by_contact``: those that are not proven by contact as it was measured (L5), and by nothing else."""
 
     def __init__(
         self, store: Store, pythons: Mapping[str, str], deadline: float, say: Callable[[str], None], verify: bool = True
@@ -55,6 +57,7 @@ class Certifier:
         self._store, self._pythons, self._deadline, self._say = store, pythons, deadline, say
         self._verify = verify
         self.verdicts: dict[str, str | None] = {}
+        self.by_contact: set[str] = set()
         self.notes: list[str] = []
         self.made = 0
         self._probes: tuple[str, Probes] | None = None
@@ -81,7 +84,7 @@ class Certifier:
         except SpecError as error:
             self.notes.append(f"{error.problems[0].message}; it is made anew")
             return False
-        self.verdicts[key] = _verdict(certificate)
+        self._judge(key, certificate)
         return True
 
     def _make(self, key: str, world: World, prepared: Prepared) -> None:
@@ -102,8 +105,14 @@ class Certifier:
             probes=self._probes[1],
         )
         self._store.put_certificate(key, certificate.to_json())
-        self.verdicts[key] = _verdict(certificate)
+        self._judge(key, certificate)
         self.made += 1
+
+    def _judge(self, key: str, certificate: Certificate) -> None:
+        self.verdicts[key] = _verdict(certificate)
+        failures = certificate.failures()
+        if failures and all(check.level == MEASURED_CONTACT for _, check in failures):
+            self.by_contact.add(key)
 
 
 def _verdict(certificate: Certificate) -> str | None:

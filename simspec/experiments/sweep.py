@@ -55,7 +55,8 @@ class Outcome:
 
     ``done``: cells that were there before; ``ran``: runs that were made now; ``skipped``: cells of an engine that was stopped;
     ``stopped``: why, by engine; ``invalid``: problems of cells whose values make the spec invalid, and ``invalid_count`` of
-    them; ``unproven``: why, by engine and model, the proof failed; ``proofs``: models that were verified now.
+    them; ``unproven``: why, by engine and model, the proof failed; ``by_contact``: those of them that fail in measured
+    contact (L5) and in nothing else; ``proofs``: models that were verified now.
     """
 
     plan: Plan
@@ -67,6 +68,7 @@ class Outcome:
     invalid: list[Problem] = field(default_factory=list)
     invalid_count: int = 0
     unproven: dict[str, str] = field(default_factory=dict)
+    by_contact: set[str] = field(default_factory=set)
     proofs: int = 0
     verified: bool = True
     notes: list[str] = field(default_factory=list)
@@ -280,6 +282,8 @@ class _Driver:
         why = self._certifier.verdicts.get(certificate)
         if why is not None:
             self._outcome.unproven.setdefault(certificate, f"{cell.engine}: {why}")
+            if certificate in self._certifier.by_contact:
+                self._outcome.by_contact.add(certificate)
 
     def _refused(self, cell: Cell, key: str, case: Case, error: UnsupportedError) -> None:
         """An engine that does not support a world: that is its result."""

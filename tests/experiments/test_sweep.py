@@ -8,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 
+from simspec.commands.study import exit_code as study_code
 from simspec.errors import EngineError, SpecError
 from simspec.experiments import sweep as module
 from simspec.experiments.executors.local import LocalExecutor
@@ -302,6 +303,22 @@ def test_a_model_that_is_not_proven_is_told(store, monkeypatch):
         outcome = do(store, Engines(), names=("mujoco",), verify=True)
         assert len(outcome.unproven) == 3
         assert outcome.exit_code(0, 0) == 1
+
+
+@pytest.mark.parametrize(("levels", "alone"), [(("L5",), True), (("L5", "L3"), False), (("L0",), False)])
+def test_contact_alone_beyond_its_tolerances_is_told_apart(store, monkeypatch, levels, alone):
+    from simspec.proof import verify
+    from simspec.proof.checks import failed
+
+    whole = verify.compare
+    planted = [failed(level, "planted", "wrong") for level in levels]
+    monkeypatch.setattr(verify, "compare", lambda *a, **k: [*whole(*a, **k), *planted])
+    for _ in range(2):  # the second time from the store
+        outcome = do(store, Engines(), names=("mujoco",), verify=True)
+        assert outcome.by_contact == (set(outcome.unproven) if alone else set())
+        assert outcome.exit_code(0, 0) == 1
+        codes = {show: study_code(outcome, show) for show in (("speed",), ("certified",), ("contact", "speed"))}
+        assert codes == {("speed",): 1, ("certified",): 1 - alone, ("contact", "speed"): 1 - alone}
 
 
 def test_the_index_is_written_now_and_then(store, monkeypatch):
