@@ -191,7 +191,7 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Sweep.samples",
         at="Sweep",
     ),
-    *same_hint("repeats repetitions trials times runs", "repeat", "Sweep.repeat", at="Sweep"),
+    *same_hint("repeats repetitions trials runs", "repeat", "Sweep.repeat", at="Sweep"),
     *same_hint("ensemble noise perturbation seeds", "perturb: {amount: ..., seeds: ...}", "Sweep.perturb", at="Sweep"),
     *same_hint("n num number samples steps", "count", "Samples.count", at="Samples"),
     *same_hint("gaussian gauss", "normal: [mean, standard deviation]", "Distribution.normal", at="Distribution"),

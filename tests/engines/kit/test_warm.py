@@ -99,7 +99,10 @@ def test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing(name, tm
     new, *forked = replies
     for reply in forked:
         assert reply.versions == new.versions
+        assert reply.answers[0].arrays.keys() == new.answers[0].arrays.keys()
         for key, value in new.answers[0].arrays.items():
+            if key == "seconds":  # what it took is no result
+                continue
             assert reply.answers[0].arrays[key].tobytes() == value.tobytes()
         assert reply.usage["cpu_user"] < new.usage["cpu_user"]
         assert reply.usage["peak_memory"] > 1e6
