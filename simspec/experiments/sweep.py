@@ -257,6 +257,7 @@ class _Driver:
         with self._lock:
             self._asked.add(key)
             self._weights[key] = self._weight(cell)
+            self._tell_runs()  # else the last proof would seem to go on while runs do
         yield self._supplies.hold(
             Task(
                 key,
@@ -372,7 +373,10 @@ class _Driver:
     def _advance(self, weight: float) -> None:
         with self._lock:
             self._weight_done += weight
-            self._tell(f"{self._outcome.ran:,} of {self._count:,} runs")
+            self._tell_runs()
+
+    def _tell_runs(self) -> None:
+        self._tell(f"{self._outcome.ran:,} of {self._count:,} runs")
 
     def _tell(self, text: str) -> None:
         self._progress(text, min(1.0, self._weight_done / self._to_do) if self._to_do else None)

@@ -95,6 +95,17 @@ def test_every_cell_is_run_once_and_not_again(store, jobs):
     assert [row.key for _, row in second.rows()] == [row.key for _, row in first.rows()]
 
 
+def test_while_runs_go_on_the_runs_are_told(store):
+    told, during = [], []
+
+    def look(case, task):
+        during.append(told[-1])
+
+    do(store, Engines(look), names=("mujoco",), verify=True, progress=lambda text, share=None: told.append(text))
+    assert during == ["0 of 3 runs", "1 of 3 runs", "2 of 3 runs"]
+    assert "verifying mujoco" in told
+
+
 def test_runs_take_turns_when_one_is_done_at_a_time(store):
     engines = Engines()
     do(store, engines)
