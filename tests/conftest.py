@@ -9,6 +9,9 @@ import signal
 import pytest
 from hypothesis import settings
 
+from simspec.engines.kit import process
+from simspec.engines.kit.warm import WarmProcesses
+
 settings.register_profile("simspec", deadline=None)
 settings.load_profile("simspec")
 
@@ -35,3 +38,31 @@ def leaves_nothing_behind():
     if after != before:
         os.chdir(before["folder"])  # the tests that follow are not to fail for this one
     assert after == before
+
+
+def processors() -> set[int]:
+    """On which processors this thread may run, where the system says."""
+    return os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+
+
+@pytest.fixture(scope="session")
+def warm_processes():
+    """Processes that have imported their engine, for all tests of this pytest process."""
+    with WarmProcesses() as warm:
+        yield warm
+
+
+@pytest.fixture(scope="module")
+def warm_engines(warm_processes):
+    """Every engine process that a test of the module asks for is forked from a warm one of all tests, as in a sweep: most of
+    what a small run takes is starting Python and importing the engine. For modules that ask what engines answer; how processes
+    start, end and fail is asked without it, in ``tests/engines/kit``."""
+    new, everywhere = process.Running, processors()
+
+    def forked(engine, folder, operations, python, deadline, command=None, warm=None):
+        bound = processors() != everywhere  # runs that are timed: a forked process is where the warm one is
+        return new(engine, folder, operations, python, deadline, command, None if bound else warm_processes)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(process, "Running", forked)
+        yield

@@ -16,6 +16,8 @@ from simspec.support.features import Feature
 from simspec.support.needs import needs
 from tests.random_specs import spec
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = sorted(engines())
 RARE = {

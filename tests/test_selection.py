@@ -11,6 +11,8 @@ from simspec import cli, selection
 from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 BALL = """simspec: 1
 name: ball
 physics: {timestep: 1 ms, duration: 20 ms}

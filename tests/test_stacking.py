@@ -16,6 +16,8 @@ from simspec.runner.expectations import evaluate
 from simspec.world.kinematics import poses
 from simspec.world.types import Inertial
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ROOT = Path(__file__).resolve().parent.parent
 SPECS = ROOT / "specs"
 SUPPORTED = json.loads((ROOT / "generated" / "stack-cylinders" / "certificate.json").read_text())["engines"]

@@ -11,18 +11,17 @@ from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.judge import SMALLEST_SHARE, acting
 from simspec.attribution.verdict import verdict
-from simspec.engines.kit.warm import WarmProcesses
 from tests.attribution.planted import CASES, FALL, STANDING, world
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
 
 QUICK = ("gravity", "restitution", "timestep", "erp", "impratio", "gain", "initial-state", "drake-dissipation")
 OF_ANOTHER = ("drake-stiction-of-another", "mass-in-drake", "gain-of-another", "impratio-of-another", "two-of-another")
 
 
 @pytest.fixture(scope="module")
-def asking():
-    """Warm processes for all cases: most of what a small question takes is the engine's import."""
-    with WarmProcesses() as warm:
-        yield Asking(warm)
+def asking(warm_processes):
+    return Asking(warm_processes)
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -13,6 +13,8 @@ from simspec.commands import baseline as baseline_command
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG
 from simspec.report.summary import LARGEST
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 FALL = """\
 simspec: 1
 name: fall

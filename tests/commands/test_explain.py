@@ -16,6 +16,8 @@ from simspec.errors import EXIT_OK, EXIT_WRONG, EngineError, SpecError
 from simspec.runner.execution import failed_run, run
 from tests.attribution.planted import FALL, world
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):

@@ -13,6 +13,8 @@ from simspec.errors import SpecError
 from simspec.report.study.pages import OLDER, filled, marks
 from simspec.stored import StudyTables
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """\
 simspec: 1
 name: fall

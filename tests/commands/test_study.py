@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 from simspec.cli import app
 from simspec.report.study.unequal import ranking
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """\
 simspec: 1
 name: bounce

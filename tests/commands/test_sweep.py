@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.experiments.store import Store
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
 

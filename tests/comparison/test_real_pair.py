@@ -12,6 +12,8 @@ from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff
 from simspec.language.load import Spec
 from simspec.runner.execution import run
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINE = "mujoco"
 
 

@@ -19,6 +19,8 @@ from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Body, Inertial, Joint
 from tests.engines.installed import INSTALLED
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 AT_ONCE = 250
 
 

@@ -31,6 +31,8 @@ from tests import worlds
 from tests.engines.installed import having
 from tests.engines.natively import at_work
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 INERTIA, KP, KD = 0.02, 40.0, 3.0
 SPECS = Path(__file__).resolve().parents[2] / "specs"
 

@@ -20,6 +20,8 @@ from simspec.report.sweep import csv_text, groups, outcome_data, results_table, 
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = ("mujoco", "pybullet")
 VERSIONS = {name: {"simspec": "1", "engine_version": "2"} for name in ENGINES}
 

@@ -16,6 +16,8 @@ from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.proof.mutation_worlds import WORLDS
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SITES = {"inertial@mass": "caught", "joint@type": "caught", "mujoco": "refused", "mujoco@model": "inert"}
 
 

@@ -15,6 +15,8 @@ from simspec.runner.run import Run
 from simspec.support.features import Feature
 from tests.declared import engines_with
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = engines_with(Feature.RESTITUTION)
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"

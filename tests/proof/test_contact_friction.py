@@ -19,6 +19,8 @@ from simspec.world.types import Hardness, PairContact
 from tests.declared import engines_with
 from tests.proof import contact_probing as probing
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 PROBES = friction.PROBES
 ALL = {**friction.PROBES, **impact.PROBES, **compliance.PROBES, **spin.PROBES}
 TIMESTEPS = (0.0005, 0.001, 0.016)

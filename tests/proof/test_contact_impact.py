@@ -16,6 +16,8 @@ from simspec.world.types import Hardness
 from tests.declared import engines_with
 from tests.proof.contact_probing import figures, law
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = engines_with(Feature.RESTITUTION)
 DT = 0.001
 RESTITUTION, REST, OVERLAP = (impact.PROBES[name] for name in ("restitution", "rest", "overlap"))

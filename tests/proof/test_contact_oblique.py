@@ -19,6 +19,8 @@ from tests import worlds
 from tests.declared import engines_with
 from tests.proof.contact_probing import law
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 PROBE = oblique.PROBES["oblique"]
 MODES = {name: () for name in engines_with(Feature.RESTITUTION) if name != "mujoco"} | {
     "mujoco": (("friction", "coulomb"),)

@@ -28,6 +28,8 @@ from simspec.world.types import (
 )
 from tests.proof.contact_probing import ACCEPT
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = sorted(engines())
 SIZES = {
     "sphere": (0.05,),

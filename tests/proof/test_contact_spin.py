@@ -15,6 +15,8 @@ from simspec.support.features import Feature
 from tests.declared import engines_with
 from tests.proof.contact_probing import figures, law, world_of
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 TORSIONAL, ROLLING = spin.PROBES["torsional"], spin.PROBES["rolling"]
 WITH_MOMENTS = []
 for _name in engines_with(Feature.RESTITUTION):

@@ -16,6 +16,8 @@ from simspec.world.types import Body, Inertial, Joint
 from tests import worlds
 from tests.proof.contact_probing import law
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 
 def body(name, parent=None, kind="free", group="probe"):
     return Body(name, name, Inertial(1.0), Joint(f"{name}_joint", kind, parent), (), group)

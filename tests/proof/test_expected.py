@@ -13,6 +13,8 @@ from simspec.proof.verify import verify
 from simspec.world.control import Controller
 from tests import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 STATIC = worlds.world(worlds.tree(["fixed", "fixed"], 3))
 ARM = worlds.limits_and_armature(dry_friction=0.2)
 

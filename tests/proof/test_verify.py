@@ -17,6 +17,8 @@ from simspec.world.canonical import sha256
 from tests import worlds
 from tests.proof.wild import WILD, at_4_ms
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = sorted(engines())
 
 

@@ -8,6 +8,8 @@ from simspec.compiler import compile_world, write_folder
 from simspec.proof.contact import run, size
 from simspec.testing import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SAP_DEVIATES = {"push", "push-oblong", "stop", "stop-oblong", "oblique", "oblique-separation"}
 
 

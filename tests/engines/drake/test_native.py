@@ -19,6 +19,8 @@ from simspec.testing.driving import chain, native, wheel, with_targets
 from tests import worlds
 from tests.engines.natively import at_work
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 pytest.importorskip("pydrake")
 
 WRONG = {

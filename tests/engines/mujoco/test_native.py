@@ -14,6 +14,8 @@ from simspec.testing.driving import chain, native, wheel, with_targets
 from tests.dialects.mujoco.saying import emit
 from tests.engines.natively import at_work
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 WRONG = {
     "kp": ('kp="200"', 'kp="200.1"', "controller's kp"),
     "kd": ('kv="2"', 'kv="2.001"', "controller's kd"),
