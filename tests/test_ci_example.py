@@ -12,6 +12,9 @@ import pytest
 from lxml import etree
 from ruamel.yaml import YAML
 
+from simspec import cli
+from simspec.errors import EXIT_OK
+
 ROOT = Path(__file__).resolve().parent.parent
 WORKFLOW = YAML(typ="safe").load(ROOT / "docs" / "examples" / "github-workflow.yml")
 JOB = WORKFLOW["jobs"]["simspec"]
@@ -84,7 +87,7 @@ def test_the_install_step_asks_for_what_there_is(clone):
     assert "does not provide the extra" not in done.stderr
 
 
-def test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change(clone):
+def test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change(clone, monkeypatch, warm_engines):
     for step in (CHECK, VERIFY, RUN):
         done = clone.step(step)
         assert done.returncode == 0, done.stdout + done.stderr
@@ -96,9 +99,9 @@ def test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change(clone):
     assert clone.step_summary.read_text().splitlines()[1] == "## simspec: fall: passed"
     assert (clone.folder / "runs" / "fall" / "report.html").is_file()
 
-    engines = WORKFLOW["env"]["ENGINES"]
-    words = f"simspec run specs/fall.yaml {engines} --no-verify --write-baseline baselines/fall.json --timed-runs 0"
-    assert clone.step({"run": words}).returncode == 0
+    monkeypatch.chdir(clone.folder)
+    words = "--no-verify --write-baseline baselines/fall.json --timed-runs 0"
+    assert cli.main(["run", "specs/fall.yaml", *WORKFLOW["env"]["ENGINES"].split(), *words.split()]) == EXIT_OK
     clone.spec.write_text(FALL.replace("timestep: 1 ms", "timestep: 2 ms"))
     done = clone.step({"run": RUN["run"].replace("--report", "--timed-runs 0")})
     assert done.returncode == 1
