@@ -12,8 +12,6 @@ from simspec.runner.expectations import evaluate
 from simspec.world.types import Expectation, Joint, Shape
 from tests.runner.synthetic import column, free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 END = 1.0
 BALL = Shape("ball_1", "sphere", (0.1,))
 

@@ -11,8 +11,6 @@ from simspec.errors import SpecError
 from simspec.runner.expectations import Outcome
 from tests.runner.synthetic import free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 MS = 1e-3
 
 

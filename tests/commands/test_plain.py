@@ -10,8 +10,6 @@ from typer.testing import CliRunner
 
 from simspec import cli
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 SPEC = """simspec: 1
 name: swing
 physics: {gravity: [0, 0, -9.81], timestep: 1 ms, duration: 1 s}

@@ -18,8 +18,6 @@ from simspec.report.plain import PAGE_FILE
 from simspec.selection import named
 from tests.report.page import samples
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):

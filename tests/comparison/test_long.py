@@ -21,8 +21,6 @@ from simspec.runner.store import load_run
 from simspec.world.types import Expectation
 from tests.runner.synthetic import free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 NAMES = ("ball", "cube", "rod")
 NEEDS_OTHERS = {"at_target", "angular_speed", "follows_oracle"}
 """Expectations that look at single rows, or at a motion that these runs do not follow."""

@@ -15,8 +15,6 @@ from simspec.world import frames
 from simspec.world.types import Joint
 from tests.runner.synthetic import column, free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 TWO = world(free_body("still"), free_body("mover"))
 
 

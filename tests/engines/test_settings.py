@@ -17,8 +17,6 @@ from simspec.proof import mutation_worlds
 from simspec.world.types import EngineOptions
 from tests import worlds
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 EVERY = [(name, setting) for name, engine in engines().items() for setting in engine.SETTINGS]
 WRONG: list[Any] = [
     *(math.nan, math.inf, -math.inf, -1, -1.0, 0.5, 10**400, -(10**400), 2**31, 1e308, 5e-324),

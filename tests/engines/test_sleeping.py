@@ -13,8 +13,6 @@ from simspec.world.kinematics import free_rigid
 from simspec.world.types import World
 from tests.engines.installed import having
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 HAVING = having(lambda engine: SETTING in engine.SETTINGS)
 
 

@@ -14,8 +14,6 @@ from simspec.engines.kit.registry import engines
 from simspec.language.load import Spec
 from simspec.report.explain import control_table
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 SOLID = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}
 BODIES = {
     "post": {"fixed": True},

@@ -15,8 +15,6 @@ from simspec.world.canonical import sha256
 from simspec.world.types import EngineOptions, Expectation, Physics, Record
 from tests import worlds
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 VERSIONS = {"simspec": "1", "engine_version": "2"}
 WORLD = dataclasses.replace(worlds.gripper(), engines=())
 ENGINE = "mujoco"

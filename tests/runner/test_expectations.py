@@ -13,8 +13,6 @@ from simspec.world.control import Controller
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 
 def expect(kind: str, **parameters: object) -> Expectation:
     return Expectation(kind, tuple(sorted(parameters.items())))

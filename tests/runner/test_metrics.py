@@ -14,8 +14,6 @@ from simspec.world.rotations import logarithm
 from simspec.world.types import Inertial, Joint, Pose
 from tests.runner.synthetic import column, free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 
 def falling(name: str, t: np.ndarray) -> np.ndarray:
     return column(0 * t, 0 * t, 5.0 - 5.0 * t**2)

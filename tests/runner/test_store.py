@@ -24,8 +24,6 @@ from simspec.world.types import Joint
 from tests import worlds
 from tests.runner.synthetic import free_body, run, world
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 
 def noisy(contacts=((1, 0, 1, -0.002, 3.0), (4, 1, 0, 0.1, 0.0))):
     """A run whose every number is another one."""

@@ -27,8 +27,6 @@ from simspec.world.types import Pose, Shape
 from tests import worlds
 from tests.engines.drake.scenes import boxes, told
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 REFUSED = ("rolling", "bouncing", "dry friction")
 
 

@@ -20,8 +20,6 @@ from simspec.world.types import Body, Hardness, Inertial, Joint, Material, Pose,
 from tests import worlds
 from tests.proof.contact_probing import law, world_of
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 pytest.importorskip("mujoco")
 FREE = (1.0, 0.0, 0.0, 0.0)
 G = 9.81

@@ -30,8 +30,6 @@ from simspec.support.features import Feature
 from simspec.world.types import EngineOptions, Hardness, PairSettings
 from tests import worlds
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 mujoco = pytest.importorskip("mujoco")
 
 LAWS = {("finger", "finger"): 0.3, ("finger", "wood"): 0.5, ("wood", "wood"): 0.4}
