@@ -20,8 +20,6 @@ from simspec.proof.verify import prepare, verify
 from simspec.testing import worlds
 from tests.engines.installed import INSTALLED
 
-pytestmark = pytest.mark.usefixtures("warm_engines")
-
 WORLD = worlds.hinges()
 NAME = INSTALLED[0]
 WHY = "it forms none"
