@@ -1,7 +1,8 @@
-"""The pictures of ``docs/report.md``: a report in Chromium, at three sizes.
+"""The pictures of ``docs/report.md``: a report in Chromium, at three sizes, and the page of a published study.
 
     simspec run spheres-216 --all-engines
     python tools/report_images.py runs/spheres-216
+    python tools/report_images.py --study docs/studies/koerber-2021/report.html
 
 Needs Chromium, and Pillow and Playwright of the extras plots and test.
 """
@@ -26,8 +27,23 @@ SHOTS = {
     "report-phone": ((390, 1300), "light", 0.4, ("camera: nearer", "camera: nearer")),
 }
 """Of each picture the window, the theme, the share of the time that is shown, and the buttons that are pressed before."""
+STUDY_SIZE = (1280, 1000)
 COLOURS = 192
 """Of a picture: a page has few."""
+
+
+def study(path: Path) -> None:
+    """The picture of a study's page: what it says first, and its first plots."""
+    with browser.browsers() as start, browser.opened(start(*browser.SOFTWARE), path, *STUDY_SIZE) as (page, said):
+        page.mouse.move(0, 0)
+        page.wait_for_timeout(3000)
+        _save(page.screenshot(), "study-wide", said)
+
+
+def _save(screenshot: bytes, name: str, said: list[str]) -> None:
+    picture = Image.open(io.BytesIO(screenshot)).convert("RGB")
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
+    print(f"{name}: {picture.size}, {(IMAGES / f'{name}.png').stat().st_size / 1000:.0f} kB", *said)
 
 
 def main(folder: Path) -> None:
@@ -48,10 +64,8 @@ def main(folder: Path) -> None:
                 page.mouse.move(0, 0)
                 page.evaluate("scrollTo(0, 0)")
                 page.wait_for_timeout(3000)
-                picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-                picture.quantize(COLOURS, dither=Image.Dither.NONE).save(IMAGES / f"{name}.png", optimize=True)
-                print(f"{name}: {picture.size}, {(IMAGES / f'{name}.png').stat().st_size / 1000:.0f} kB", *said)
+                _save(page.screenshot(), name, said)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    study(Path(sys.argv[2]).resolve()) if sys.argv[1] == "--study" else main(Path(sys.argv[1]))

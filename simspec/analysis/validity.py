@@ -8,18 +8,21 @@ from dataclasses import dataclass
 
 from simspec.analysis.intervals import LEVEL, Interval, share
 from simspec.errors import Problem, SpecError
+from simspec.markup import length
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One run at a timestep (s) with a seed (None: unperturbed, or the only one); ``reason``: why it is not valid."""
+    """One run at a timestep (s) with a seed (None: unperturbed, or the only one); ``reason``: why it is not valid; ``missed``:
+    the first expectation that it misses, None where the run failed or misses none."""
 
     timestep: float
     seed: int | None
     valid: bool
     reason: str = ""
+    missed: Outcome | None = None
 
 
 def trial(run: Run, outcomes: Sequence[Outcome]) -> Trial:
@@ -30,17 +33,33 @@ def trial(run: Run, outcomes: Sequence[Outcome]) -> Trial:
     if not outcomes:
         raise SpecError([Problem(f"{run.label}: nothing is expected of the run, so nothing says whether it is valid")])
     missed = [one for one in outcomes if not one.passed]
-    return Trial(timestep, seed, not missed, _words(missed[0], len(missed) - 1) if missed else "")
+    if not missed:
+        return Trial(timestep, seed, True)
+    return Trial(timestep, seed, False, _words(missed[0], len(missed) - 1), missed[0])
+
+
+MEASURED = {"no_penetration_deeper_than": "overlap"}
+"""What an expectation measures, where its name says the opposite."""
+
+
+def measure_words(value: float, unit: str) -> str:
+    """What was measured, for reading: lengths in a unit of their size."""
+    return length(value) if unit == "m" else f"{value:.3g} {unit}".rstrip()
+
+
+def measured_name(kind: str) -> str:
+    """What an expectation of this kind measures, in words."""
+    return MEASURED.get(kind, kind.replace("_", " "))
 
 
 def _words(outcome: Outcome, more: int) -> str:
-    name = outcome.kind.replace("_", " ")
+    name = measured_name(outcome.kind)
     if outcome.measured is None:
         text = f"{name}: {outcome.detail}"
     else:
-        unit = f" {outcome.unit}" if outcome.unit else ""
         place = f" ({outcome.detail})" if outcome.detail else ""
-        text = f"{name}: {outcome.measured:.3g}{unit}, bound {outcome.bound:.3g}{unit}{place}"
+        figures = [measure_words(value, outcome.unit) for value in (outcome.measured, outcome.bound)]
+        text = f"{name}: {figures[0]}, bound {figures[1]}{place}"
     return f"{text}, and {more} more" if more else text
 
 
@@ -55,6 +74,8 @@ class Limit:
     first_failure  what happened there, in words; "" where every run is valid
     later_valid    larger timesteps (s) at which every run is valid again: they do not count
     fewer_seeds    timesteps (s) that were tried with fewer seeds than others
+    first_missed   the expectation that the first run with a failure misses at ``first_invalid``; None where that run gave
+                   no result
     """
 
     timestep: float | None
@@ -63,6 +84,7 @@ class Limit:
     first_failure: str
     later_valid: tuple[float, ...]
     fewer_seeds: tuple[float, ...]
+    first_missed: Outcome | None = None
 
     def __str__(self) -> str:
         if self.timestep is None:
@@ -102,16 +124,22 @@ def limit(trials: Iterable[Trial], level: float = LEVEL) -> Limit:
         _first_failure(by_step[first]) if first is not None else "",
         tuple(step for step in steps if first is not None and step > first and shares[step].value == 1.0),
         tuple(step for step in steps if len(by_step[step]) < len(seeds)),
+        _missed(by_step[first])[0].missed if first is not None else None,
     )
 
 
 def _first_failure(trials: Sequence[Trial]) -> str:
     """In words: how many of the runs at a timestep were not valid, and why the first was not."""
-    ordered = sorted(trials, key=lambda one: -1 if one.seed is None else one.seed)
-    missed = [one for one in ordered if not one.valid]
+    missed = _missed(trials)
     seed = "" if missed[0].seed is None else f"seed {missed[0].seed}: "
     counted = f"{len(missed)} of {_count(len(trials), 'run')}"
     return f"at {1e3 * missed[0].timestep:g} ms {counted} not valid: {seed}{missed[0].reason}"
+
+
+def _missed(trials: Sequence[Trial]) -> list[Trial]:
+    """Those that are not valid, by seed."""
+    ordered = sorted(trials, key=lambda one: -1 if one.seed is None else one.seed)
+    return [one for one in ordered if not one.valid]
 
 
 def _count(number: int, what: str) -> str:

@@ -43,7 +43,7 @@ from simspec.report.screen import console, say
 from simspec.report.study.cases import unfailed
 from simspec.report.study.done import Done, Shown
 from simspec.report.study.markdown import markdown
-from simspec.report.study.measured import measured
+from simspec.report.study.measured import counted, measured
 from simspec.report.study.page_section import SCHEMA, TABLES_FILE, study_parts
 from simspec.report.study.registry import shown_of
 from simspec.report.sweep import proof_words
@@ -251,9 +251,9 @@ def _failed(done: Done) -> str:
     """Of how many models the proof failed; where contact alone is beyond its tolerances, that is said."""
     count, by_contact = len(done.outcome.unproven), len(done.outcome.by_contact)
     if not by_contact or CONTACT_SHOWN.isdisjoint(done.sweep.words.show):
-        return f"proof FAILED for {count} models"
-    told = f"contact beyond the tolerances of L5 for {by_contact} models, all else of them proven"
-    return told if by_contact == count else f"proof FAILED for {count - by_contact} models; {told}"
+        return f"proof FAILED for {counted(count, 'model')}"
+    told = f"contact beyond the tolerances of L5 for {counted(by_contact, 'model')}, all else of them proven"
+    return told if by_contact == count else f"proof FAILED for {counted(count - by_contact, 'model')}; {told}"
 
 
 def _plain(shown: Shown) -> dict[str, Any]:
@@ -273,9 +273,11 @@ def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Map
         parts += ["The small study: fewer timesteps, seeds and repetitions.", ""]
     if source.figures_source:
         parts += [f"Figures from elsewhere: {source.figures_source}.", ""]
+    lines = [f"- {one['what']}: {one['value']}" for one in data["measured"]]
+    lines += [f"- {line}" for line in data["said"]]
     for name, own in made.items():
         parts += [f"## {name}", "", *(markdown(one) for one in own.values())]
-    return "\n".join([*parts, "## How it was done", "", *(f"- {line}" for line in data["said"])]) + "\n"
+    return "\n".join([*parts, "## How it was done", "", *lines]) + "\n"
 
 
 def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_json: bool) -> int:

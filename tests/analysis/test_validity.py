@@ -60,7 +60,7 @@ def test_a_run_is_valid_where_everything_expected_holds():
     good = Outcome("position", True, 0.001, 0.01, "m", "cup at 8 s")
     bad = dataclasses.replace(good, passed=False, measured=0.012)
     assert trial(of, [good]) == Trial(0.01, 3, True, "")
-    assert trial(of, [good, bad, bad]).reason == "position: 0.012 m, bound 0.01 m (cup at 8 s), and 1 more"
+    assert trial(of, [good, bad, bad]).reason == "position: 12 mm, bound 10 mm (cup at 8 s), and 1 more"
     unmeasured = Outcome("no_penetration", False, None, 0.01, "", "no contacts recorded")
     assert trial(of, [unmeasured]).reason == "no penetration: no contacts recorded"
     assert trial(dataclasses.replace(of, failed="it fell over"), []).reason == "failed: it fell over"

@@ -189,5 +189,5 @@ def test_what_is_no_study_is_refused(folder):
 
 
 def test_ranking():
-    assert ranking({"a": 2.0, "b": 6.0, "c": 1.0}) == "b = 3 × a = 2 × c"
+    assert ranking({"a": 2.0, "b": 6.0, "c": 1.0}) == "b is 3 × as fast as a, a 2 × as fast as c"
     assert ranking({}) == ""

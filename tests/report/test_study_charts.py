@@ -58,15 +58,17 @@ def test_unequal_models_are_named_as_such():
 def test_sentences_are_those_of_the_figures():
     said = {one.name: one.said for one in samples.study_tables().sweeps["made-up"]}
     assert said["speed.cpu_factor"] == [
-        "At 1 ms, by processor time: first = 2 × second (fastest: 4 × real time). Elsewhere: Third = 3 × FIRST.",
-        "At 8 ms, by processor time: first = 2 × second (fastest: 32 × real time).",
+        "At 1 ms, by processor time: first is 2 × as fast as second (fastest: 4 × real time). "
+        "Elsewhere: Third is 3 × as fast as FIRST.",
+        "At 8 ms, by processor time: first is 2 × as fast as second (fastest: 32 × real time).",
     ]
     assert said["validity"] == [
-        "first: all that is expected holds up to 4 ms (10 of 10 runs, a share of at least 0.80); it fell.",
+        "first: all that is expected holds up to 4 ms (10 of 10 runs); it fell.",
         "second: not valid at any timestep; it fell.",
     ]
     assert said["unequal.models.made-up"] == [
-        "made-up, models that are NOT EQUAL, at 1 ms by processor time: second = 2 × first (fastest: 2 × real time)."
+        "made-up, models that are NOT EQUAL, at 1 ms by processor time: second is 2 × as fast as first "
+        "(fastest: 2 × real time)."
     ]
     assert said["over_time"][0] == (
         "first: slowest 2 × real time at 1.5 to 2 s, with 30 points of contact; "

@@ -62,6 +62,7 @@ def _text(sections: Sequence[Section], packed: Packed) -> str:
         f"default-src 'none'; script-src {_hash(script)}; style-src {_hash(style)}; base-uri 'none'; form-action 'none'"
     )
     scenes = [part.scene for part in sections if part.scene is not None]
+    named = [part for part in sections if part.description is not None] or sections
     numbers, places = itertools.count(), itertools.count()
     return str(
         environment()
@@ -71,7 +72,8 @@ def _text(sections: Sequence[Section], packed: Packed) -> str:
             policy=policy,
             style=Markup(style),
             script=Markup(script),
-            title=" and ".join(dict.fromkeys(part.name for part in sections)),
+            title=" and ".join(dict.fromkeys(part.name for part in named)),
+            descriptions=list(dict.fromkeys(part.description for part in named if part.description)),
             parts=[
                 (part, next(numbers) if part.scene is not None else None, next(places) if part.charts else None)
                 for part in sections

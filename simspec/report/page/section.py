@@ -25,7 +25,8 @@ FACTS = ("engine_version", "simspec", "python_version", "numpy_version", "platfo
 @dataclass(frozen=True)
 class Section:
     """One study on a page: ``scene`` is what its playback and plots are drawn from, None where no run recorded anything;
-    ``charts``: plots of a study's figures (``page/src/data.ts``)."""
+    ``charts``: plots of a study's figures (``page/src/data.ts``); ``description``: what it shows, in a sentence, or nothing.
+    A page is named after the parts where it is not None, else after all."""
 
     name: str
     verdict: tuple[Sentence, ...]
@@ -38,6 +39,7 @@ class Section:
     scene: dict[str, Any] | None
     caption: str
     charts: tuple[dict[str, Any], ...] = ()
+    description: str | None = None
 
 
 def section(stored: StoredStudy, packed: Packed) -> Section:

@@ -29,12 +29,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of a page."""
+    """A table of a page; ``said``: what it says, in sentences."""
 
     title: str
     head: tuple[Cell, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    said: tuple[str, ...] = ()
 
 
 def sheet(table: Table) -> Sheet:

@@ -37,8 +37,29 @@ def measured(done: Sequence[Done], command: str) -> list[dict[str, str]]:
         "versions": ", ".join(f"{label} {' and '.join(own)}" for label, own in sorted(versions.items())),
         "machine, where speed was measured": "; ".join(machines),
         "runs": f"{len(seen):,}",
+        "models": _models(done),
     }
     return [{"what": what, "value": value} for what, value in lines.items() if value]
+
+
+def _models(done: Sequence[Done]) -> str:
+    """How many models are proven, and how many are not, each counted once in the study; "" where nothing was verified."""
+    outcomes = [outcome for one in done for outcome in (one.outcome, *(second for _, second in one.moved))]
+    verified = [outcome for outcome in outcomes if outcome.verified]
+    keys = {outcome.index.certificates.get(cell.key) for outcome in verified for cell, row in outcome.rows() if row}
+    unproven = {key for outcome in verified for key in outcome.unproven}
+    by_contact = {key for outcome in verified for key in outcome.by_contact}
+    if not verified:
+        return ""
+    told = [f"{len(keys - unproven - {None}):,} proven"]
+    told += [f"proof FAILED for {len(unproven - by_contact):,}"] if unproven - by_contact else []
+    told += [f"contact beyond the tolerances of L5 for {len(by_contact):,} (tables: certified)"] if by_contact else []
+    return "; ".join(told)
+
+
+def counted(count: int, what: str) -> str:
+    """``1 model``, ``2 models``."""
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
 def _dates(began: Iterable[str]) -> str:

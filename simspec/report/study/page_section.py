@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from simspec.errors import Problem, SpecError, visible
@@ -12,17 +12,16 @@ from simspec.outputs.reading import read_bytes
 from simspec.report.page.packing import Packed
 from simspec.report.page.section import Section
 from simspec.report.page.sheets import Cell, Sheet
-from simspec.report.page.words import BAD, GOOD, PLAIN, WARNING, Sentence
 from simspec.report.study.charts import charts
 from simspec.report.study.pages import stored_sheet
 from simspec.report.study.playback import playbacks
+from simspec.report.study.verdict import verdict
 from simspec.stored import StudyTables, read_as
 
 TABLES_FILE = "study.json"
 SCHEMA = 2
 LARGEST = 64 * 2**20
 """Bytes of ``study.json``."""
-UNEQUAL = "NOT EQUAL"
 
 
 def study_tables(folder: Path) -> StudyTables | None:
@@ -43,17 +42,18 @@ def study_tables(folder: Path) -> StudyTables | None:
 
 
 def study_section(tables: StudyTables) -> Section:
-    """A study as a part of a page: what its tables say, its plots, its tables, and how it was done. Raises SpecError where its
-    figures are damaged."""
-    notes = [tables.description, "The small study: fewer timesteps, seeds and repetitions." if tables.small else ""]
+    """A study as a part of a page: what matters of it, its plots, its tables with what they say, and how it was done. Raises
+    SpecError where its figures are damaged."""
+    notes = ["The small study: fewer timesteps, seeds and repetitions." if tables.small else ""]
     notes.append(f"Figures from elsewhere: {tables.figures}" if tables.figures else "")
     return Section(
         name=visible(tables.study),
-        verdict=tuple(_verdict(tables)),
+        description=visible(tables.description),
+        verdict=tuple(verdict(tables)),
         notes=tuple(visible(note) for note in notes if note),
         certificate=(),
         certificate_notes=(),
-        results=tuple(stored_sheet(one) for own in tables.sweeps.values() for one in own),
+        results=tuple(stored_sheet(one, said=True) for own in tables.sweeps.values() for one in own),
         details=(),
         provenance=_provenance(tables),
         scene=None,
@@ -69,20 +69,6 @@ def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], 
         return [study_section(tables), *(playbacks(tables, store, packed) if store is not None else ())]
 
     return parts
-
-
-def _verdict(tables: StudyTables) -> Iterator[Sentence]:
-    """How it was done in one sentence, what is wrong, and what its tables say."""
-    bad = [line for number, line in enumerate(tables.said) if number in tables.bad]
-    count = f"{len(tables.sweeps)} sweep{'' if len(tables.sweeps) == 1 else 's'}"
-    told = f"{count}, and something is wrong." if bad else f"{count}, all done."
-    yield Sentence(BAD if bad else GOOD, visible(f"{tables.study}: {told}"))
-    for line in bad:
-        yield Sentence(BAD, visible(line))
-    for sweep, own in tables.sweeps.items():
-        for shown in own:
-            for text in shown.said:
-                yield Sentence(WARNING if UNEQUAL in text else PLAIN, visible(f"{sweep}: {text}"))
 
 
 def _provenance(tables: StudyTables) -> Sheet:

@@ -3,7 +3,7 @@
     <!-- study NAME: SWEEP TABLE -->                 a table
     <!-- study NAME: SWEEP TABLE said -->            what it says, in sentences
     <!-- study NAME: SWEEP TABLE ROW COLUMN -->      one cell; ROW: the first cells of the row, with " | " between them
-    <!-- study NAME: measured -->                    where and when it was measured, and how each sweep was done
+    <!-- study NAME: measured -->                    where and when it was measured, and what is wrong
 
 Each ends with ``<!-- end of study -->``. Words are separated by spaces; those with spaces stand in double quotes.
 """
@@ -113,7 +113,10 @@ def _content(mark: Mark, tables: StudyTables | None, older: bool) -> str:
         return NOT_MEASURED if len(mark.words) == 4 else _block(NOT_MEASURED)
     if mark.sweep is None:
         lines = [f"- {escaped(one.what)}: {escaped(one.value)}" for one in tables.measured]
-        return _block("\n".join([*lines, *(f"- {escaped(line)}" for line in tables.said)]))
+        lines += [f"- {escaped(line)}" for number, line in enumerate(tables.said) if number in tables.bad]
+        return _block(
+            "\n".join([*lines, f"- sweep by sweep: [study.md](studies/{mark.study}/study.md#how-it-was-done)"])
+        )
     inline = len(mark.words) == 4
     if mark.sweep not in tables.sweeps:
         if tables.small:
@@ -155,8 +158,9 @@ def _cell(mark: Mark, shown: StoredTableShown) -> str:
     return escaped(rows[0][heads.index(column)].text)
 
 
-def stored_sheet(stored: StoredTableShown) -> Sheet:
-    """A stored table as a table of a page."""
+def stored_sheet(stored: StoredTableShown, said: bool = False) -> Sheet:
+    """A stored table as a table of a page; ``said``: with its sentences."""
     head = tuple(Cell(visible(one.text, lines=True), one.classes) for one in stored.head)
     rows = tuple(tuple(Cell(visible(one.text, lines=True), one.classes) for one in row) for row in stored.rows)
-    return Sheet(visible(stored.title), head, rows, visible(stored.note))
+    sentences = tuple(map(visible, stored.said)) if said else ()
+    return Sheet(visible(stored.title), head, rows, visible(stored.note), sentences)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from simspec.analysis.validity import measure_words, measured_name
 from simspec.report.kit import number
+from simspec.report.page.words import listed
 from simspec.report.study.done import Record, Shown, milliseconds
 from simspec.report.study.unequal import ranking
 
@@ -23,7 +25,7 @@ def with_sentences(shown: Shown) -> Shown:
     return shown if shown.said else Shown(shown.name, shown.table, shown.records, said_of(shown.name, shown.records))
 
 
-def _by_timestep(records: Iterable[Record], value: str) -> dict[float, dict[str, float]]:
+def by_timestep(records: Iterable[Record], value: str) -> dict[float, dict[str, float]]:
     """A figure by timestep and engine."""
     found: dict[float, dict[str, float]] = {}
     for one in records:
@@ -32,14 +34,28 @@ def _by_timestep(records: Iterable[Record], value: str) -> dict[float, dict[str,
     return found
 
 
-def _order(figures: Mapping[float, Mapping[str, float]], most: int = 2) -> Iterator[tuple[float, str]]:
+def intervals_of(records: Iterable[Record]) -> dict[float, dict[str, tuple[float, float]]]:
+    """The intervals of figures by timestep and engine, where there are any."""
+    found: dict[float, dict[str, tuple[float, float]]] = {}
+    for one in records:
+        if one.get("lower") is not None and one.get("upper") is not None and one.get("timestep") is not None:
+            found.setdefault(one["timestep"], {})[str(one["engine"])] = (one["lower"], one["upper"])
+    return found
+
+
+def _order(
+    figures: Mapping[float, Mapping[str, float]],
+    most: int = 2,
+    intervals: Mapping[float, Mapping[str, tuple[float, float]]] | None = None,
+) -> Iterator[tuple[float, str]]:
     """The order of the engines at the smallest and the largest timestep that has a figure of all of them."""
     engines = max((len(own) for own in figures.values()), default=0)
     whole = [timestep for timestep in sorted(figures) if len(figures[timestep]) == engines]
     for timestep in dict.fromkeys([whole[0], whole[-1]][:most] if whole else []):
         own = figures[timestep]
         fastest = max(own, key=lambda engine: own[engine])
-        yield timestep, f"{ranking(own)} (fastest: {number(own[fastest])} × real time)"
+        told = ranking(own, (intervals or {}).get(timestep))
+        yield timestep, f"{told} (fastest: {number(own[fastest])} × real time)"
 
 
 def _speed(name: str, records: list[Record]) -> Iterator[str]:
@@ -48,8 +64,8 @@ def _speed(name: str, records: list[Record]) -> Iterator[str]:
     over = {"cpu_factor": "by processor time", "real_time_factor": "by wall time"}[quantity]
     known = [one for one in records if not one.get("elsewhere")]
     others = [one for one in records if one.get("elsewhere") and one.get("models") == AS_PUBLISHED]
-    elsewhere = _by_timestep(others, "value")
-    for timestep, order in _order(_by_timestep(known, "median")):
+    elsewhere = by_timestep(others, "value")
+    for timestep, order in _order(by_timestep(known, "median"), intervals=intervals_of(known)):
         text = f"At {milliseconds(timestep)}, {over}: {order}."
         if len(elsewhere.get(timestep, ())) > 1:
             text += f" Elsewhere: {ranking(elsewhere[timestep])}."
@@ -57,20 +73,53 @@ def _speed(name: str, records: list[Record]) -> Iterator[str]:
 
 
 def _validity(name: str, records: list[Record]) -> Iterator[str]:
-    for one in records:
+    for engines, told in limits(records):
+        yield f"{engines}: {told}."
+
+
+def limits(records: Iterable[Record]) -> list[tuple[str, str]]:
+    """Up to which timestep engines hold, in words; those with the same limit stand together."""
+    own = list(records)
+    groups: dict[tuple[object, ...], list[Record]] = {}
+    shares = {(one["engine"], one["timestep"]): one for one in own if "share" in one}
+    for one in own:
         if "limit" not in one:
             continue
-        if one["limit"] is None:
-            yield f"{one['engine']}: not valid at any timestep; {one['failure']}."
-            continue
-        shares = {
-            other["timestep"]: other for other in records if other.get("engine") == one["engine"] and "share" in other
-        }
-        share = shares[one["limit"]]
-        at_least = "at least " if one["first_invalid"] is None else ""
-        runs = f"{share['runs']} of {share['runs']} runs, a share of at least {share['lower']:.2f}"
-        end = f"; {one['failure']}" if one["failure"] else ""
-        yield f"{one['engine']}: all that is expected holds up to {at_least}{milliseconds(one['limit'])} ({runs}){end}."
+        runs = [shares.get((one["engine"], one[name])) for name in ("limit", "first_invalid")]
+        counts = tuple((share["share"], share["runs"]) if share is not None else None for share in runs)
+        what = one["missed"] if one.get("missed") is not None else one["failure"]
+        key = (one["limit"], one["first_invalid"], what, one.get("bound"), one.get("unit"), counts)
+        groups.setdefault(key, []).append(one)
+    return [(listed([str(one["engine"]) for one in same]), _limit(same, shares)) for same in groups.values()]
+
+
+def _limit(same: Sequence[Record], shares: Mapping[tuple[object, object], Record]) -> str:
+    """The limit of engines that have the same one."""
+    first = same[0]
+    each = " each" if len(same) > 1 else ""
+    failure = _failure(same, shares.get((first["engine"], first["first_invalid"])), each)
+    if first["limit"] is None:
+        return f"not valid at any timestep; {failure}"
+    runs = shares[first["engine"], first["limit"]]["runs"]
+    at_least = "at least " if first["first_invalid"] is None else ""
+    told = f"all that is expected holds up to {at_least}{milliseconds(first['limit'])} ({runs} of {runs} runs{each})"
+    return f"{told}; {failure}" if failure else told
+
+
+def _failure(same: Sequence[Record], share: Record | None, each: str) -> str:
+    """What is missed first, with the figures of the engines between the smallest and the largest."""
+    first = same[0]
+    if first.get("missed") is None or share is None:
+        return str(first["failure"])
+    unit = str(first["unit"])
+    figures = sorted(float(one["measured"]) for one in same)
+    ends = list(dict.fromkeys(measure_words(one, unit) for one in (figures[0], figures[-1])))
+    failed = round((1.0 - share["share"]) * share["runs"])
+    name, bound = measured_name(first["missed"]), measure_words(first["bound"], unit)
+    return (
+        f"at {milliseconds(first['first_invalid'])} {failed} of {share['runs']} runs{each} are not valid: "
+        f"{name} {' to '.join(ends)}, bound {bound}"
+    )
 
 
 def _over_time(name: str, records: list[Record]) -> Iterator[str]:
@@ -94,7 +143,7 @@ def _unequal(name: str, records: list[Record]) -> Iterator[str]:
         if name == "unequal.equal"
         else f"{name.removeprefix('unequal.models.')}, models that are NOT EQUAL"
     )
-    for timestep, order in _order(_by_timestep(records, "cpu_factor"), 1):
+    for timestep, order in _order(by_timestep(records, "cpu_factor"), 1):
         yield f"{which}, at {milliseconds(timestep)} by processor time: {order}."
 
 

@@ -76,13 +76,19 @@ def _comparison(done: Done, name: str, own: Mapping[str, str]) -> tuple[Table, l
     return shown, records
 
 
-def ranking(factors: Mapping[str, float]) -> str:
-    """The engines, the fastest first, with how many times faster each is than the next."""
+def ranking(factors: Mapping[str, float], intervals: Mapping[str, tuple[float, float]] | None = None) -> str:
+    """The engines, the fastest first, each beside the next: ``b is 3 × as fast as a, a 2 × as fast as c``. Where ``intervals``
+    of the two overlap, that is said."""
+    known = intervals or {}
     ordered = sorted(factors, key=lambda engine: -factors[engine])
-    parts = ordered[:1]
+    parts: list[str] = []
     for first, second in itertools.pairwise(ordered):
-        parts.append(f"{factors[first] / factors[second]:.2g} × {second}" if factors[second] > 0.0 else second)
-    return " = ".join(parts)
+        ratio = f"{factors[first] / factors[second]:.2g}" if factors[second] > 0.0 else "∞"
+        times = "" if ratio == "1" else f"{ratio} × "
+        overlap = first in known and second in known and known[first][0] <= known[second][1]
+        end = " (intervals overlap)" if overlap else ""
+        parts.append(f"{first} {'' if parts else 'is '}{times}as fast as {second}{end}")
+    return ", ".join(parts) or ", ".join(ordered)
 
 
 def _values(values: Mapping[str, Any]) -> str:

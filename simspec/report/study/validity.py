@@ -8,6 +8,7 @@ from simspec.analysis.validity import limit
 from simspec.report.kit import number, table
 from simspec.report.study.done import Done, Record, Shown, elsewhere, figure_records, finite, milliseconds
 from simspec.report.study.judged import Deviation, Judged, judged, worst
+from simspec.runner.expectations import Outcome
 
 
 def validity_tables(done: Done) -> list[Shown]:
@@ -22,11 +23,12 @@ def validity_tables(done: Done) -> list[Shown]:
             continue
         whole = limit(trials)
         made.add_row(engine, str(whole), str(len(trials)))
-        records.append(
+        told: Record = (
             {"engine": engine, "limit": whole.timestep, "first_invalid": whole.first_invalid, "runs": len(trials)}
             | {"failure": whole.first_failure, "later_valid": list(whole.later_valid)}
             | {"fewer_seeds": list(whole.fewer_seeds)}
         )
+        records.append({**told, **_missed(whole.first_missed)})
         records += [
             {"engine": engine, "timestep": timestep, "share": share.value, "runs": share.trials}
             | {"lower": share.lower, "upper": share.upper}
@@ -37,6 +39,14 @@ def validity_tables(done: Done) -> list[Shown]:
             made.add_row(elsewhere(figure), Text(f"{milliseconds(figure.values[0])}: {figure.source}"), "–")
     known = figure_records(figure for figure in done.figures if figure.quantity == "largest_valid_timestep")
     return [Shown("validity", made, records + known), *_deviations(done, runs)]
+
+
+def _missed(outcome: Outcome | None) -> Record:
+    """The first expectation that is missed, as data."""
+    measured = finite(outcome.measured) if outcome is not None else None
+    if outcome is None or measured is None:
+        return {"missed": None}
+    return {"missed": outcome.kind, "measured": measured, "bound": outcome.bound, "unit": outcome.unit}
 
 
 def _deviations(done: Done, runs: list[Judged]) -> list[Shown]:
