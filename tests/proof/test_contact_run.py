@@ -29,6 +29,8 @@ from simspec.world.types import Hardness, PairContact
 from tests import worlds
 from tests.declared import engines_with
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = engines_with(Feature.RESTITUTION)
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0

@@ -16,6 +16,8 @@ from simspec.support.features import Feature
 from simspec.world.canonical import sha256
 from tests.declared import engines_with
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = engines_with(Feature.RESTITUTION)
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"

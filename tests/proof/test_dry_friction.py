@@ -21,6 +21,8 @@ from simspec.support.features import Feature
 from simspec.world.types import Physics, World
 from tests import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = sorted(
     name for name, engine in engines().items() if engine.SUPPORT[Feature.DRY_FRICTION].level is not Level.UNSUPPORTED
 )

@@ -12,6 +12,8 @@ from simspec.proof.verify import prepare, verify
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = sorted(engines())
 
 
