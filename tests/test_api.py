@@ -11,6 +11,8 @@ import pytest
 
 import simspec
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "python-api.md"
 
 

@@ -11,6 +11,8 @@ from simspec import cli, compiler
 from simspec.dialects.kit.contract import Dialect, dialects
 from simspec.dynamics.oracle import Oracle
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """simspec: 1
 name: ball
 physics: {timestep: 1 ms, duration: 20 ms}

@@ -20,6 +20,8 @@ from simspec.report.study.digits import two_digits
 from simspec.report.study.markdown import markdown
 from simspec.world.types import Hardness, PairContact
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """\
 simspec: 1
 name: lies
