@@ -122,6 +122,6 @@ def _verdict(certificate: Certificate) -> str | None:
     failures = certificate.failures()
     if not failures:
         return "nothing was compared"
-    name, check = failures[0]
+    _, check = failures[0]
     more = f"; and {len(failures) - 1} more failed checks" if len(failures) > 1 else ""
-    return f"{name}: {check.level} {check.name}{more}"
+    return f"{check.level} {check.name}{more}"

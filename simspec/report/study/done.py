@@ -25,8 +25,7 @@ Record = Mapping[str, Any]
 @dataclass(frozen=True)
 class Done:
     """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``moved``: its second
-    passes; ``kept``: what several
-    tables need of the runs, worked out once."""
+    passes; ``kept``: what several tables need of the runs, worked out once."""
 
     sweep: SweepOfStudy
     outcome: Outcome
