@@ -28,6 +28,7 @@ ORDER = (
     "support",
     "contact",
     "formats",
+    "imports",
     "dialects",
     "engines",
     "project",

@@ -14,7 +14,7 @@ from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.arrays import MOST_ELEMENTS, Array
 from simspec.language.document import Key
-from simspec.language.sources import Source
+from simspec.language.sources import Source, use_key
 from simspec.language.trees import Bodies
 
 MOST_SHAPES = 200_000
@@ -58,11 +58,11 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
         if not isinstance(text, str):
             own = raw.get("bodies")
             used_here += Counter(bodies=_length(own), shapes=_shapes(own))
-        elif text in source.uses:
-            if text not in used:  # a file of many bodies may be used by many models
-                own_model = trees.model_of(source.uses[text])
-                used[text] = _model(own_model) if own_model is not None else Counter()
-            used_here += used[text]
+        elif (key := use_key(raw)) in source.uses:
+            if key not in used:  # a file of many bodies may be used by many models
+                own_model = trees.model_of(source.uses[key])
+                used[key] = _model(own_model) if own_model is not None else Counter()
+            used_here += used[key]
         array = source.file.models[name].array if source.file is not None else None
         yield ("models", name), _copies(array), used_here
 

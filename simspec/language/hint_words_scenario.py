@@ -81,7 +81,7 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "File.models",
         "Use.use",
     ),
-    *same_hint("file path filename src uri url import model_file", "use: FILE", "Use.use", at="Use Model"),
+    *same_hint("file path filename src uri url model_file", "use: FILE", "Use.use", at="Use Model"),
     *same_hint(
         "static is_static immovable anchored kinematic_fixed world_fixed", "fixed: true", "Body.fixed", "Use.fixed"
     ),

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language.amounts import too_much
 from simspec.language.checks import check
-from simspec.language.document import Document, read
+from simspec.language.document import Document
+from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, overridden, without_effect
 from simspec.language.problems import in_order
-from simspec.language.sources import Collector, Source, project_folder, validate
+from simspec.language.sources import Collector, Source, open_document, project_folder, validate
 from simspec.language.strict import bounded_suggestions
 from simspec.language.swept import check_sweep
 
@@ -70,14 +72,22 @@ class Spec:
         document, problems = overridden(self.source.document, overrides)
         changed = {one.path for one in overrides}
         return _validated(
-            document, self.source.folder, self.path, self._place, self._collector.again(), problems, changed
+            document,
+            self.source.folder,
+            self.path,
+            self._place,
+            self._collector.again(),
+            problems,
+            changed,
+            self.source.imported,
         )
 
     def sources_with(self, overrides: Sequence[Override]) -> tuple[Source, list[Problem]]:
         """The files that the spec would use with values put into it, and the problems of finding and reading them. Nothing is
         validated."""
         document, problems = overridden(self.source.document, overrides)
-        source, collector = Source(document, self.source.folder), self._collector.again()
+        source = Source(document, self.source.folder, imported=self.source.imported)
+        collector = self._collector.again()
         collector.collect(source, (self._place.resolve(),))
         return source, [*problems, *collector.problems]
 
@@ -101,24 +111,36 @@ class Spec:
         return format_data(self.source.document.data)
 
 
-def load(path: str | Path, *, sets: Sequence[str] = (), allow_outside: bool = False) -> Spec:
-    """Read, override (``sets``: texts ``path=value``), validate and check a spec and the model files that it uses.
+def load(
+    path: str | Path, *, sets: Sequence[str] = (), allow_outside: bool = False, options: ImportOptions | None = None
+) -> Spec:
+    """Read, override (``sets``: texts ``path=value``), validate and check a spec and the model files that it uses. A file of
+    another language is imported (``options``).
 
     ``use`` may leave the project folder (the nearest one above with .git or pyproject.toml, else the file's own) only
     with ``allow_outside``. Raises SpecError with every problem, located.
     """
     path = Path(path)
-    return _checked(read(path), path.parent, path, path, allow_outside, sets)
+    options = replace(options or ImportOptions(), project=None if allow_outside else project_folder(path))
+    document, imported = open_document(path, str(path), options)
+    return _checked(document, path.parent, path, path, allow_outside, sets, imported, options)
 
 
 def _checked(
-    document: Document, folder: Path, path: Path | None, place: Path, allow_outside: bool, sets: Sequence[str] = ()
+    document: Document,
+    folder: Path,
+    path: Path | None,
+    place: Path,
+    allow_outside: bool,
+    sets: Sequence[str] = (),
+    imported: Imported | None = None,
+    options: ImportOptions | None = None,
 ) -> Spec:
     with bounded_suggestions():
         problems = apply(document, sets) if isinstance(document.data, dict) else []
-    collector = Collector(None if allow_outside else project_folder(place))
+    collector = Collector(None if allow_outside else project_folder(place), options)
     changed = {text.partition("=")[0].strip() for text in sets}
-    return _validated(document, folder, path, place, collector, problems, changed)
+    return _validated(document, folder, path, place, collector, problems, changed, imported)
 
 
 def _validated(
@@ -129,13 +151,14 @@ def _validated(
     collector: Collector,
     problems: Sequence[Problem],
     changed: Set[str],
+    imported: Imported | None = None,
 ) -> Spec:
     """The spec of a document. ``place``: the file that it stands for; ``problems``: those of putting values at the paths
     ``changed``."""
     with bounded_suggestions():
         file, more = validate(document)
         problems = [*problems, *document.problems, *more]
-        source = Source(document, folder, file)
+        source = Source(document, folder, file, imported=imported)
         collector.collect(source, (place.resolve(),))
         # what is looked at for each model that holds it is looked at only where that has an end
         problems += [*collector.problems, *(too_much(source) or check(source))]

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from simspec.language.arrays import Array
 from simspec.language.contact import Contact, Names
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
+from simspec.language.foreign import ImportOptions
 from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
@@ -141,13 +143,45 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
         yield Fault(("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes")
 
 
-class Use(Strict):
+class Import(Strict):
+    """What is said to the importer of a file of another language."""
+
+    packages: dict[NameOf, Annotated[str, FileName()]] = Field(
+        {}, description="Folders of packages that the file names, by their names, relative to this file"
+    )
+    package_path: list[Annotated[str, FileName()]] = Field(
+        [], description="Folders in which packages are looked for, relative to this file"
+    )
+    arguments: dict[NameOf, Annotated[str, Text()]] = Field(
+        {}, description="Arguments of a file that is a program (xacro), by name"
+    )
+    repair: list[Annotated[str, Text()]] = Field(
+        [], description="Rules by which defects of the file are repaired; none is applied unasked"
+    )
+
+    def options(self, folder: Path, project: Path | None) -> ImportOptions:
+        """The same as importers take it; ``folder``: that of the file which says so."""
+        return ImportOptions(
+            self.packages, tuple(self.package_path), self.arguments, tuple(self.repair), project, folder
+        )
+
+
+class _WithUse(Strict):
+    use: Maybe[Annotated[str, FileName()]] = Field(ABSENT, description="Path of a model file, relative to this file")
+
+
+_IMPORT: dict[str, Any] = {  # `import` is no name that a class body may have
+    "import": (Import, Field(ABSENT, description="For a file of another language: what its importer is told"))
+}
+_WithImport: type[_WithUse] = create_model("_WithImport", __base__=_WithUse, **_IMPORT)
+
+
+class Use(_WithImport):
     """A model placed in the scenario: the file's (`use`), or one written here (`bodies`). Its bodies are called
     `<model>/<body>`, its joints `<model>/<joint>`."""
 
     ONE_OF: ClassVar[tuple[str, ...]] = ("use", "bodies")
 
-    use: Maybe[Annotated[str, FileName()]] = Field(ABSENT, description="Path of a model file, relative to this file")
     bodies: Maybe[dict[NameOf, Body]] = Field(
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
@@ -171,6 +205,8 @@ class Use(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "import" in data and "use" not in data:
+            yield Fault(("import",), "`import` goes with `use`: it is said to the importer of that file")
         if "attach" in data:
             for key in ("array", "fixed", "velocity"):
                 if key in data:

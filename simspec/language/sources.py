@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Document, read
-from simspec.language.models import File
+from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
+from simspec.language.models import File, Import
 from simspec.language.problems import of_validation
 from simspec.language.strict import show
 from simspec.language.words import LONGEST_TEXT
@@ -34,6 +36,8 @@ class Source:
     uses: dict[str, Source] = field(default_factory=dict)
     table: Path | None = None
     """The file of `trajectory.file`, found and allowed."""
+    imported: Imported | None = None
+    """What an importer made of a file of another language; None for a spec."""
 
     @property
     def content(self) -> File:
@@ -75,42 +79,52 @@ def validate(document: Document) -> tuple[File | None, list[Problem]]:
         return None, list(of_validation(error, document))
 
 
-def uses(data: Any) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Every ``use`` of a file, with its path."""
+def uses(data: Any) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
+    """Every placement that has a ``use``, with its path."""
     if not isinstance(data, Mapping):
         return
     model = data.get("model")
     if isinstance(model, Mapping) and isinstance(model.get("use"), str):
-        yield ("model", "use"), model["use"]
+        yield ("model",), model
     models = data.get("models")
     for name, placed in models.items() if isinstance(models, Mapping) else ():
         if isinstance(placed, Mapping) and isinstance(placed.get("use"), str):
-            yield ("models", name, "use"), placed["use"]
+            yield ("models", name), placed
+
+
+def use_key(placed: Mapping[str, Any]) -> str:
+    """The key of :attr:`Source.uses` of a placement that has a ``use``: its text, and what it says to an importer."""
+    text: str = placed["use"]
+    said = placed.get("import")
+    return text if said is None else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
 
 
 class Collector:
     """Reads the files that a file uses, and theirs; collects every problem."""
 
-    def __init__(self, project: Path | None):
+    def __init__(self, project: Path | None, options: ImportOptions | None = None):
         self.project = project
         """The folder that must not be left; None: any file may be used."""
+        self.options = options or ImportOptions()
+        """What is said to importers, unless a placement says it."""
         self.problems: list[Problem] = []
-        self._read: dict[Path, Source | None] = {}
+        self._read: dict[tuple[Path, str], Source | None] = {}
 
     def again(self) -> Collector:
         """A collector for the same spec with other values: what this one has read, it does not read again."""
-        other = Collector(self.project)
-        other._read = {path: source for path, source in self._read.items() if source is not None}
+        other = Collector(self.project, self.options)
+        other._read = {key: source for key, source in self._read.items() if source is not None}
         return other
 
     def collect(self, source: Source, chain: tuple[Path, ...]) -> None:
         """Read what ``source`` uses; ``chain`` holds the files that led here, this one last."""
-        for path, text in uses(source.document.data):
-            if text in source.uses:
+        for path, placed in uses(source.document.data):
+            key = use_key(placed)
+            if key in source.uses:
                 continue
-            used = self._find(source, path, text, chain)
+            used = self._find(source, path, placed, chain)
             if used is not None:
-                source.uses[text] = used
+                source.uses[key] = used
         data = source.document.data
         trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
         table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
@@ -134,7 +148,7 @@ class Collector:
             self._problem(source, path, "this path does not exist", found=show(text))
             return None
         if self.project is not None and not target.is_relative_to(self.project):
-            allowed = f"files in {_shown(self.project)}"
+            allowed = f"files in {shown_path(self.project)}"
             hint = "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
@@ -143,7 +157,10 @@ class Collector:
             return None
         return target
 
-    def _find(self, source: Source, path: tuple[str, ...], text: str, chain: tuple[Path, ...]) -> Source | None:
+    def _find(
+        self, source: Source, place: tuple[str, ...], placed: Mapping[str, Any], chain: tuple[Path, ...]
+    ) -> Source | None:
+        path, text = (*place, "use"), placed["use"]
         target = self._place(source, path, text)
         if target is None:
             return None
@@ -154,30 +171,57 @@ class Collector:
         if len(chain) >= DEEPEST_USE:
             self._problem(source, path, f"more than {DEEPEST_USE} files use one another in a chain", found=text)
             return None
-        if target not in self._read:
-            self._read[target] = None
-            self._read[target] = self._load(target, chain)
-        used = self._read[target]
+        said = placed.get("import")
+        if said is not None and not is_foreign(target.name):
+            hint = "remove it: this file is a spec"
+            self._problem(source, (*place, "import"), "`import` is only for files of other languages", hint=hint)
+            return None
+        options = self.options if said is None else _options(said, source.folder, self.project)
+        if options is None:
+            return None  # reported where it is read
+        key = (target, options.key())
+        if key not in self._read:
+            self._read[key] = None
+            self._read[key] = self._load(target, chain, options)
+        used = self._read[key]
         if used is not None and isinstance(used.document.data, Mapping) and "model" not in used.document.data:
             hint = "a model file has `model: {bodies: ...}`"
+            if used.imported is not None:
+                hint = "a file of several trees is a scenario: `simspec import` writes it as a spec"
             self._problem(source, path, "this file contains no model", found=text, hint=hint)
             return None
         return used
 
-    def _load(self, target: Path, chain: tuple[Path, ...]) -> Source | None:
+    def _load(self, target: Path, chain: tuple[Path, ...], options: ImportOptions) -> Source | None:
         try:
-            document = read(target, _shown(target))
+            document, imported = open_document(target, shown_path(target), replace(options, project=self.project))
         except SpecError as error:
             self.problems.extend(error.problems)
             return None
         file, problems = validate(document)
         self.problems.extend((*document.problems, *problems))
-        source = Source(document, target.parent, file)
+        source = Source(document, target.parent, file, imported=imported)
         self.collect(source, (*chain, target))
         return source
 
 
-def _shown(path: Path) -> str:
+def open_document(path: Path, shown: str, options: ImportOptions) -> tuple[Document, Imported | None]:
+    """The document of a spec, or of a file of another language with what its importer made of it. Raises SpecError."""
+    if not is_foreign(path.name):
+        return read(path, shown), None
+    imported = import_file(path, shown, options)
+    return imported.document(shown), imported
+
+
+def _options(said: Any, folder: Path, project: Path | None) -> ImportOptions | None:
+    """What a placement says to an importer; None where it has errors."""
+    try:
+        return (said if isinstance(said, Import) else Import.model_validate(said)).options(folder, project)
+    except ValidationError:
+        return None
+
+
+def shown_path(path: Path) -> str:
     """A path as messages show it: relative to the working folder where it is below it."""
     try:
         return str(path.relative_to(Path.cwd().resolve()))
@@ -189,7 +233,8 @@ def _near_file(target: Path) -> str | None:
     from simspec.language.strict import near
 
     try:
-        names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.endswith(NAMEABLE))
+        ends = (*NAMEABLE, *suffixes())
+        names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.lower().endswith(ends))
     except OSError:
         return None
     return near(target.name, names)

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from simspec.language.document import Key
 from simspec.language.models import Body, Use
-from simspec.language.sources import Source
+from simspec.language.sources import Source, use_key
 
 
 def unused(name: str, taken: Container[str]) -> str:
@@ -162,11 +162,12 @@ def model_of(source: Source) -> Bodies | None:
         data = source.document.data
         model = data.get("model") if isinstance(data, Mapping) else None
         text = model.get("use") if isinstance(model, Mapping) else None
-        if not isinstance(text, str):
+        if not isinstance(model, Mapping) or not isinstance(text, str):
             break
-        if text not in source.uses:
+        key = use_key(model)
+        if key not in source.uses:
             return None
-        source = source.uses[text]
+        source = source.uses[key]
         files.append(source)
     file = source.file
     bodies = _bodies(source, ("model", "bodies"), file.model.bodies if file and file.model else None, True)
@@ -190,7 +191,7 @@ def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
         use = source.file.models[name] if source.file else None
         path = ("models", name)
         if isinstance(raw.get("use"), str):
-            below = source.uses.get(raw["use"])
+            below = source.uses.get(use_key(raw))
             bodies = model_of(below) if below is not None else None
         else:
             bodies = _bodies(source, (*path, "bodies"), use.bodies if use else None, True)

@@ -1,0 +1,261 @@
+"""XML elements that remember what of them was read, so that what an importer does not know is never passed over.
+
+An importer takes attributes and children by name; :func:`accounts` then lists every element and attribute of the file: what was
+taken is carried, what was set aside has the fate and the reason that the importer gave, and all the rest is lost.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.language.foreign import Account, Fate, Severity
+
+LARGEST_FILE: Final = 64 * 2**20
+"""Bytes of one file; the largest robot of the measured corpora has 3 million."""
+MOST_TAGS: Final = 1_000_000
+"""Beginnings and ends of elements in one file: each takes up to 500 bytes of memory."""
+DEEPEST: Final = 200
+"""Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
+NOT_READ: Final = "simspec does not read it"
+IDENTIFYING: Final = ("name", "id", "class", "joint", "link")
+"""Attributes by which a message tells an element from others of its tag."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Set:
+    """What an importer said of something that it does not carry, or carries without effect."""
+
+    fate: Fate
+    severity: Severity
+    reason: str
+    hint: str
+
+
+class Element:
+    """An element of a file. ``attributes`` are plain texts: reading them there does not count as taking them."""
+
+    __slots__ = ("_children", "_fates", "_own", "_taken", "attributes", "location", "parent", "tag", "text")
+
+    def __init__(self, tag: str, attributes: Mapping[str, str], location: Location, text: str, parent: Element | None):
+        self.tag, self.attributes, self.location, self.text, self.parent = tag, dict(attributes), location, text, parent
+        self._children: list[Element] = []
+        self._taken: set[str] = set()
+        self._fates: dict[str, _Set] = {}
+        self._own: _Set | bool = False
+
+    @property
+    def label(self) -> str:
+        """The element as messages call it: ``joint[elbow]``."""
+        for name in IDENTIFYING:
+            if name in self.attributes:
+                return f"{self.tag}[{self.attributes[name][:60]}]"
+        return self.tag
+
+    @property
+    def path(self) -> str:
+        """The labels from below the outermost element to this one."""
+        parts: list[str] = []
+        element: Element | None = self
+        while element is not None and (element.parent is not None or not parts):
+            parts.append(element.label)
+            element = element.parent
+        return "/".join(reversed(parts))
+
+    # --- taking -----------------------------------------------------------------------------------------------
+
+    def take(self) -> Element:
+        """This element itself is carried (its attributes and children are not thereby)."""
+        self._own = True
+        return self
+
+    def has(self, name: str) -> bool:
+        """Whether the file says this attribute; does not take it."""
+        return name in self.attributes
+
+    def word(self, name: str, default: str | None = None) -> str | None:
+        """The text of an attribute, without space around it, taken."""
+        if name not in self.attributes:
+            return default
+        self._taken.add(name)
+        return self.attributes[name].strip()
+
+    def need(self, name: str) -> str:
+        """The text of an attribute, taken. Raises SpecError where there is none."""
+        value = self.word(name)
+        if value is None:
+            raise self.error(f"<{self.tag}> has no attribute {name!r}")
+        return value
+
+    def numbers(self, name: str, count: int | None) -> tuple[float, ...] | None:
+        """Finite numbers of an attribute, taken; as many as ``count`` (None: any). None where there is no such attribute.
+        Raises SpecError for others."""
+        text = self.word(name)
+        return None if text is None else self._read(name, text, count)
+
+    def number(self, name: str, default: float | None = None) -> float | None:
+        """One finite number of an attribute, taken. Raises SpecError for what is none."""
+        values = self.numbers(name, 1)
+        return default if values is None else values[0]
+
+    def content(self, count: int | None) -> tuple[float, ...]:
+        """The numbers of the element's text; the element is taken. Raises SpecError for others."""
+        self.take()
+        return self._read("the text", self.text, count)
+
+    def _read(self, name: str, text: str, count: int | None) -> tuple[float, ...]:
+        parts = text.split()
+        try:
+            # float() takes 1_000, which no such language does
+            values = tuple(float(part) for part in parts if "_" not in part)
+        except ValueError:
+            values = ()
+        wrong = len(values) != len(parts) or (count is not None and len(values) != count)
+        if wrong or not all(map(math.isfinite, values)):
+            what = {None: "finite numbers", 1: "a finite number"}.get(count, f"{count} finite numbers")
+            raise self.error(f"{name} of <{self.tag}> should be {what}", found=text[:80])
+        return values
+
+    def child(self, tag: str) -> Element | None:
+        """The first child of this tag, taken; None where there is none. Further ones stay untaken, and so are lost."""
+        for child in self._children:
+            if child.tag == tag:
+                return child.take()
+        return None
+
+    def children(self, *tags: str) -> list[Element]:
+        """All children of these tags (all, where none is named), in the order of the file, taken."""
+        found = [child for child in self._children if not tags or child.tag in tags]
+        for child in found:
+            child.take()
+        return found
+
+    def look(self, *tags: str) -> list[Element]:
+        """The same, not taken."""
+        return [child for child in self._children if not tags or child.tag in tags]
+
+    # --- setting aside ----------------------------------------------------------------------------------------
+
+    def set_aside(
+        self,
+        name: str | None,
+        fate: Fate,
+        reason: str,
+        severity: Severity = Severity.PHYSICS,
+        hint: str = "",
+    ) -> None:
+        """Say what becomes of an attribute, or (None) of this element with all that is in it and was not taken."""
+        said = _Set(fate, severity, reason, hint)
+        if name is None:
+            self._own = said
+        elif name in self.attributes:
+            self._fates[name] = said
+
+    def error(
+        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
+    ) -> SpecError:
+        """The error of this element."""
+        return SpecError([self.problem(message, found, allowed, hint)])
+
+    def problem(
+        self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
+    ) -> Problem:
+        """The same as a problem."""
+        return Problem(message, self.path, self.location, found, allowed, hint)
+
+    # --- accounting -------------------------------------------------------------------------------------------
+
+    def accounts(self) -> Iterator[Account]:
+        """What became of this element, its attributes and all that is in it."""
+        own = self._own
+        if own is True:
+            yield Account(self.location, self.path, Fate.CARRIED)
+        elif own is False:
+            yield Account(self.location, self.path, Fate.LOST, Severity.PHYSICS, NOT_READ)
+            return  # what is in it goes with it
+        else:
+            yield _account(self.location, self.path, own)
+        for name in self.attributes:
+            what = f"{self.path}/@{name}"
+            if name in self._fates:
+                yield _account(self.location, what, self._fates[name])
+            elif name in self._taken:
+                yield Account(self.location, what, Fate.CARRIED)
+            elif own is True:
+                yield Account(self.location, what, Fate.LOST, Severity.PHYSICS, NOT_READ)
+        for child in self._children:
+            if child._own is False and own is not True:
+                continue  # told with this element
+            yield from child.accounts()
+
+
+def _account(location: Location, what: str, said: _Set) -> Account:
+    return Account(location, what, said.fate, said.severity, said.reason, said.hint)
+
+
+# --- reading ----------------------------------------------------------------------------------------------------
+
+
+def parse(content: bytes, file: str) -> Element:
+    """The outermost element of an XML file, taken. Raises SpecError with the place for what is damaged, too large or hostile:
+    no document type, no entities, UTF-8 only."""
+    from lxml import etree  # type: ignore[import-untyped]  # it has no types
+
+    if len(content) > LARGEST_FILE or content.count(b"<") > MOST_TAGS:
+        allowed = f"{LARGEST_FILE:,} bytes, {MOST_TAGS:,} tags"
+        raise SpecError([Problem("the file is too large", location=Location(file, 1, 1), allowed=allowed)])
+    text = _text(content, file)
+    parser = etree.XMLParser(
+        encoding="utf-8",  # whatever the file says of itself
+        resolve_entities=False,
+        load_dtd=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        root = etree.fromstring(text.encode(), parser)
+    except etree.XMLSyntaxError as error:
+        place = Location(file, error.lineno or 1, max(1, error.offset or 1))
+        raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
+    return _tree(root, file)
+
+
+def _text(content: bytes, file: str) -> str:
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        column = error.start - content.rfind(b"\n", 0, error.start)
+        problem = Problem("not UTF-8", location=Location(file, line, column), hint="save the file as UTF-8")
+        raise SpecError([problem]) from None
+    for word in ("<!DOCTYPE", "<!ENTITY"):
+        if word in text:
+            line = text.count("\n", 0, text.index(word)) + 1
+            hint = "remove it; simspec reads no document types and no entities"
+            raise SpecError([Problem(f"{word} is not read", location=Location(file, line, 1), hint=hint)])
+    return text
+
+
+def _tree(root: Any, file: str) -> Element:
+    """The elements of lxml as our own, without recursion."""
+    top = _element(root, file, None)
+    waiting = [(root, top, 1)]
+    while waiting:
+        node, element, depth = waiting.pop()
+        if depth > DEEPEST:
+            raise element.error(f"more than {DEEPEST} elements within each other")
+        for below in node:
+            child = _element(below, file, element)
+            element._children.append(child)
+            waiting.append((below, child, depth + 1))
+    return top.take()
+
+
+def _element(node: Any, file: str, parent: Element | None) -> Element:
+    location = Location(file, node.sourceline or 1, 1)
+    return Element(str(node.tag), dict(node.attrib), location, (node.text or "").strip(), parent)

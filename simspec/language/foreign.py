@@ -1,0 +1,203 @@
+"""Robot files of other languages: what an importer is, what it gives, and how its result becomes a document of this language.
+
+Importers are offered by entry points (:data:`GROUP`); none is imported here. An importer accounts for everything in a
+file: each element and attribute is carried, carried without effect, or lost.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.language.document import Document, Key, Mark, Path_
+from simspec.plugins import Offered, offered
+from simspec.reading import NotReadableError, open_regular
+
+GROUP = "simspec.importers"
+"""The entry points of importers, by the name of their language."""
+
+
+class Fate(StrEnum):
+    """What became of an element or attribute of a foreign file."""
+
+    CARRIED = "carried"
+    """The spec says the same."""
+    UNUSED = "carried but unused"
+    """The spec says the same, and no engine acts on it (a rating, a colour)."""
+    LOST = "lost"
+    """The spec does not say it."""
+
+
+class Severity(StrEnum):
+    """What a loss changes."""
+
+    PHYSICS = "physics"
+    APPEARANCE = "appearance"
+    INFORMATION = "information"
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """What became of one element or attribute: ``what`` is its path in the file (``joint[elbow]/mimic/@multiplier``),
+    ``reason`` and ``hint`` (the way out) say why it is not carried."""
+
+    location: Location
+    what: str
+    fate: Fate
+    severity: Severity = Severity.PHYSICS
+    reason: str = ""
+    hint: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """A defect of the source that a rule repaired, because it was asked to."""
+
+    rule: str
+    location: Location
+    what: str
+    """What is repaired, and to what, in one sentence."""
+    path: str = ""
+    """The dotted path in the spec where the repair is seen; its comment is written there."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What a user says to an importer; ``project`` is the folder that no file may be outside of (None: any), beside the folders
+    of ``packages``."""
+
+    packages: Mapping[str, str] = field(default_factory=dict)
+    """Folders of packages by name, relative to the file that says so, or absolute."""
+    package_path: tuple[str, ...] = ()
+    """Folders in which packages are looked for, each by the name of its folder."""
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    """Arguments of a file that is a program (xacro)."""
+    repair: tuple[str, ...] = ()
+    """Rules of repair that may be applied."""
+    project: Path | None = None
+    base: Path = Path()
+    """The folder that relative ``packages`` start from."""
+
+    def key(self) -> str:
+        """The same text for the same options."""
+        return json.dumps(asdict(self), sort_keys=True, default=str)
+
+
+@dataclass
+class Imported:
+    """What an importer made of a file."""
+
+    data: dict[str, Any]
+    """A spec as plain data in SI units: a model file where the source has one tree, else a scenario."""
+    places: dict[Path_, Location]
+    """Where values of ``data`` come from, by their path; what has no place has that of the nearest path around it."""
+    accounts: list[Account]
+    """Every element and attribute of the source, in the order of the file."""
+    repairs: list[Repair] = field(default_factory=list)
+    files: dict[str, Path] = field(default_factory=dict)
+    """Files that ``data`` names (meshes), by the text that names them: found and allowed."""
+    read: dict[Path, str] = field(default_factory=dict)
+    """SHA-256 of every file that was read, by its path."""
+    comments: dict[str, str] = field(default_factory=dict)
+    """A sentence to be written above a value, by its dotted path."""
+
+    def losses(self) -> list[Account]:
+        """What is not carried."""
+        return [account for account in self.accounts if account.fate is Fate.LOST]
+
+    def document(self, file: str) -> Document:
+        """The same as a document, whose places are those of the source."""
+        marks = {path: Mark(place.line, place.column, file=place.file) for path, place in self.places.items()}
+        return Document(file, self.data, _mark(self.data, (), marks, Mark(1, 1)))
+
+
+def _mark(value: Any, path: Path_, marks: Mapping[Path_, Mark], around: Mark) -> Mark:
+    """The mark of a value and of all that is in it; ``around``: that of what it is in, for what has none of its own."""
+    own = marks.get(path, around)
+    mark = Mark(own.line, own.column, file=own.file)
+    items: dict[Key, Any] = {}
+    if isinstance(value, dict):
+        items = value
+    elif isinstance(value, list):
+        items = dict(enumerate(value))
+    else:
+        return mark
+    mark.items = {key: _mark(item, (*path, key), marks, mark) for key, item in items.items()}
+    if isinstance(value, dict):
+        mark.keys = {str(key): (below.line, below.column) for key, below in mark.items.items()}
+    return mark
+
+
+@runtime_checkable
+class Importer(Protocol):
+    """Reads files of one language. Importers have no state."""
+
+    NAME: str
+    """The language, as messages call it."""
+    SUFFIXES: tuple[str, ...]
+    """Ends of names of its files, in small letters, with the dot."""
+
+    def recognises(self, content: bytes) -> bool:
+        """Whether a file that begins so is of this language; for those that share a suffix."""
+
+    def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        """A file as a spec. ``shown``: what messages call it. Raises SpecError with every problem and its place: defects of the
+        source that no rule of ``options.repair`` repairs are problems."""
+
+
+def _check(name: str, loaded: Any) -> Importer:
+    importer = loaded()
+    if not isinstance(importer, Importer):
+        raise TypeError(f"{name} is no importer: it needs NAME, SUFFIXES, recognises and read")
+    return importer
+
+
+@functools.cache
+def importers() -> Offered:
+    """All importers that are installed, by name."""
+    return offered(GROUP, _check)
+
+
+@functools.cache
+def suffixes() -> tuple[str, ...]:
+    """Ends of names of all files that can be imported."""
+    return tuple(sorted({suffix for importer in importers().good.values() for suffix in importer.SUFFIXES}))
+
+
+def is_foreign(name: str) -> bool:
+    """Whether a file of this name is of another language than simspec's."""
+    return name.lower().endswith(suffixes())
+
+
+def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
+    """A foreign file as a spec, by the importer that its name and beginning ask for. Raises SpecError with every problem."""
+    fitting = [one for one in importers().good.values() if path.name.lower().endswith(one.SUFFIXES)]
+    if len(fitting) > 1:
+        beginning = _beginning(path)
+        fitting = [one for one in fitting if one.recognises(beginning)]
+    if len(fitting) != 1:
+        known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().good.values())
+        raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
+    imported: Imported = fitting[0].read(path, shown, options)
+    return imported
+
+
+_HEAD = 65_536
+"""Bytes by which a language is told."""
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        with os.fdopen(open_regular(path, 2**40, links=True), "rb") as stream:
+            return stream.read(_HEAD)
+    except NotReadableError as error:
+        raise SpecError([Problem(f"{path}: cannot be read: {error}")]) from None
+    except OSError as error:
+        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror}")]) from None
