@@ -213,6 +213,7 @@ def pages_command(
         bool, typer.Option("--older", help="Make the pages say which figures are older than the code.")
     ] = False,
     python: Pythons = None,
+    allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
     """Fill the marked places of pages from published studies: those in the folder `studies` beside a page.
@@ -226,4 +227,4 @@ def pages_command(
     """
     from simspec.commands.pages import pages as fill_pages
 
-    return fill_pages(pages, check=check, older=older, python=python, as_json=as_json)
+    return fill_pages(pages, check=check, older=older, python=python, allow_outside=allow_outside, as_json=as_json)

@@ -134,8 +134,9 @@ def _same_engine(first: Configuration, second: Configuration) -> Iterator[Candid
 
 
 def _stated_otherwise(configuration: Configuration, other: Configuration, side: int) -> Iterator[Candidate]:
-    """Settings that a side's world states of its engine, and that the other side's world, of another engine, has otherwise:
-    both are of one scene, in which somebody changed them. A world that states nothing about the engine says nothing."""
+    """Settings, also of pairs of materials, that a side's world states of its engine, and that the other side's world, of
+    another engine, has otherwise: both are of one scene, in which somebody changed them. A world that states nothing about the
+    engine says nothing."""
     name, at_work = configuration.kind.NAME, configuration.settings
     if not any(options.engine == name for options in other.world.engines):
         return
@@ -155,6 +156,21 @@ def _stated_otherwise(configuration: Configuration, other: Configuration, side: 
             (f"{name}.{setting}",),
             _setting(side, {setting: theirs[setting]}),
         )
+    own, their_own = (pair_settings(configuration.kind, world) for world in (configuration.world, other.world))
+    for pair in sorted({*own, *their_own}):
+        here, there = own.get(pair, {}), their_own.get(pair, {})
+        for setting in sorted({*here, *there}):
+            values = written(here.get(setting, given[setting])), written(there.get(setting, theirs[setting]))
+            if values[0] == values[1]:
+                continue
+            yield Candidate(
+                _of_pair(configuration.kind.TITLE, setting, pair),
+                Kind.DIFFERENCE,
+                configuration.kind.SETTINGS[setting].group.value,
+                values if side == 0 else values[::-1],
+                (f"{name}.{pair[0]}+{pair[1]}.{setting}",),
+                _pair_setting(side, pair, setting, there.get(setting, theirs[setting])),
+            )
 
 
 def _same_pairs(first: Configuration, second: Configuration) -> Iterator[Candidate]:

@@ -141,6 +141,9 @@ def _from_first(
             restart = {name: judge.means(gap) for name, gap in zip(SIDES, again, strict=True)}
         except EngineError as error:
             notes.append(f"not known whether the engines repeat their own runs from their states: {error}")
+    if asked.not_finite:
+        notes.append(f"{asked.not_finite} windows are not looked at: a state at their end is not finite")
+    windows = asked.windows
     probed, further = Joint((), caused.gap, {}), list[Swap]()
     if not same and judge.open(caused.gap):
         second_judge = Judge(asked, left, Gap(rest.windows), floor, progress)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from simspec.attribution.candidates import Pair
 from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation, windows_operation
 from simspec.attribution.contact import FirstContact, contact_questions, first_contact
-from simspec.attribution.windows import Windows, ends, gaps, ordered_poses, question
+from simspec.attribution.windows import Windows, ends, gaps, ordered_poses, poses_at_ends, question
 from simspec.comparison.floor import FLOOR_FACTOR, PERTURBATION
 from simspec.engines.kit.process import Answer, side_by_side
 from simspec.errors import EngineError
@@ -53,6 +53,8 @@ class Gaps:
         self._runs: dict[tuple[object, ...], Floats] = {}
         self.quiet: NDArray[np.bool_] = np.ones(len(windows.numbers), dtype=bool)
         """The windows (k,) whose own noise does not hide the gap of the two sides."""
+        self.not_finite = 0
+        """Windows that are not looked at, since a state at their end is not finite."""
 
     def begin(self, pair: Pair, run: Answer) -> tuple[Gap, Gap, FirstContact | None]:
         """Of the two sides as they are: the gap, the first side's noise, and the first contact of ``run``, the first side's.
@@ -70,12 +72,26 @@ class Gaps:
                 pool.submit(self._asking.ask, side, *operations) for side, operations in zip(pair, asked, strict=True)
             ]
             ours, theirs = (job.result() for job in jobs)
-        for side, answers in zip(pair, (ours, theirs), strict=True):
-            self._ends[side.key] = ends(side, windows, answers[0])
-        gap = Gap(gaps(windows.world, *(self._ends[side.key] for side in pair)))
-        noise = Gap(gaps(windows.world, self._ends[pair[0].key], ends(pair[0], windows, ours[-1])))
+        poses = [poses_at_ends(side, windows, answers[0]) for side, answers in zip(pair, (ours, theirs), strict=True)]
+        moved = poses_at_ends(pair[0], windows, ours[-1])
+        here, there, moved = self._finite(pair, [*poses, moved])
+        self._ends = {pair[0].key: here, pair[1].key: there}
+        gap = Gap(gaps(windows.world, here, there))
+        noise = Gap(gaps(windows.world, here, moved))
         self.quiet = noise.of_windows <= np.maximum(NEGLIGIBLE, gap.of_windows / FLOOR_FACTOR)
         return gap, noise, first_contact(pair, [ours[1], theirs[1]]) if contact else None
+
+    def _finite(self, pair: Pair, poses: list[Floats]) -> list[Floats]:
+        """The poses (k, bodies, 7) of the first side, of the second, and of the first moved, without the windows at whose end
+        one of them is not finite; these are not looked at. Raises EngineError where none is left."""
+        finite = [np.isfinite(pose).all(axis=(1, 2)) for pose in poses]
+        kept = np.logical_and.reduce(finite)
+        if not kept.any():
+            side = pair[0] if not finite[0].any() else pair[1]
+            raise EngineError(side.engine, "the state is not finite at the end of any window")
+        self.not_finite = int((~kept).sum())
+        self.windows = self.windows.only(kept)
+        return [pose[kept] for pose in poses]
 
     def restarted(self, pair: Pair, run: Answer) -> tuple[Gap, Gap]:
         """How far each side is from its own run where it begins windows in that run's states: nothing, where the state is all

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -69,6 +69,13 @@ class Windows:
         if steps.denominator != 1:
             raise SpecError([Problem(f"a window of {float(self.length):g} s is not a whole number of its steps")])
         return steps.numerator
+
+    def only(self, kept: NDArray[np.bool_]) -> Windows:
+        """Those of the windows (k,) that are kept; the others stand for nothing."""
+        before = self.before[0][kept], self.before[1][kept]
+        return replace(
+            self, numbers=self.numbers[kept], q=self.q[kept], v=self.v[kept], kinds=self.kinds[kept], before=before
+        )
 
     def counted(self, quiet: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The windows (k,) that count: the ``quiet`` ones (k,); where a class has none of these, all of its windows."""
@@ -224,10 +231,15 @@ def question(configuration: Configuration, windows: Windows, states: tuple[Float
 def ends(configuration: Configuration, windows: Windows, answer: Answer) -> Floats:
     """Poses (k, bodies, 7) at the ends of the windows, in the order of the windows' world. Raises EngineError where one is not
     finite."""
-    pose: Floats = answer.arrays["pose"]
+    pose = poses_at_ends(configuration, windows, answer)
     if not np.isfinite(pose).all():
         raise EngineError(configuration.engine, "the state is not finite at the end of a window")
-    return ordered_poses(configuration.world, windows.world, pose)
+    return pose
+
+
+def poses_at_ends(configuration: Configuration, windows: Windows, answer: Answer) -> Floats:
+    """The same, finite or not."""
+    return ordered_poses(configuration.world, windows.world, answer.arrays["pose"])
 
 
 def gaps(world: World, first: Floats, second: Floats) -> Floats:

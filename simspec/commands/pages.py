@@ -23,7 +23,15 @@ STUDIES = "studies"
 """The folder beside a page in which published studies are."""
 
 
-def pages(files: Sequence[Path], *, check: bool, older: bool, python: list[str] | None, as_json: bool) -> int:
+def pages(
+    files: Sequence[Path],
+    *,
+    check: bool,
+    older: bool,
+    python: list[str] | None,
+    allow_outside: bool = False,
+    as_json: bool,
+) -> int:
     """Fill the pages, or see whether they are current, and whether their figures are of the models of today."""
     texts = {path: _text(path) for path in files}
     found = {path: marks(text, str(path)) for path, text in texts.items()}
@@ -31,7 +39,7 @@ def pages(files: Sequence[Path], *, check: bool, older: bool, python: list[str] 
     absent = _absent(found, older)
     kept = {folder: None if folder in absent else _published(folder) for folder in sorted(folders)}
     pythons = interpreters(python, None)
-    why = {folder: {} if folder in absent else _older(folder, pythons) for folder in kept}
+    why = {folder: {} if folder in absent else _older(folder, pythons, allow_outside) for folder in kept}
     problems: list[str] = []
     written: list[Path] = []
     for path, text in texts.items():
@@ -103,9 +111,9 @@ def _published(folder: Path) -> StudyTables:
     return tables
 
 
-def _older(folder: Path, pythons: dict[str, str]) -> dict[str, str]:
+def _older(folder: Path, pythons: dict[str, str], allow_outside: bool) -> dict[str, str]:
     """By sweep, why the figures of a published study are older than the code."""
     kept = read_models(folder)
-    source = load_study_file(find_study(kept.source))
+    source = load_study_file(find_study(kept.source), allow_outside=allow_outside)
     now = {one.name: sweep_models(source, one, plan_of(one, pythons)) for one in source.sweeps(kept.small)}
     return older_sweeps(kept, now)

@@ -226,6 +226,12 @@ CASES = {
     "impratio-of-another": Planted(
         ("pybullet", "mujoco"), ("engines.mujoco.settings.impratio=1",), "MuJoCo's impratio", ("contact",)
     ),
+    "pair-of-another": Planted(
+        ("dart", "mujoco"),
+        ("engines.mujoco.pairs=[{between: [ground, wood], settings: {friction_share: 0.05}}]",),
+        "MuJoCo's friction_share between ground and wood",
+        ("contact",),
+    ),
     "two-of-another": Planted(
         ("mujoco", "pybullet"),
         ("bodies.arm.joint.damping=0.2", "engines.pybullet.settings.contact_erp=0.2"),

@@ -8,6 +8,7 @@ import pytest
 
 import simspec
 from simspec.attribution import explanation as explaining
+from simspec.attribution import measure as measuring
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.judge import SMALLEST_SHARE, acting
 from simspec.attribution.verdict import verdict
@@ -16,7 +17,14 @@ from tests.attribution.planted import CASES, FALL, STANDING, world
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 QUICK = ("gravity", "restitution", "timestep", "erp", "impratio", "gain", "initial-state", "drake-dissipation")
-OF_ANOTHER = ("drake-stiction-of-another", "mass-in-drake", "gain-of-another", "impratio-of-another", "two-of-another")
+OF_ANOTHER = (
+    "drake-stiction-of-another",
+    "mass-in-drake",
+    "gain-of-another",
+    "pair-of-another",
+    "impratio-of-another",
+    "two-of-another",
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +58,25 @@ def test_the_culprit_is_named_first_although_the_engines_differ_too(name, asking
     assert len(acting(explanation.causes)) == len(case.sets)
     for kind, (low, high) in first.interval.items():
         assert low <= 1.0 - first.gap[kind] / explanation.gap[kind] <= high
+
+
+def test_windows_that_do_not_end_finite_are_left_out_and_counted(asking, monkeypatch):
+    monkeypatch.setattr(explaining, "probes", lambda pair: [])
+    held = measuring.poses_at_ends
+    lost = []
+
+    def some_not_finite(configuration, windows, answer):
+        poses = held(configuration, windows, answer).copy()
+        if configuration.engine == "pybullet" and not lost:
+            lost.append(len(poses) - 3)
+            poses[:3] = float("nan")
+        return poses
+
+    monkeypatch.setattr(measuring, "poses_at_ends", some_not_finite)
+    explanation = CASES["gravity-of-another"].explain(windows=40, asking=asking)
+    assert explanation.looked_at == lost[0]
+    assert "3 windows are not looked at: a state at their end is not finite" in explanation.notes
+    assert acting(explanation.causes)[0].name == "gravity"
 
 
 def test_what_acts_and_closes_nothing_is_said_to(asking, monkeypatch):

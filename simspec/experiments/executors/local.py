@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,10 @@ DoRun = Callable[[Case, Path, Task], Run]
 """How one run is done. Raises EngineError where the engine gave no result."""
 
 
+Stored = Future[Any]
+"""Storing a result, under way; the future's own result is None."""
+STORED_BEHIND = 1
+"""Results that wait to be stored while further runs are at work: each may hold a long recording."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 """Errors of a full disk, by their words: an engine's process writes what it records into the temporary folder."""
 
@@ -51,6 +55,7 @@ class LocalExecutor:
         self._supplies, self._jobs, self._pythons = supplies, jobs, dict(pythons or {})
         self._warm = warm
         self._do_run = do_run or self._in_a_process
+        self._alone = jobs == 1 and do_run is not None  # it may be timed
         self._ending = threading.Event()
 
     def demand(self, engines: Collection[str]) -> None:
@@ -58,13 +63,14 @@ class LocalExecutor:
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
         """As of :class:`simspec.experiments.executors.contract.Executor`."""
-        with side_by_side(self._jobs) as pool:
+        # alone: the next task is made, and perhaps compiled and proven, when nothing runs; else meanwhile
+        most = 0 if self._alone else self._jobs + STORED_BEHIND
+        with side_by_side(1) as storing, side_by_side(self._jobs) as pool:
             try:
-                pending: set[Future[None]] = set()
+                pending: set[Future[Stored | None]] = set()
                 for task in tasks:
-                    pending.add(pool.submit(self._one, task, publish))
-                    # alone: the next task is made, and perhaps compiled and proven, when nothing runs
-                    while len(pending) > (self._jobs if self._jobs > 1 else 0):
+                    pending.add(pool.submit(self._one, task, storing, publish))
+                    while len(pending) > most:
                         pending = _collect(pending)
                 while pending:
                     pending = _collect(pending)
@@ -77,7 +83,8 @@ class LocalExecutor:
         if self._warm is not None:
             self._warm.close()
 
-    def _one(self, task: Task, publish: Publish) -> None:
+    def _one(self, task: Task, storing: Executor, publish: Publish) -> Stored:
+        """Do a run, and let its result be stored while the next one is at work."""
         try:
             run = self._do_run(self._supplies.case(task), self._supplies.folder(task), task)
         except EngineError as error:
@@ -85,7 +92,7 @@ class LocalExecutor:
                 raise _EndingError from error
             _demand_room(error)
             run = failed_run(self._supplies.case(task).resolved, task.engine, error, self._pythons.get(task.engine))
-        publish(task, packed(task, run))
+        return storing.submit(_store, publish, task, packed(task, run))
 
     def _in_a_process(self, case: Case, folder: Path, task: Task) -> Run:
         return run_case(
@@ -110,9 +117,15 @@ def packed(task: Task, run: Run, more: Mapping[str, Any] | None = None) -> TaskR
     return result_of(run, task.key, repeat=task.repeat, cell=task.cell, more=more)
 
 
-def _collect(pending: set[Future[None]]) -> set[Future[None]]:
-    """Wait for one; what is still pending. Raises what one raised."""
+def _store(publish: Publish, task: Task, result: TaskResult) -> None:
+    publish(task, result)
+
+
+def _collect(pending: set[Future[Stored | None]]) -> set[Future[Stored | None]]:
+    """Wait for one; what is still pending, the storing of what was run included. Raises what one raised."""
     done, left = wait(pending, return_when=FIRST_COMPLETED)
     for one in done:
-        one.result()
+        stored = one.result()
+        if stored is not None:
+            left.add(stored)
     return left
