@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, UnitQuaternion, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import SHAPE_KINDS
+from simspec.language.vocabulary import PRIMITIVE_SHAPES
 from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
@@ -105,7 +105,7 @@ class Plane(Strict):
 class Shape(Strict):
     """One collision and/or visual shape of a body."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
+    ONE_OF: ClassVar[tuple[str, ...]] = PRIMITIVE_SHAPES
 
     name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_<index>`, with a number appended if that name is taken"

@@ -12,7 +12,9 @@ TREE_JOINTS = (*SCALAR_JOINTS, "ball")
 """Kinds of joints that move a body against its parent."""
 QUATERNION_JOINTS = ("ball", "free")
 """Kinds of joints whose position ends with a quaternion w x y z."""
-SHAPE_KINDS = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
+PRIMITIVE_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
+"""Kinds of shapes that a few lengths define."""
+SHAPE_KINDS = (*PRIMITIVE_SHAPES, "mesh")
 """Each has a row in ``world/shapes.py``."""
 
 FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")

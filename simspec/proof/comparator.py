@@ -250,7 +250,7 @@ class _Comparison:
             self.note("geometry", "shape type", None, where, f"{len(extra)} more than the world has ({extra[0].kind})")
 
     def shape(self, shape: Shape, other: Shape, at: str) -> None:
-        largest = max(shape.size, default=1.0)
+        largest = max(map(abs, shape.size), default=1.0)
         self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
         away, turned = pose_difference(shape, other)
         reach = max(1.0, math.sqrt(sum(x * x for x in shape.pose.position)))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from simspec.language.vocabulary import SHAPE_KINDS
+from simspec.language.vocabulary import PRIMITIVE_SHAPES, SHAPE_KINDS
 from simspec.support.features import Feature
 from simspec.support.versions import earlier, later, out_of_bounds, release
 from simspec.world.types import World
@@ -194,9 +194,9 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     refused by name where nobody has written it."""
 
     known = frozenset(known)
-    return {
-        Feature(f"shape.{kind}"): EXACT if kind in known else never(f"{owner} has no {kind}") for kind in SHAPE_KINDS
-    }
+    lacking = {kind: never(f"{owner} has no {kind}") for kind in PRIMITIVE_SHAPES}
+    lacking["mesh"] = never(f"simspec gives {owner} no meshes")
+    return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
 
 
 NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(

@@ -35,6 +35,7 @@ class Feature(StrEnum):
     SHAPE_CAPSULE = "shape.capsule"
     SHAPE_ELLIPSOID = "shape.ellipsoid"
     SHAPE_PLANE = "shape.plane"
+    SHAPE_MESH = "shape.mesh"
     SHAPE_VISUAL = "shape.visual"
     SHAPES_PER_BODY = "shape.several"
     MATERIALS_PER_BODY = "material.several"
@@ -92,6 +93,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.SHAPE_CAPSULE: "capsule",
     Feature.SHAPE_ELLIPSOID: "ellipsoid",
     Feature.SHAPE_PLANE: "infinite plane",
+    Feature.SHAPE_MESH: "convex hull of a mesh",
     Feature.SHAPE_VISUAL: "visual shapes apart from collision shapes",
     Feature.SHAPES_PER_BODY: "several collision shapes on one body",
     Feature.MATERIALS_PER_BODY: "shapes of different materials on one body",

@@ -16,6 +16,8 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from simspec.world import hull
+
 Array = npt.NDArray[np.float64]
 Size = Sequence[float]
 Moments = tuple[float, float, float]
@@ -33,7 +35,7 @@ class Round(StrEnum):
 class ShapeKind:
     """What all shapes of one kind have.
 
-    sizes         what the numbers of a size are
+    sizes         what the numbers of a size are; () where there are none, and where they are ``points``
     volume        (size) -> m³; 0 for a plane
     moments       (size, mass) -> principal moments (kg m²) about the centre and the shape's own x, y, z axes
     inner_radius  (size) -> radius (m) of the largest sphere about the centre inside it
@@ -42,6 +44,7 @@ class ShapeKind:
     round         the turns that change nothing
     upside_down   whether turning it upside down (z to −z) changes nothing
     endless       whether it has no end: an infinite plane, solid below
+    points        whether a size is the vertices of a convex hull, x y z of one after the other
     """
 
     sizes: tuple[str, ...]
@@ -53,6 +56,15 @@ class ShapeKind:
     round: Round = Round.NONE
     upside_down: bool = True
     endless: bool = False
+    points: bool = False
+
+    def wrong_size(self, size: Size) -> str | None:
+        """What is wrong with the count of a size's numbers; None where it is right."""
+        if not self.points:
+            count = len(self.sizes)
+            return None if len(size) == count else f"has {len(size)} entries, should have {count}"
+        whole = len(size) % 3 == 0 and len(size) >= 3 * hull.FEWEST
+        return None if whole else f"has {len(size)} entries, should have x y z of at least {hull.FEWEST} vertices"
 
 
 # --- moments --------------------------------------------------------------------------------------------------
@@ -90,6 +102,12 @@ def _ellipsoid_moments(size: Size, mass: float) -> Moments:
     return (mass * (yy + zz) / 5.0, mass * (xx + zz) / 5.0, mass * (xx + yy) / 5.0)
 
 
+def _mesh_moments(size: Size, mass: float) -> Moments:
+    solid = hull.hull_of(size).solid
+    xx, yy, zz = (mass * moment / solid.volume for moment in solid.moments)
+    return (xx, yy, zz)
+
+
 def _no_moments(size: Size, mass: float) -> Moments:
     raise ValueError("a plane has no moments")
 
@@ -118,6 +136,11 @@ def _capsule_support(size: Size, local: Array) -> Array:
 
 def _ellipsoid_support(size: Size, local: Array) -> Array:
     reach: Array = np.linalg.norm(local * np.array(size), axis=1)
+    return reach
+
+
+def _mesh_support(size: Size, local: Array) -> Array:
+    reach: Array = (local @ hull.vertices_of(size).T).max(axis=1)
     return reach
 
 
@@ -182,6 +205,17 @@ SHAPES: Mapping[str, ShapeKind] = {
         upside_down=False,
         endless=True,
     ),
+    "mesh": ShapeKind(
+        (),
+        volume=lambda size: hull.hull_of(size).solid.volume,
+        moments=_mesh_moments,
+        inner_radius=lambda size: float(hull.hull_of(size).offsets.min()),
+        outer_radius=lambda size: math.sqrt(float((hull.vertices_of(size) ** 2).sum(axis=1).max())),
+        support=_mesh_support,
+        upside_down=False,
+        points=True,
+    ),
 }
 """By the words of ``SHAPE_KINDS``. Of a box the sizes are full edge lengths, of an ellipsoid semi-axes; cylinder and capsule
-stand along z, and a capsule's length is that of its cylindrical part; a plane is the x-y plane of its frame, solid below."""
+stand along z, and a capsule's length is that of its cylindrical part; a plane is the x-y plane of its frame, solid below. A
+mesh is a convex hull, whose centre of mass is its frame's origin and whose principal axes are its frame's."""

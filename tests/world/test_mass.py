@@ -22,7 +22,10 @@ def test_round_figures_stay_round():
 @st.composite
 def parts(draw):
     kind = draw(st.sampled_from(sorted(kind for kind, row in SHAPES.items() if not row.endless)))
-    size = tuple(draw(st.floats(0.05, 1.0)) for _ in SHAPES[kind].sizes)
+    names = SHAPES[kind].sizes or tuple("xyz")
+    size = tuple(draw(st.floats(0.05, 1.0)) for _ in names)
+    if SHAPES[kind].points:  # an octahedron of these semi-axes
+        size = tuple(sign * half for axis in np.diag(size) for sign in (1.0, -1.0) for half in axis)
     raw = draw(st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 4))
     assume(sum(x * x for x in raw) > 1e-2)
     place = Pose(draw(st.tuples(*[st.floats(-2, 2, allow_subnormal=False)] * 3)), frames.normalise(raw))

@@ -13,11 +13,11 @@ from simspec.dialects.kit.instances import check_by_body, check_coordinates, che
 from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
-from simspec.language.vocabulary import HARDNESS_KINDS
+from simspec.language.vocabulary import HARDNESS_KINDS, PRIMITIVE_SHAPES
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Hardness, PairContact, Pose, Vector3
 
-BESIDE: Final = tuple(kind for kind in SHAPES if kind not in ("sphere", "box", "cylinder"))
+BESIDE: Final = tuple(kind for kind in PRIMITIVE_SHAPES if kind not in ("sphere", "box", "cylinder"))
 """The kinds of shapes that URDF lacks, which stand in the sidecar."""
 
 
@@ -155,8 +155,9 @@ class UrdfSidecar(Sidecar):
             check_known((entry.kind,), BESIDE, at)
             if own.get(entry.shape) != entry.body:
                 raise ValueError(f"{at}: body {entry.body!r} has no shape {entry.shape!r}")
-            if len(entry.size) != len(SHAPES[entry.kind].sizes):
-                raise ValueError(f"{at}.size has {len(entry.size)} numbers")
+            wrong = SHAPES[entry.kind].wrong_size(entry.size)
+            if wrong is not None:
+                raise ValueError(f"{at}.size {wrong}")
 
 
 def _check_instance(instance: Instance, kinds: Mapping[str, str], at: str) -> None:

@@ -153,9 +153,9 @@ def _check_servo(servo: Servo | None, at: str) -> None:
 
 def _check_shape(shape: Shape, at: str) -> None:
     check_known((shape.kind,), SHAPES, f"{at}.kind")
-    count = len(SHAPES[shape.kind].sizes)
-    if len(shape.size) != count:
-        raise ValueError(f"{at}.size has {len(shape.size)} entries, should have {count}")
+    wrong = SHAPES[shape.kind].wrong_size(shape.size)
+    if wrong is not None:
+        raise ValueError(f"{at}.size {wrong}")
     _check_unit(shape.pose.quaternion, f"{at}.pose.quaternion")
     if shape.colour is None and not shape.copies:
         raise ValueError(f"{at} is neither visual nor collision")

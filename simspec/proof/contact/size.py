@@ -14,7 +14,8 @@ import numpy as np
 
 from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
-from simspec.world import frames
+from simspec.world import frames, shapes
+from simspec.world.hull import hull_of
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.tuples import ordered, vector3
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
@@ -123,6 +124,19 @@ def _plane(size: Sequence[float]) -> Iterator[SurfacePoint]:
     yield SurfacePoint("1 m off", (0.8, -0.6, 0.0), (0.0, 0.0, 1.0))
 
 
+def _mesh(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    solid = hull_of(size)
+    corners = solid.vertices[solid.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    towards = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)]
+    chosen: dict[int, str] = {}
+    for direction in _directions(towards):  # of the faces that look this way, a large one
+        score = (solid.normals @ np.array(direction)) * np.sqrt(area)
+        chosen.setdefault(int(score.argmax()), _along(direction).replace("end ", "face towards "))
+    for face, where in chosen.items():
+        yield SurfacePoint(where, vector3(corners[face].mean(axis=0).tolist()), vector3(solid.normals[face].tolist()))
+
+
 _POINTS = {
     "sphere": _sphere,
     "box": _box,
@@ -130,6 +144,7 @@ _POINTS = {
     "capsule": _capsule,
     "ellipsoid": _ellipsoid,
     "plane": _plane,
+    "mesh": _mesh,
 }
 
 
@@ -180,7 +195,8 @@ def size_trial(world: World) -> SizeTrial | None:
     at = 0.0
     chosen = list(distinct.values())[:MOST_SHAPES]
     for index, (shape, role, partner) in enumerate(chosen):
-        reach = sum(shape.size) + 1.0
+        kind = shapes.SHAPES[shape.kind]
+        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + 1.0
         at += reach
         # a plane is solid below itself, without end: it lies under all other shapes
         place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
@@ -189,8 +205,7 @@ def size_trial(world: World) -> SizeTrial | None:
         made = _carrier(name, shape, role, place)
         excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
-        text = " × ".join(f"{value:g}" for value in shape.size)
-        subject = f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}, {role}"
+        subject = f"{_told(shape)}, {role}"
         probed.append((subject, name, ball, surface_points(shape), place))
     contact = Contact(
         world.contact.friction_cone,
@@ -220,6 +235,15 @@ def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial
             tests.append((number, gap))
     shapes = tuple((subject, index_of[name], index_of[ball], points) for subject, name, ball, points, _ in probed)
     return SizeTrial(world, np.array(states), tuple(tests), shapes, left_out)
+
+
+def _told(shape: Shape) -> str:
+    """A shape's kind and size in a few words."""
+    if shapes.SHAPES[shape.kind].points:
+        radius = shapes.SHAPES[shape.kind].outer_radius(shape.size)
+        return f"{shape.kind} of {len(shape.size) // 3} vertices within {radius:g} m"
+    text = " × ".join(f"{value:g}" for value in shape.size)
+    return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}"
 
 
 def _carrier(name: str, shape: Shape, role: str, place: Pose) -> list[Body]:

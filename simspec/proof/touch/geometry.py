@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.hull import faces, vertices_of
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose, Shape, World
 
@@ -118,8 +119,18 @@ def _thing(kind: str, size: tuple[float, ...]) -> Any:
         "capsule": coal.Capsule,
         "ellipsoid": coal.Ellipsoid,
         "plane": lambda: coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
+        "mesh": lambda *size: _convex(coal, size),
     }
     return makers[kind](*size)
+
+
+def _convex(coal: Any, size: tuple[float, ...]) -> Any:
+    vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for vertex in vertices_of(size):
+        vertices.append(vertex)
+    for corners in faces(size).tolist():
+        triangles.append(coal.Triangle(*corners))
+    return coal.Convex(vertices, triangles)
 
 
 @functools.cache

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.proof.touch.geometry import Solid, gap, wanted_depth
+from simspec.world.hull import hull_of
 from simspec.world.rotations import matrices
 
 POSES = 3
@@ -139,13 +140,23 @@ def _on_ellipsoid(size: Sequence[float], place: int, pose: int) -> tuple[np.ndar
     return normal * size[thin], normal
 
 
+def _on_hull(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    """The middle of one of the largest faces."""
+    faces = hull_of(size)
+    corners = faces.vertices[faces.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = np.argsort(-area, kind="stable")[(place + 3 * pose) % len(area)]
+    return corners[chosen].mean(axis=0), faces.normals[chosen]
+
+
 _SURFACE: Mapping[str, Callable[[Sequence[float], int, int], tuple[np.ndarray, np.ndarray]]] = {
     "sphere": _on_ball,
     "cylinder": _on_cylinder,
     "capsule": _on_side,
     "ellipsoid": _on_ellipsoid,
+    "mesh": _on_hull,
 }
-"""For each kind without flat faces of its own a point of the surface and its normal, by the place's number and the pose."""
+"""For each kind without a grid of places a point of the surface and its normal, by the place's number and the pose."""
 
 
 def _thin(base: Solid) -> int:

@@ -121,5 +121,8 @@ def _clean(values: Numbers) -> Numbers:
 
 def _reach(world: World, body: int) -> float:
     """How far (m) a body's shapes reach from its origin, roughly: enough for a camera."""
-    reaches = [max(map(abs, shape.pose.position)) + max(shape.size, default=0.0) for shape in world.bodies[body].shapes]
+    reaches = [
+        max(map(abs, shape.pose.position)) + max(map(abs, shape.size), default=0.0)
+        for shape in world.bodies[body].shapes
+    ]
     return min(max(reaches, default=0.0), FARTHEST)

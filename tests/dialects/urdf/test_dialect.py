@@ -179,7 +179,7 @@ def sound():
     [
         (setting("sphere", "beside", 0, "kind"), "'sphere'"),
         (setting("nobody", "beside", 0, "body"), "has no shape"),
-        (setting([1.0], "beside", 0, "size"), "has 1 numbers"),
+        (setting([1.0], "beside", 0, "size"), "has 1 entries, should have 0"),
         (setting(True, "instances", 0, "free"), "does not fit the kinds"),
         (setting([], "groups"), "sidecar.groups"),
         (setting([["floor", "nobody"]], "excluded"), "'nobody'"),
