@@ -24,6 +24,7 @@ from simspec.arguments import (
     Strict,
 )
 from simspec.cli_experiments import add_experiments
+from simspec.cli_imports import add_imports
 from simspec.commands.guard import command
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK
@@ -97,6 +98,9 @@ def check_command(
     from simspec.commands.check import check
 
     return check(specs, engine, sets, allow_outside, strict, as_json)
+
+
+add_imports(app)
 
 
 @app.command("accept")

@@ -46,6 +46,7 @@ ORDER = (
     "arguments",
     "commands",
     "cli_experiments",
+    "cli_imports",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""
@@ -56,7 +57,7 @@ EXCEPTIONS = {
 ENTRANCES = ("__init__.py", "__main__.py")
 """The package's own doors, which may open every part."""
 LONGEST = 500
-HOMES = ("engines", "dialects", "formats")
+HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
 """What an engine is called besides its name; other engines' packages may say it (a collision detector has the same name)."""
@@ -64,6 +65,8 @@ NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",
     ("formats/mjcf", "<mujoco>"): "the same, in a message",
+    ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
+    ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""
 

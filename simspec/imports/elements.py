@@ -101,6 +101,11 @@ class Element:
         values = self.numbers(name, 1)
         return default if values is None else values[0]
 
+    def vector(self, name: str, default: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[float, float, float]:
+        """Three finite numbers of an attribute, taken. Raises SpecError for others."""
+        values = self.numbers(name, 3)
+        return default if values is None else (values[0], values[1], values[2])
+
     def content(self, count: int | None) -> tuple[float, ...]:
         """The numbers of the element's text; the element is taken. Raises SpecError for others."""
         self.take()

@@ -12,6 +12,7 @@ from simspec.language import trees, walk
 from simspec.language.document import Key
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
+from simspec.language.losses import of_physics, problems
 from simspec.language.models import File
 from simspec.language.problems import in_order
 from simspec.language.quantities import Number, Vector
@@ -45,6 +46,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
     Of several at one place the first is given, with their number; at most ``MOST_WARNINGS`` in all.
     """
     suspicious = [
+        *_losses(spec),
         *_angles(spec),
         *_time(spec, world),
         *_sizes(spec, world),
@@ -72,6 +74,17 @@ def _counted(group: list[Problem]) -> Problem:
         return first
     message = f"{first.message} (and {more} more of this kind)"
     return Problem(message, first.path, first.location, first.found, first.allowed, first.hint)
+
+
+# --- files of other languages --------------------------------------------------------------------------------------------
+
+
+def _losses(spec: Spec) -> Warned:
+    """What importers lost of physics, each kind once."""
+    for source in spec.source.all():
+        if source.imported is not None:
+            for problem in problems(of_physics(source.imported)):
+                yield problem.message, problem
 
 
 # --- angles ------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,71 @@
+"""The commands of robot files of other languages, as ``cli.py`` has the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simspec.arguments import AsJson, Outside
+from simspec.commands.guard import command
+
+
+def add_imports(app: typer.Typer) -> None:
+    """Add these commands to the command line."""
+    app.command("import")(command(import_command))
+
+
+def import_command(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A robot file of another language, or a robot of robot_descriptions by name."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default: standard output).")
+    ] = None,
+    repair: Annotated[
+        list[str] | None, typer.Option("--repair", metavar="RULE", help="Repair defects of this kind; repeatable.")
+    ] = None,
+    package: Annotated[
+        list[str] | None, typer.Option("--package", metavar="NAME=DIR", help="Folder of a package; repeatable.")
+    ] = None,
+    package_path: Annotated[
+        list[str] | None,
+        typer.Option("--package-path", metavar="DIR", help="Folder in which packages are looked for; repeatable."),
+    ] = None,
+    arguments_of_file: Annotated[
+        list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
+    ] = None,
+    allow_outside: Outside = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 2, and write nothing, where something lost changes physics.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write a robot file of another language as a spec, and list what it does not carry.
+
+    Every element and attribute is carried, carried without effect, or lost with its reason. Defects of the file are
+    errors; --repair RULE repairs those of a kind, with a comment in the spec (docs/import.md).
+
+    \b
+    simspec import FILE -o robot.yaml
+    simspec import FILE --repair triangle-inequality --strict
+    simspec import FILE --package-path ~/ros/src -o robot.yaml
+    simspec import panda_description -o panda.yaml
+    """
+    from simspec.commands.importing import import_file
+
+    return import_file(
+        file,
+        out,
+        repair=repair or (),
+        package=package or (),
+        package_path=package_path or (),
+        arguments=arguments_of_file or (),
+        allow_outside=allow_outside,
+        strict=strict,
+        as_json=as_json,
+    )

@@ -1,0 +1,290 @@
+"""A robot of URDF as a model file of the language."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from simspec.imports.draft import Draft, names, renamed
+from simspec.imports.elements import Element
+from simspec.imports.files import Files
+from simspec.imports.urdf import joints as joint_rules
+from simspec.imports.urdf import masses as mass_rules
+from simspec.imports.urdf import tree as tree_rules
+from simspec.imports.urdf.joints import Joint, read_joint
+from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
+from simspec.imports.urdf.shapes import Shape, colours, name_shapes, read_shapes
+from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
+from simspec.imports.urdf.tree import Tree, tree_of
+from simspec.language.document import Path_
+from simspec.language.foreign import Imported, ImportOptions
+from simspec.language.models import VERSION
+from simspec.language.moments import impossible, principal_moments
+from simspec.world import frames
+from simspec.world.types import Pose
+
+WORLD: Final = "world"
+"""The link that stands for the world, and the name that no body may have."""
+MASSLESS: Final = "massless"
+RULES: Final[Mapping[str, str]] = {
+    **mass_rules.RULES,
+    MASSLESS: "the joint above links that have no mass becomes fixed",
+    **joint_rules.RULES,
+    **tree_rules.RULES,
+}
+"""Every rule of repair, with what it does."""
+
+
+@dataclass
+class Link:
+    """A link of the file; ``name`` is that of its body."""
+
+    element: Element
+    name: str
+    mass: Mass | None = None
+    shapes: list[Shape] = field(default_factory=list)
+
+    @property
+    def path(self) -> Path_:
+        """The body in the data."""
+        return ("model", "bodies", self.name)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the link has neither mass nor shapes."""
+        return not self.shapes and (self.mass is None or not self.mass.written())
+
+
+class Robot:
+    """The reading of one file."""
+
+    def __init__(self, root: Element, files: Files, options: ImportOptions):
+        self.root = root
+        self.draft = Draft(files, options, tuple(RULES))
+        self.links: dict[str, Link] = {}
+        self.joints: list[Joint] = []
+        self.fixed = False
+        """Whether the root is fixed to the world."""
+
+    def imported(self) -> Imported:
+        """The spec and the accounts. Raises SpecError with every problem."""
+        if self.root.tag != "robot":
+            raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
+        set_aside(self.root)
+        self._read()
+        elements = {name: link.element for name, link in self.links.items()}
+        # where a joint could not be read, its child looks like a root
+        tree = tree_of(self.root, elements, self.joints, self.draft) if self.all_read else None
+        data: dict[str, Any] = {}
+        if tree is not None:
+            self._check_masses(tree)
+            data = self._written(tree)
+        else:
+            for link in self.links.values():
+                if link.mass is not None:
+                    check_mass(link.mass, bool(link.shapes), self.draft, link.path)
+        self.draft.finish()
+        draft = self.draft
+        return Imported(
+            data,
+            draft.places,
+            list(self.root.accounts()),
+            draft.repairs,
+            draft.meshes,
+            draft.files.read,
+            draft.comments,
+        )
+
+    # --- reading ----------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        known = colours(self.root)
+        elements = self.root.children("link")
+        for element, given in zip(elements, _given(elements, WORLD), strict=True):
+            with self.draft.collecting():
+                self._link(element, known, given)
+        name_shapes([shape for link in self.links.values() for shape in link.shapes])
+        seen: dict[str, Joint] = {}
+        elements = self.root.children("joint")
+        for element, given in zip(elements, _given(elements), strict=True):
+            with self.draft.collecting():
+                joint = read_joint(element, given, self.draft)
+                name = element.attributes["name"].strip()
+                if name in seen:
+                    first = seen[name].element.location
+                    self.draft.defect(element, f"two joints are called {name[:80]!r}", found=f"first at {first}")
+                seen.setdefault(name, joint)
+                self.joints.append(joint)
+        self.all_read = len(self.joints) == len(elements)
+        if not self.links and not self.draft.problems:
+            raise self.root.error("a robot without links")
+
+    def _link(self, element: Element, known: Mapping[str, Any], given: str) -> None:
+        name = element.need("name")
+        if name in self.links:
+            first = self.links[name].element.location
+            raise element.error(f"two links are called {name[:80]!r}", found=f"first at {first}")
+        link = self.links[name] = Link(element, given)
+        renamed(element, "name", link.name)
+        with self.draft.collecting():
+            link.mass = read_mass(element)
+        link.shapes = read_shapes(element, known, self.draft)
+
+    # --- masses -----------------------------------------------------------------------------------------------
+
+    def _check_masses(self, tree: Tree) -> None:
+        """Defects and repairs of all links, and of those that are fixed to each other together."""
+        top = tree.groups()
+        members: dict[str, list[str]] = {}
+        for name in tree.order:
+            members.setdefault(top[name], []).append(name)
+        self.fixed = self._root_is_fixed(tree, members[tree.root])
+        for head, group in members.items():
+            still = head == tree.root and self.fixed
+            for name in group:
+                self._check_link(self.links[name], still)
+            if not still:
+                self._check_group(tree, head, group)
+
+    def _root_is_fixed(self, tree: Tree, group: list[str]) -> bool:
+        """Whether the root does not move: it is the world, or nothing in it has a mass, and what moves freely has one."""
+        masses = [self.links[name].mass for name in ([tree.root] if tree.root == WORLD else group)]
+        return not any(mass is not None and mass.mass for mass in masses)
+
+    def _check_link(self, link: Link, still: bool) -> None:
+        mass = link.mass
+        if mass is None:
+            return
+        if not still:
+            check_mass(mass, bool(link.shapes), self.draft, link.path)
+        elif mass.missing or mass.mass < 0.0 or impossible(principal_moments(mass.tensor or (0.0,) * 6)):
+            leave_out(mass)
+            link.mass = None
+
+    def _check_group(self, tree: Tree, head: str, group: list[str]) -> None:
+        """Links that move as one need a mass and moments of inertia, whichever of them has these."""
+        masses = {name: mass for name in group if (mass := self.links[name].mass) is not None}
+        if any(mass.missing or mass.mass < 0.0 or _negative(mass) for mass in masses.values()):
+            return  # reported
+        if not any(mass.mass for mass in masses.values()):
+            self._massless(tree, head, group)
+            return
+        if any(mass.from_shapes for mass in masses.values()):
+            return
+        poses = {head: Pose()}
+        for name in group:
+            if name != head:
+                joint = tree.above[name]
+                poses[name] = frames.compose(poses[joint.parent], joint.origin)
+        moments = principal_moments(total((mass, poses[name]) for name, mass in masses.items())[1])
+        if min(moments) <= 0.0:
+            name, mass = max(masses.items(), key=lambda item: item[1].mass)
+            shown = ", ".join(f"{moment:.6g}" for moment in moments)
+            link = self.links[name]
+            why = f"the principal moments of what moves must be above 0: {shown} kg m²"
+            not_positive(mass, bool(link.shapes), why, self.draft, link.path)
+
+    def _massless(self, tree: Tree, head: str, group: list[str]) -> None:
+        joint = tree.above[head]
+        link = self.links[head]
+        shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
+        if not self.draft.repairing(MASSLESS):
+            self.draft.defect(
+                joint.element, "what this joint moves has no mass", MASSLESS, RULES[MASSLESS], found=shown[:300]
+            )
+            return
+        what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
+        joint.kind, kept = "fixed", joint.data.get("origin")
+        joint.data = {} if kept is None else {"origin": kept}
+        self.draft.repaired(MASSLESS, joint.element, what, (*link.path, "joint"))
+
+    # --- writing ----------------------------------------------------------------------------------------------
+
+    def _written(self, tree: Tree) -> dict[str, Any]:
+        order, root = tree.order, tree.root
+        first = self.links[root]
+        joints = tree.below[root]
+        bodies: dict[str, Any] = {}
+        is_world = first.is_empty and len(joints) == 1 and (root == WORLD or joints[0].kind == "free")
+        if is_world:
+            order = order[1:]
+            child = self.links[joints[0].child]
+            bodies[child.name] = self._world_child(joints[0], child)
+        for name in order:
+            link = self.links[name]
+            body = bodies.setdefault(link.name, {})
+            if name in tree.above and not (is_world and name == order[0]):
+                joint = tree.above[name]
+                if joint.kind == "free":
+                    message = "a floating joint is supported only below a root link without mass and shapes"
+                    self.draft.defect(joint.element, message, hint="leave out the joint: a root with a mass is free")
+                body["parent"] = self.links[joint.parent].name
+                joint_data = joint.written(link.name)
+                self._place_joint(link.path, joint)
+            else:
+                joint_data = body.pop("joint", None)
+                if name == root and self.fixed:
+                    body["fixed"] = True
+                    if name != WORLD:
+                        self.draft.note(
+                            link.path, "fixed to the world: it has no mass, and what moves freely needs one"
+                        )
+            self._fill(link, body, joint_data)
+        given = self.root.word("name") or ""
+        name = names([given])[0] if given else "robot"
+        if given:
+            renamed(self.root, "name", name)
+        self.draft.place((), self.root)
+        return {"simspec": VERSION, "name": name, "model": {"bodies": bodies}}
+
+    def _world_child(self, joint: Joint, child: Link) -> dict[str, Any]:
+        """The words of the body that hangs on the link `world`: there is no such body, since it is the world itself."""
+        self._place_joint(child.path, joint)
+        body: dict[str, Any] = {"fixed": True} if joint.kind == "fixed" else {}
+        if joint.kind in ("fixed", "free"):
+            if "origin" in joint.data:
+                body["pose"] = joint.data["origin"]
+            how = "fixed to the world" if joint.kind == "fixed" else "free"
+            reason = f"the root {child.name} is {how}, without a joint"
+            joint.element.set_aside("name", LOST, reason, INFORMATION)
+        else:
+            body["joint"] = joint.written(child.name)
+        return body
+
+    def _place_joint(self, path: Path_, joint: Joint) -> None:
+        self.draft.place((*path, "joint"), joint.element)
+        self.draft.place((*path, "pose"), joint.element)
+        for tag, word in (("origin", "origin"), ("axis", "axis"), ("limit", "limits"), ("dynamics", "damping")):
+            for part in joint.element.look(tag)[:1]:
+                self.draft.place((*path, "joint", word), part)
+
+    def _fill(self, link: Link, body: dict[str, Any], joint: dict[str, Any] | None) -> None:
+        path = link.path
+        self.draft.place(path, link.element)
+        if link.mass is not None:
+            body.update(link.mass.written())
+            for word, tag in (("mass", "mass"), ("centre_of_mass", "origin"), ("inertia", "inertia")):
+                part = (link.mass.element.look(tag) or [link.mass.element])[0]
+                self.draft.place((*path, word), part)
+        if joint is not None:
+            body["joint"] = joint
+        if link.shapes:
+            body["shapes"] = [shape.written() for shape in link.shapes]
+            for index, shape in enumerate(link.shapes):
+                self.draft.place((*path, "shapes", index), shape.element)
+
+
+def _negative(mass: Mass) -> bool:
+    """Whether a link's own moments are wrong whatever else moves with it."""
+    return mass.tensor is not None and impossible(principal_moments(mass.tensor)) is not None
+
+
+def _given(elements: Sequence[Element], *reserved: str) -> list[str]:
+    """The names of elements as the spec has them."""
+    return names([element.attributes.get("name", "").strip() for element in elements], reserved)
+
+
+def robot(root: Element, files: Files, options: ImportOptions) -> Imported:
+    """The spec of a robot whose outermost element is ``root``. Raises SpecError with every problem."""
+    return Robot(root, files, options).imported()

@@ -1,0 +1,108 @@
+"""URDF texts for tests, and their import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.imports.urdf.importer import Urdf
+from simspec.language.foreign import Imported, ImportOptions
+
+SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+SPECIMEN = """\
+<?xml version="1.0"?>
+<robot name="arm two" version="1.0">
+  <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
+  <link name="base" type="old">
+    <inertial>
+      <origin xyz="0.1 0 0.2" rpy="0 0 0"/>
+      <mass value="3.5"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.03" iyz="-0.002" izz="0.04"/>
+    </inertial>
+    <visual name="seen">
+      <origin xyz="0 0 0.05" rpy="0 0 0"/>
+      <geometry><box size="0.2 0.2 0.1"/></geometry>
+      <material name="blue"/>
+    </visual>
+    <collision name="solid">
+      <origin xyz="0 0 0.05" rpy="0 0 0.5"/>
+      <geometry><box size="0.2 0.2 0.1"/></geometry>
+      <material name="blue"/>
+      <verbose value="1"/>
+    </collision>
+    <self_collision_checking><origin/></self_collision_checking>
+    <collision_checking/>
+    <contact><lateral_friction value="1"/></contact>
+    <sensor name="camera"/>
+    <audio_source/>
+  </link>
+  <link name="upper.arm">
+    <inertial>
+      <origin xyz="0 0 0.25" rpy="0.3 0 0"/>
+      <mass value="1.25"/>
+      <inertia ixx="0.01" iyy="0.012" izz="0.003" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+    <visual>
+      <origin xyz="0 0 0.25" rpy="0 0 0"/>
+      <geometry><cylinder radius="0.03" length="0.5"/></geometry>
+      <material name="red"><color rgba="1 0 0 1"/><texture filename="red.png"/></material>
+    </visual>
+    <collision><origin xyz="0 0 0.25" rpy="0 0 0"/><geometry><cylinder radius="0.03" length="0.5"/></geometry></collision>
+  </link>
+  <link name="tip">
+    <inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry><sphere radius="0.04"/></geometry></collision>
+    <visual><origin xyz="0 0 0" rpy="0 0 0"/><geometry><sphere radius="0.05"/></geometry></visual>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/>
+    <child link="upper.arm"/>
+    <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-2.5" upper="7" effort="20" velocity="3.2"/>
+    <dynamics damping="0.1" friction="0.02"/>
+    <mimic joint="wrist" multiplier="2"/>
+    <safety_controller soft_lower_limit="-2" k_velocity="1"/>
+    <calibration rising="0"/>
+    <joint_properties damping="1"/>
+  </joint>
+  <joint name="wrist" type="continuous">
+    <parent link="upper.arm"/>
+    <child link="tip"/>
+    <origin xyz="0 0 0.5"/>
+    <axis xyz="0 0 1"/>
+  </joint>
+  <transmission name="t"><type>simple</type></transmission>
+  <ros2_control name="r"/>
+  <sensor name="s"/>
+  <mujoco><compiler balanceinertia="true"/></mujoco>
+  <gazebo reference="base"><mu1>0.2</mu1><material>Gazebo/Blue</material><plugin name="p"/><unheard/></gazebo>
+</robot>
+"""
+"""Every element and attribute of the table that has no case of its own."""
+
+
+def two_links(joint: str = "", base: str = SOLID, arm: str = SOLID, more: str = "", kind: str = "continuous") -> str:
+    """A robot of two links; the texts are the insides of its elements. The links stand in lines 2 and 3, the joint in 4."""
+    return (
+        f'<robot name="two">\n<link name="base">{base}</link>\n<link name="arm">{arm}</link>\n'
+        f'<joint name="hinge" type="{kind}"><parent link="base"/><child link="arm"/>{joint}</joint>\n{more}</robot>\n'
+    )
+
+
+def read(text: str | bytes, folder: Path, *repair: str, name: str = "robot.urdf") -> Imported:
+    """The import of a text as a file in ``folder``."""
+    file = folder / name
+    file.write_bytes(text.encode() if isinstance(text, str) else text)
+    return Urdf().read(file, name, ImportOptions(repair=repair, project=folder))
+
+
+def refused(text: str | bytes, folder: Path, *repair: str) -> list[str]:
+    """The problems of a text that is not imported, each as it is printed."""
+    with pytest.raises(SpecError) as error:
+        read(text, folder, *repair)
+    assert all(problem.location is not None for problem in error.value.problems), str(error.value)
+    return [str(problem) for problem in error.value.problems]

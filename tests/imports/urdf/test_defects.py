@@ -1,0 +1,142 @@
+"""Defects of a file by name, all at once, each with its place; and what each rule of repair makes of them."""
+
+import pytest
+
+from simspec.imports.urdf.robot import RULES
+from simspec.language.load import load
+from simspec.language.moments import impossible, principal_moments
+from tests.imports.urdf.robots import SOLID, read, refused, two_links
+
+
+def inertial(mass: str = '<mass value="2"/>', **moments: float) -> str:
+    six = {"ixx": 1, "iyy": 1, "izz": 1, "ixy": 0, "ixz": 0, "iyz": 0, **moments}
+    said = " ".join(f'{name}="{value}"' for name, value in six.items())
+    return f"<inertial>{mass}<inertia {said}/></inertial>"
+
+
+BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+
+DEFECTS = {
+    "triangle-inequality": (two_links(arm=inertial(izz=3)), "triangle inequality", 3),
+    "not-positive": (two_links(arm=inertial(izz=0, ixx=0, iyy=0)), "must be above 0", 3),
+    "negative": (two_links(arm=inertial(izz=-1)), "a principal moment is negative", 3),
+    "incomplete-inertial": (two_links(arm='<inertial><mass value="1"/></inertial>'), "an incomplete inertial", 3),
+    "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
+    "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
+    "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
+    "several-roots": (two_links(more='<link name="left"/>'), "have no parent", 5),
+}
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_defect_is_an_error_at_its_line_that_names_its_repair(tmp_path, defect):
+    text, message, line = DEFECTS[defect]
+    (problem,) = refused(text, tmp_path)
+    assert message in problem
+    assert f"robot.urdf:{line}:" in problem
+    rule = "not-positive" if defect == "negative" else defect
+    assert f"--repair {rule}" in problem
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+def test_a_repair_is_told_and_gives_a_spec_that_resolves(tmp_path, defect):
+    text, _, line = DEFECTS[defect]
+    rule = "not-positive" if defect == "negative" else defect
+    imported = read(text, tmp_path, *RULES)
+    (repair,) = imported.repairs
+    assert (repair.rule, repair.path.startswith("model.bodies")) == (rule, True)
+    assert repair.location.line == (1 if rule == "several-roots" else line)
+    scenario = f"simspec: 1\nname: s\nmodels: {{r: {{use: robot.urdf, import: {{repair: [{rule}]}}}}}}\n"
+    (tmp_path / "s.yaml").write_text(scenario)
+    assert load(tmp_path / "s.yaml").resolve().bodies
+
+
+def test_all_defects_of_a_file_come_at_once(tmp_path):
+    text = two_links(
+        '<limit lower="2" upper="1"/><axis xyz="0 0 0"/>',
+        base=inertial(izz=9),
+        arm='<inertial><mass value="x"/></inertial>' + BALL.replace("0.1", "-1"),
+        more='<joint name="j" type="planet"><parent link="arm"/><child link="nobody"/></joint>',
+        kind="revolute",
+    )
+    problems = refused(text, tmp_path)
+    assert [problem.split(":")[1] for problem in problems] == ["2", "3", "3", "4", "5"]
+
+
+def test_the_nearest_possible_tensor(tmp_path):
+    arm = inertial(ixx=0.3, iyy=0.5, izz=2.0, ixy=0.1, ixz=-0.05, iyz=0.2)
+    data = read(two_links(arm=arm), tmp_path, "triangle-inequality").data["model"]["bodies"]["arm"]
+    six = [data["inertia"]["tensor"][name] for name in ("xx", "yy", "zz", "xy", "xz", "yz")]
+    before = principal_moments((0.3, 0.5, 2.0, 0.1, -0.05, 0.2))
+    after = principal_moments(six)
+    assert impossible(before)
+    assert impossible(after) is None
+    excess = (before[2] - before[0] - before[1]) / 3
+    expected = (before[0] + excess, before[1] + excess, before[2] - excess)
+    assert after == pytest.approx(expected, abs=1e-14)
+    # nothing nearer obeys it: a little less of the change breaks it again
+    less = [b + 0.99 * (a - b) for a, b in zip(six, (0.3, 0.5, 2.0, 0.1, -0.05, 0.2), strict=True)]
+    assert impossible(principal_moments(less))
+
+
+def test_moments_that_are_not_positive_follow_from_the_shapes_or_are_those_of_a_ball(tmp_path):
+    arm = inertial(ixx=0, iyy=0, izz=0)
+    data = read(two_links(arm=arm + BALL), tmp_path, "not-positive").data["model"]["bodies"]["arm"]
+    assert (data["mass"], "inertia" in data) == (2, False)
+    data = read(two_links(arm=arm), tmp_path, "not-positive").data["model"]["bodies"]["arm"]
+    radius = (2 / 1000 / 4.18879020478639) ** (1 / 3)
+    assert data["inertia"]["principal"] == pytest.approx([0.4 * 2 * radius**2] * 3, rel=1e-12)
+
+
+def test_no_rule_is_applied_unasked_or_unknown(tmp_path):
+    text, _, _ = DEFECTS["triangle-inequality"]
+    assert len(refused(text, tmp_path, "not-positive", "massless")) == 1
+    assert read(two_links(), tmp_path, *RULES).repairs == []
+    with pytest.raises(Exception, match="no rule of repair is called 'everything'"):
+        read(two_links(), tmp_path, "everything")
+
+
+def test_masses_are_judged_with_all_that_is_fixed_to_them(tmp_path):
+    """A link without mass, and one of a point mass, that are welded to a real one move with it."""
+    weld = '<joint name="w{0}" type="fixed"><parent link="{1}"/><child link="{2}"/></joint>'
+    more = '<link name="frame"/><link name="point">' + inertial(ixx=0, iyy=0, izz=0) + "</link>"
+    more += weld.format(1, "arm", "frame") + weld.format(2, "frame", "point")
+    assert list(read(two_links(more=more), tmp_path).data["model"]["bodies"]) == ["base", "arm", "frame", "point"]
+    (problem,) = refused(two_links(arm="", more=more), tmp_path)  # a point mass turns about no axis
+    assert "must be above 0" in problem
+
+
+def test_what_no_body_can_have_is_left_out_where_it_has_no_effect(tmp_path):
+    weld = '<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint><link name="world"/>'
+    imported = read(two_links(base=inertial(izz=9), more=weld), tmp_path)
+    assert imported.data["model"]["bodies"]["base"] == {"fixed": True}
+    (account,) = [account for account in imported.accounts if account.what == "link[base]/inertial/inertia/@izz"]
+    assert "fixed to the world" in account.reason
+
+
+TREES = {
+    "the child of two joints": '<joint name="k" type="fixed"><parent link="base"/><child link="arm"/></joint>',
+    "two links are called 'arm'": f'<link name="arm">{SOLID}</link>',
+    "two joints are called 'hinge'": (
+        f'<link name="tip">{SOLID}</link><joint name="hinge" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
+    ),
+    "there is no link 'nobody'": '<joint name="k" type="fixed"><parent link="nobody"/><child link="base"/></joint>',
+    "each other's parents": '<joint name="k" type="fixed"><parent link="arm"/><child link="base"/></joint>',
+    "<joint> has no <child>": '<joint name="k" type="fixed"><parent link="arm"/></joint>',
+    "has no attribute 'name'": "<link/>",
+}
+
+
+@pytest.mark.parametrize("message", TREES)
+def test_links_and_joints_that_form_no_tree(tmp_path, message):
+    problems = refused(two_links(more=TREES[message]), tmp_path)
+    assert any(message in problem for problem in problems), problems
+
+
+def test_unexpanded_xacro_says_what_to_import(tmp_path):
+    for inside in ('<xacro:include filename="a.xacro"/>', '<link name="${prefix}a"/>'):
+        (problem,) = refused(f'<robot name="r" xmlns:xacro="http://wiki.ros.org/xacro">\n{inside}</robot>', tmp_path)
+        assert "unexpanded xacro" in problem
+        assert "robot.urdf:2" in problem
+    commented = "<!-- <xacro:macro/> ${x} -->\n" + two_links()
+    assert read(commented, tmp_path).data

@@ -1,0 +1,200 @@
+"""What an import of URDF says: the data of the spec, exactly, and what became of everything in the file."""
+
+import re
+
+import pytest
+
+from simspec.imports.urdf.table import GAZEBO, rows
+from simspec.language.foreign import Fate, Severity
+from simspec.language.load import load
+from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
+
+
+def test_a_robot_is_a_short_model_file(tmp_path):
+    assert read(SPECIMEN, tmp_path).data == {
+        "simspec": 1,
+        "name": "arm_two",
+        "model": {
+            "bodies": {
+                "base": {
+                    "mass": 3.5,
+                    "centre_of_mass": [0.1, 0, 0.2],
+                    "inertia": {"tensor": {"xx": 0.02, "yy": 0.03, "zz": 0.04, "xy": 0.001, "yz": -0.002}},
+                    "shapes": [
+                        {
+                            "name": "solid",
+                            "box": {"size": [0.2, 0.2, 0.1]},
+                            "pose": {"xyz": [0, 0, 0.05], "rpy": [0, 0, 0.5]},
+                            "visual": False,
+                        },
+                        {
+                            "name": "seen",
+                            "box": {"size": [0.2, 0.2, 0.1]},
+                            "pose": {"xyz": [0, 0, 0.05]},
+                            "collision": False,
+                            "colour": [0, 0, 0.5, 1],
+                        },
+                    ],
+                },
+                "upper_arm": {
+                    "parent": "base",
+                    "mass": 1.25,
+                    "centre_of_mass": [0, 0, 0.25],
+                    "inertia": {"principal": [0.01, 0.012, 0.003], "rpy": [0.3, 0, 0]},
+                    "joint": {
+                        "name": "shoulder",
+                        "type": "hinge",
+                        "origin": {"xyz": [0, 0, 0.1], "rpy": [0, 1.5707963267948966, 0]},
+                        "axis": [0, 1, 0],
+                        "limits": {"position": [-2.5, "7 rad"], "velocity": 3.2, "effort": 20},
+                        "damping": 0.1,
+                        "dry_friction": 0.02,
+                    },
+                    "shapes": [
+                        {
+                            "cylinder": {"radius": 0.03, "length": 0.5},
+                            "pose": {"xyz": [0, 0, 0.25]},
+                            "colour": [1, 0, 0, 1],
+                        }
+                    ],
+                },
+                "tip": {
+                    "parent": "upper_arm",
+                    "mass": 0.1,
+                    "inertia": {"principal": [1e-4, 1e-4, 1e-4]},
+                    "joint": {"name": "wrist", "type": "hinge", "origin": {"xyz": [0, 0, 0.5]}, "axis": [0, 0, 1]},
+                    "shapes": [
+                        {"sphere": {"radius": 0.04}, "visual": False},
+                        {"sphere": {"radius": 0.05}, "collision": False},
+                    ],
+                },
+            }
+        },
+    }
+
+
+def test_it_loads_and_resolves_as_a_spec(tmp_path):
+    (tmp_path / "arm.urdf").write_text(SPECIMEN)
+    spec = load(tmp_path / "arm.urdf")
+    world = spec.resolve()
+    assert [body.name for body in world.bodies] == ["base", "upper_arm", "tip"]
+    assert world.bodies[1].joint.position_limits == (-2.5, 7.0)
+    assert not [warning for warning in spec.warnings(world) if "turns" in warning.message]
+    place = spec.locate("bodies.upper_arm.joint.axis")
+    assert place.line == 1 + SPECIMEN[: SPECIMEN.index('<axis xyz="0 1 0"/>')].count("\n")
+
+
+def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
+    fates = {}
+    for account in read(SPECIMEN, tmp_path).accounts:
+        where = re.sub(r"\[[^]]*\]", "", account.what).removeprefix("robot/")
+        fates.setdefault(where, []).append((account.fate, account.severity))
+    known = {row.where: row for row in rows()}
+    assert not fates.keys() - known.keys() - {"robot", "gazebo/unheard"}
+    # every row without a case of its own is in the specimen, with this fate
+    gazebo = {f"gazebo/{name}" for name in GAZEBO}
+    assert not {name for name, row in known.items() if not row.when and name not in gazebo} - fates.keys()
+    for where, met in fates.items():
+        row = known.get(where)
+        if row is None or row.when:
+            continue
+        for fate, severity in met:
+            assert fate is row.fate, where
+            assert fate is Fate.CARRIED or severity is row.severity, where
+    assert fates["gazebo/unheard"] == [(Fate.LOST, Severity.PHYSICS)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "inside", "joint"),
+    [
+        ("fixed", "", {"name": "hinge", "type": "fixed"}),
+        ("continuous", '<axis xyz="0 0 2"/>', {"name": "hinge", "type": "hinge", "axis": [0, 0, 2]}),
+        ("continuous", "", {"name": "hinge", "type": "hinge", "axis": [1, 0, 0]}),
+        (
+            "prismatic",
+            '<limit upper="20" effort="5"/>',
+            {"name": "hinge", "type": "slide", "axis": [1, 0, 0], "limits": {"position": [0, 20], "effort": 5}},
+        ),
+        ("spherical", '<dynamics damping="2"/>', {"name": "hinge", "type": "ball", "damping": 2}),
+    ],
+)
+def test_types_of_joints(tmp_path, kind, inside, joint):
+    assert read(two_links(inside, kind=kind), tmp_path).data["model"]["bodies"]["arm"]["joint"] == joint
+
+
+def test_a_fixed_joint_has_no_axis_and_no_limits(tmp_path):
+    accounts = read(two_links('<axis xyz="0 0 1"/><limit lower="0"/>', kind="fixed"), tmp_path).accounts
+    unused = {account.what for account in accounts if account.fate is Fate.UNUSED}
+    assert unused == {"joint[hinge]/axis", "joint[hinge]/axis/@xyz", "joint[hinge]/limit", "joint[hinge]/limit/@lower"}
+
+
+# --- the world ------------------------------------------------------------------------------------------------------
+
+
+def _below_world(kind: str, world: str = "", name: str = "world") -> str:
+    origin = '<origin xyz="0 0 1" rpy="0 0 0"/>'
+    return (
+        f'<robot name="r"><link name="{name}">{world}</link><link name="base">{SOLID}</link>'
+        f'<joint name="j" type="{kind}"><parent link="{name}"/><child link="base"/>{origin}</joint></robot>'
+    )
+
+
+def test_a_link_called_world_is_the_world(tmp_path):
+    bodies = read(_below_world("fixed"), tmp_path).data["model"]["bodies"]
+    assert list(bodies) == ["base"]
+    assert (bodies["base"]["fixed"], bodies["base"]["pose"]) == (True, {"xyz": [0, 0, 1]})
+
+
+def test_a_floating_joint_from_the_world_is_a_free_root(tmp_path):
+    bodies = read(_below_world("floating", name="map"), tmp_path).data["model"]["bodies"]
+    assert bodies == {
+        "base": {"pose": {"xyz": [0, 0, 1]}, "mass": 2, "inertia": {"principal": [0.1, 0.1, 0.1]}},
+    }
+
+
+def test_a_hinge_from_the_world_is_one_of_the_root(tmp_path):
+    bodies = read(_below_world("continuous"), tmp_path).data["model"]["bodies"]
+    assert bodies["base"]["joint"] == {"name": "j", "type": "hinge", "origin": {"xyz": [0, 0, 1]}, "axis": [1, 0, 0]}
+    (tmp_path / "r.urdf").write_text(_below_world("continuous"))
+    assert load(tmp_path / "r.urdf").resolve().bodies[0].joint.kind == "hinge"
+
+
+def test_a_world_with_shapes_is_a_fixed_body(tmp_path):
+    floor = '<collision><geometry><box size="9 9 1"/></geometry></collision>'
+    bodies = read(_below_world("continuous", floor), tmp_path).data["model"]["bodies"]
+    assert bodies["world_2"]["fixed"] is True
+    assert bodies["base"]["parent"] == "world_2"
+
+
+def test_a_root_without_mass_is_fixed_and_says_so(tmp_path):
+    imported = read(two_links(base=""), tmp_path)
+    assert imported.data["model"]["bodies"]["base"] == {"fixed": True}
+    assert "no mass" in imported.comments["model.bodies.base"]
+
+
+def test_floating_joints_elsewhere_and_planar_ones_are_refused_by_name(tmp_path):
+    (message,) = refused(two_links(kind="floating"), tmp_path)
+    assert "floating joint" in message
+    assert "robot.urdf:4" in message
+    (message,) = refused(two_links(kind="planar"), tmp_path)
+    assert "planar joints are not supported" in message
+
+
+# --- names ----------------------------------------------------------------------------------------------------------
+
+
+def test_names_that_the_language_does_not_allow_are_others_and_said(tmp_path):
+    text = two_links().replace('"arm"', '"a.b/c"').replace('"base"', '"7.b"').replace('"hinge"', '"j 1"')
+    imported = read(text, tmp_path)
+    assert list(imported.data["model"]["bodies"]) == ["n_7_b", "a_b_c"]
+    said = {account.what: account.reason for account in imported.accounts if account.reason}
+    assert said == {
+        "link[7.b]/@name": "called n_7_b in the spec",
+        "link[a.b/c]/@name": "called a_b_c in the spec",
+        "joint[j 1]/@name": "called j_1 in the spec",
+    }
+
+
+def test_two_names_that_would_become_one_stay_two(tmp_path):
+    text = two_links(base=SOLID).replace('"arm"', '"a.b"').replace('"base"', '"a_b"')
+    assert list(read(text, tmp_path).data["model"]["bodies"]) == ["a_b", "a_b_2"]
