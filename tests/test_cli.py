@@ -36,6 +36,7 @@ COMMANDS = (
     "explain",
     "engines",
     "accept",
+    "import",
 )
 FALL = """\
 simspec: 1
