@@ -48,6 +48,7 @@ class Draw:
 
     def __init__(self, seed: int):
         self._random = random.Random(f"simspec random world {seed}")
+        self._light = random.Random(f"simspec random world {seed}, light")  # leaves the others' draws as they were
         self.seed = seed
         self.bodies: Data = {}
         self.palette = self.one(PALETTES[:6] if seed % 4 else PALETTES)
@@ -220,6 +221,7 @@ class Draw:
                 body.update(parent=names[self.count(0, k - 1)], joint=self.joint(kind))
             self.group(body)
             self.bodies[name] = body
+        self.lighten(names)
         if self.chance(0.25):  # the same as a placed model, perhaps several times
             bodies = {name: self.bodies.pop(name) for name in names}
             root = bodies[names[0]]
@@ -232,6 +234,23 @@ class Draw:
             if self.chance(0.3):
                 model["array"] = {"ring": self.count(2, 3), "radius": 4.0, "face": self.chance(0.5)}
             self.models[f"model{number}"] = model
+
+    def lighten(self, names: list[str]) -> None:
+        """Of bodies that are fixed to each other take the mass of one, or make one a point mass."""
+        done: set[str] = set()
+        for name in names[1:]:
+            body, parent = self.bodies[name], self.bodies[name]["parent"]
+            way = self._light.choice(("as it is", "child", "parent", "point"))
+            if body["joint"]["type"] != "fixed" or way == "as it is" or done & {name, parent}:
+                continue
+            done |= {name, parent}
+            light = self.bodies[parent] if way == "parent" else body
+            for key in ("mass", "inertia", "centre_of_mass"):
+                light.pop(key, None)
+            for shape in light.get("shapes", ()):
+                shape.pop("density", None)
+            if way == "point":
+                light.update(mass=round(self._light.uniform(0.1, 1.0), 4), inertia={"principal": [0, 0, 0]})
 
     def contact(self) -> Data:
         found = dict(self.palette)

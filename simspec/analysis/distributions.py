@@ -60,11 +60,12 @@ def run_summary(run: Run, row: int = -1) -> Numbers:
 
 
 def summary_scales(run: Run) -> Numbers:
-    """Physical scales (5,) of :data:`SUMMARY`: the median size d of the moving bodies, the speed √(g d), the energy Σ m g d.
-    Where there is no gravity: d, and the initial speed and energy. A difference of 1 is then one that anybody would see."""
+    """Physical scales (5,) of :data:`SUMMARY`: the median size d of the moving bodies with mass, the speed √(g d), the energy
+    Σ m g d. Where there is no gravity: d, and the initial speed and energy. A difference of 1 is then one that anybody would
+    see."""
     moving = metrics.moving_bodies(run.world)
     bodies = [run.world.bodies[index] for index in moving]
-    size = float(np.median([body_size(body.inertial) for body in bodies]))
+    size = float(np.median([body_size(body.inertial) for body in bodies if body.inertial.mass]))
     mass = sum(body.inertial.mass for body in bodies)
     pull = float(np.linalg.norm(run.world.physics.gravity))
     speed, energy = math.sqrt(pull * size), mass * pull * size

@@ -9,6 +9,7 @@ import numpy as np
 
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
+from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Pose, World
@@ -76,7 +77,7 @@ class Tree:
             composite.addJoint(pin.JointModelTranslation())
             composite.addJoint(pin.JointModelSpherical())
             index = self.model.addJoint(0, composite, pin.SE3.Identity(), body.name)
-            own = pin.SE3(np.eye(3), -centre)
+            own = pin.SE3(np.eye(3), -np.array(told_inertial(self.world, body).centre_of_mass))
         else:
             axis = np.array(joint.axis)
             kinds = {
@@ -88,7 +89,7 @@ class Tree:
             own = pin.SE3.Identity()
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if index:
+        if index and body.inertial.mass:
             self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
         self._held[body.name] = (index, own)
         return 0 if joint.kind == "fixed" else index

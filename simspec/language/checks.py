@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from simspec.errors import Problem
@@ -96,11 +96,43 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
             if shape.plane is not None and name not in still:
                 message = "a plane requires a body fixed to the world, and this body moves"
                 yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a large flat box")
-        if name not in still:
-            yield from (
-                document.problem((*bodies.path, name, *fault.loc), fault.message, found=fault.found, hint=fault.hint)
-                for fault in mass_faults(body)
-            )
+    for members in bodies.moving_groups().values():
+        for name, fault in group_faults(bodies, members):
+            place = (*bodies.path, name, *fault.loc)
+            yield document.problem(place, fault.message, found=fault.found, hint=fault.hint)
+
+
+def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, Fault]]:
+    """What bodies that move as one lack to move, each with the body: of one that moves alone its own mass and three positive
+    moments, of several one mass among them. Whether their tensors together are regular shows in the resolved world."""
+    typed = {name: bodies.typed.get(name) for name in members}
+    top, *others = members
+    carried = bodies.attached and bodies.parent(top) is None
+    if not others and not carried:
+        body = typed[top]
+        yield from ((top, fault) for fault in (mass_faults(body) if body is not None else ()))
+        return
+    if None not in typed.values() and not carried and not any(_weighs(body) for body in typed.values() if body):
+        hint = "a mass of one of them, or shapes with density"
+        message = "a moving body needs a mass: neither this one nor what is fixed to it has one"
+        yield top, Fault((), message, None, None, hint)
+    for name, body in typed.items():
+        if body is not None:
+            yield from ((name, fault) for fault in member_faults(body))
+
+
+def _weighs(body: Body) -> bool:
+    return bool(body.mass) or any(shape.density for shape in body.shapes if shape.plane is None)
+
+
+def member_faults(body: Body) -> Iterator[Fault]:
+    """What is wrong with the mass of a body that moves with others."""
+    if _weighs(body):
+        lacking = (fault for fault in mass_faults(body) if fault.loc != ("inertia",))  # the group's tensor counts
+        yield from lacking
+    elif body.inertia is not None:
+        message = "a moving body without mass has no moments of inertia"
+        yield Fault(("inertia",), message, None, None, "a mass above 0, or no inertia")
 
 
 def mass_faults(body: Body) -> Iterator[Fault]:

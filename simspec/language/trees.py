@@ -132,6 +132,16 @@ class Bodies:
                 still.add(name)
         return still
 
+    def moving_groups(self) -> dict[str, list[str]]:
+        """The bodies that move as one, joined through fixed joints, by the topmost, which stands first."""
+        still, top, groups = self.still(), dict[str, str](), dict[str, list[str]]()
+        for name in self.order():
+            if name not in still:
+                parent = self.parent(name) or ""
+                top[name] = top.get(parent, name) if self.joint_type(name) == "fixed" else name
+                groups.setdefault(top[name], []).append(name)
+        return groups
+
 
 def _typed(raw: Mapping[str, Any], valid: Mapping[str, Body] | None) -> dict[str, Body | None]:
     if valid is not None:

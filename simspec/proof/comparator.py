@@ -18,9 +18,10 @@ from simspec.control.native import natives
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
+from simspec.world.gathering import gathered, rigid_members, summed
 from simspec.world.kinematics import rigid_groups
 from simspec.world.tuples import ordered, quaternion
-from simspec.world.types import Body, Hardness, HeldValue, Joint, PairContact, ReadBack, Shape, Surface, World
+from simspec.world.types import Body, Hardness, HeldValue, Inertial, Joint, PairContact, ReadBack, Shape, Surface, World
 
 JOINT_NUMBERS = (
     "damping",
@@ -109,10 +110,12 @@ class _Comparison:
         # not of ``actual``, in which a repeated body stands once
         names = sorted(body.name for body in self.read_back.bodies)
         self.tally.equal(self.levels["mass"], "bodies", sorted(expected), names, "bodies")
-        groups = rigid_groups(self.world)
+        groups, told_as_one = rigid_groups(self.world), gathered(self.world)
+        self.rigid_groups(told_as_one)
         for name, body in expected.items():
             if name in actual:
-                self.mass(body, actual[name], moves=groups[name] != "world")
+                if name not in told_as_one:
+                    self.mass(body, actual[name], moves=groups[name] != "world")
                 self.joint(body.joint, actual[name].joint, f"bodies.{name}.joint")
                 self.shapes(body, actual[name])
                 if self.readable("collision_group"):
@@ -142,10 +145,25 @@ class _Comparison:
         return self.tally.checks()
 
     def mass(self, body: Body, actual_body: Body, moves: bool) -> None:
-        """Relative to the body's own mass, radius of gyration (or offset), and trace of the tensor."""
-        if not moves and (not self.readable("static.inertial") or not body.inertial.mass):
-            return
-        where, wanted, actual = f"bodies.{body.name}", body.inertial, actual_body.inertial
+        """Of a body that is told its own."""
+        if moves or (self.readable("static.inertial") and body.inertial.mass):
+            self.inertial(body.inertial, actual_body.inertial, f"bodies.{body.name}")
+
+    def rigid_groups(self, told_as_one: Mapping[str, Inertial]) -> None:
+        """Of rigid groups that are told as one the sums: which of its members an engine gives what moves nothing."""
+        held = rigid_members(self.read_back.bodies) if told_as_one else {}
+        for top, members in rigid_members(self.world.bodies).items() if told_as_one else ():
+            if top not in told_as_one:
+                continue
+            if sorted(body.name for body, _ in held.get(top, ())) != sorted(body.name for body, _ in members):
+                self.note("mass", "bodies joined rigidly", None, f"bodies.{top}", "others than the world's")
+                continue
+            actual = summed((body.inertial, pose) for body, pose in held[top])
+            wanted = summed((body.inertial, pose) for body, pose in members)
+            self.inertial(wanted, actual, f"bodies.{top}")
+
+    def inertial(self, wanted: Inertial, actual: Inertial, where: str) -> None:
+        """Relative to the mass, the radius of gyration (or the offset), and the trace of the tensor."""
         self.number("mass", "mass", wanted.mass, actual.mass, f"{where}.mass")
         trace = sum(wanted.inertia[:3])
         length = math.sqrt(trace / wanted.mass) if wanted.mass else 0.0
@@ -153,7 +171,8 @@ class _Comparison:
         # positions are sums of numbers of about 1 m: below that scale the last bit is absolute, 1e-16 of a metre
         scale = max(length, offset, 1e-3)
         at = f"{where}.centre_of_mass"
-        self.vector("mass", "centre of mass", wanted.centre_of_mass, actual.centre_of_mass, at, scale)
+        if wanted.mass or actual.mass:  # of nothing there is no centre
+            self.vector("mass", "centre of mass", wanted.centre_of_mass, actual.centre_of_mass, at, scale)
         self.vector("mass", "inertia tensor", wanted.inertia, actual.inertia, f"{where}.inertia", trace or 1.0)
 
     def joint(self, wanted: Joint, actual: Joint, where: str) -> None:

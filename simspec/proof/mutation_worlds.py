@@ -25,6 +25,8 @@ from simspec.world.types import (
     World,
 )
 
+AT = (0.0, 0.0, 0.6, *FREE)
+
 
 def uneven(name: str) -> Callable[[str], World]:
     """A world of the fast self-test whose ball is no ball inside: a turn of its inertia then is one."""
@@ -62,7 +64,6 @@ def native(engine: str) -> World:
 def shapes(engine: str) -> World:
     """Every kind of shape: solid and seen, solid and unseen, seen alone; a body welded to a moving one."""
     turned = Pose((0.01, 0.02, 0.0), (0.8, 0.0, 0.6, 0.0))
-    at = (0.0, 0.0, 0.6, *FREE)
     ground = Shape("ground_0", "plane", (), Pose(), "stone")
     post = Shape("post_0", "cylinder", (0.05, 0.3), Pose((0.0, 0.0, 0.15)), "stone", visual=False)
     solid = (
@@ -79,7 +80,7 @@ def shapes(engine: str) -> World:
             "toy",
             "toy",
             Inertial(1.0, (0.0, 0.01, 0.0), TENSOR),
-            Joint("toy_joint", "free", position=at, velocity=STILL),
+            Joint("toy_joint", "free", position=AT, velocity=STILL),
             solid,
         ),
         Body("knob", "toy", Inertial(0.2, (0.0, 0.0, 0.2), TENSOR), Joint("knob_joint", "fixed", "toy"), (knob,)),
@@ -89,6 +90,28 @@ def shapes(engine: str) -> World:
     accept = tuple(sorted(("contact.cone.elliptic", "contact.friction.impact", "shape.cylinder", "shape.plane")))
     options = EngineOptions(engine, accept=accept)
     return World("self-test-shapes", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
+
+
+def weightless(engine: str) -> World:
+    """A free root without mass, which carries a shape, a body with mass, a point mass and an arm; at the arm's end a body
+    without mass."""
+    ground = Shape("ground_0", "box", (6.0, 6.0, 0.4), Pose((0.0, 0.0, -0.2)), "rubber")
+    skid = Shape("skid_0", "box", (0.1, 0.12, 0.14), Pose((0.0, 0.0, 0.05)), "rubber")
+    tilt = Pose((0.05, 0.02, 0.3), (0.8, 0.6, 0.0, 0.0))
+    swing = Joint("arm_joint", "hinge", "root", tilt, (0.6, 0.0, 0.8), position=(0.2,), velocity=(0.1,))
+    bodies = (
+        Body("ground", "ground", Inertial(0.0), Joint("ground_joint", "fixed"), (ground,)),
+        Body("root", "root", Inertial(0.0), Joint("root_joint", "free", position=AT, velocity=STILL), (skid,)),
+        Body("load", "root", Inertial(0.8, (0.01, 0.02, 0.0), TENSOR), Joint("load_joint", "fixed", "root", tilt)),
+        Body("bob", "root", Inertial(0.3, (0.0, 0.0, 0.1)), Joint("bob_joint", "fixed", "load", tilt)),
+        Body("arm", "root", Inertial(0.5, (0.0, 0.03, 0.05), TENSOR), swing),
+        Body("tip", "root", Inertial(0.0), Joint("tip_joint", "fixed", "arm", tilt)),
+    )
+    law = PairContact("rubber", "rubber", 0.5, 0.0)
+    apart = (("arm", "root"), ("arm", "tip"), ("bob", "load"), ("load", "root"))
+    contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=apart)
+    options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact"))
+    return World("self-test-weightless", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
 def ellipsoid(engine: str) -> World:
@@ -226,6 +249,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "rolling": uneven("rolling"),
     "native control": native,
     "shapes": shapes,
+    "weightless": weightless,
     "ellipsoid": ellipsoid,
     "time constant": hard("time-constant", Hardness("time-constant", time_constant=0.02, damping_ratio=0.9)),
     "stiffness": hard("stiffness", Hardness("stiffness", stiffness=20000.0, damping=100.0)),

@@ -176,7 +176,7 @@ def _sizes(spec: Spec, world: World) -> Warned:
         if groups[body.name] == "world":
             continue
         mass, path = body.inertial.mass, f"bodies.{body.name}.mass"
-        if not MASSES[0] <= mass <= MASSES[1]:
+        if mass and not MASSES[0] <= mass <= MASSES[1]:
             hint = "a bare number is in kg"
             yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, spec.locate(path), hint=hint)
         for index, shape in enumerate(body.shapes):

@@ -206,6 +206,13 @@ NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
 """For dialects and engines that nobody has told ``World.constraints``."""
 
 
+GATHERED: Mapping[Feature, Support] = alike(
+    Support(Level.EXACT, "the topmost body of the rigid group is told the inertia of the whole group"),
+    *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
+)
+"""For dialects that write what ``formats/kit/passes.py`` gathers."""
+
+
 def check_total(owner: str, table: Table) -> None:
     """Raise TypeError unless ``table`` declares every feature and no other."""
     missing = [feature.value for feature in Feature if feature not in table]

@@ -27,6 +27,8 @@ class Feature(StrEnum):
     INITIAL_VELOCITY = "joint.velocity"
     INERTIA = "body.inertia"
     INERTIA_FULL = "body.inertia.full"
+    INERTIA_SINGULAR = "body.inertia.singular"
+    MASSLESS = "body.massless"
     TREE_SIZE = "tree.size"
     TREE_DEPTH = "tree.depth"
     SHAPE_SPHERE = "shape.sphere"
@@ -85,6 +87,8 @@ MEANING: Mapping[Feature, str] = {
     Feature.INITIAL_VELOCITY: "joint velocities at time zero",
     Feature.INERTIA: "mass, centre of mass and principal moments",
     Feature.INERTIA_FULL: "an inertia tensor with products of inertia",
+    Feature.INERTIA_SINGULAR: "a point mass or a rod that is fixed to a body that moves",
+    Feature.MASSLESS: "a body without mass that is fixed to one that moves",
     Feature.TREE_SIZE: "a tree of more than 127 bodies",
     Feature.TREE_DEPTH: "a chain of more than 400 bodies",
     Feature.SHAPE_SPHERE: "sphere",

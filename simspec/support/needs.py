@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.features import Feature
+from simspec.world.gathering import singular
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import World
+from simspec.world.types import Inertial, World
 
 LARGE_TREE = 127
 
@@ -83,9 +84,8 @@ def needs(world: World) -> list[Need]:
         if (joint.kind in SCALAR_JOINTS and any(joint.position)) or (joint.kind == "ball" and any(joint.position[1:])):
             note(Feature.INITIAL_POSITION, f"{path}.joint.position")
         if groups[body.name] != "world":
-            note(Feature.INERTIA, f"{path}.mass")
-            if any(body.inertial.inertia[3:]):
-                note(Feature.INERTIA_FULL, f"{path}.inertia")
+            for feature, field in _inertia_needs(body.inertial):
+                note(feature, f"{path}.{field}")
         for index, shape in enumerate(body.shapes):
             note(Feature(f"shape.{shape.kind}"), f"{path}.shapes.{index}")
             if not (shape.collision and shape.visual):
@@ -104,6 +104,18 @@ def needs(world: World) -> list[Need]:
         note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
     _contact_needs(world, note)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
+
+
+def _inertia_needs(inertial: Inertial) -> Iterator[tuple[Feature, str]]:
+    """What the mass properties of a body that moves need, with the field that says so."""
+    if not inertial.mass:
+        yield Feature.MASSLESS, "mass"
+        return
+    yield Feature.INERTIA, "mass"
+    if any(inertial.inertia[3:]):
+        yield Feature.INERTIA_FULL, "inertia"
+    if singular(inertial):
+        yield Feature.INERTIA_SINGULAR, "inertia"
 
 
 def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:

@@ -50,6 +50,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "shapes": worlds.shapes_world,
     "spheres": worlds.spheres,
     "gripper": worlds.gripper,
+    "weightless": worlds.weightless,
 }
 """From little to much: an engine may refuse some, by declaration, but not the first two."""
 MUST_BE_THERE = ("fall", "hinges")

@@ -128,6 +128,50 @@ def damped_springs() -> World:
     return world(bodies, "damped-springs")
 
 
+POINT = Inertial(0.4, (0.02, -0.03, 0.05))
+"""A point mass."""
+
+
+def rod(mass: float, length: float, turn: tuple[float, float, float, float] = frames.IDENTITY) -> Inertial:
+    """A rod along z of the turned axes, which no torque about itself stops from turning."""
+    across = mass * length * length / 12.0
+    return Inertial(mass, (0.0, 0.03, 0.0), frames.turn_inertia(turn, (across, across, 0.0, 0.0, 0.0, 0.0)))
+
+
+def weightless() -> World:
+    """Bodies without mass and with singular tensors wherever they may be: a free root without mass, on which a chain of more
+    carries the first mass, with a hinge that hangs on it and leaves; an arm whose every link is a body without mass with one
+    welded to it; two crossed rods on a ball joint, of which none could turn by itself; a leaf of a fixed base."""
+    kinds = ["free", "fixed", "fixed", "fixed", "hinge", "fixed", "slide", "fixed", "fixed"]
+    drone = tree(kinds, 21, [-1, 0, 1, 1, 1, 4, 5, 6, 0])
+    arm = tree(
+        ["fixed", "hinge", "fixed", "fixed", "slide", "fixed", "fixed"], 22, [-1, 0, 1, 1, 2, 4, 0], prefix="arm-"
+    )
+    cross = tree(["ball", "fixed", "fixed"], 23, [-1, 0, 0], prefix="cross-")
+    slanted = frames.normalise((0.6, 0.3, -0.5, 0.2))
+    other = {
+        **dict.fromkeys(("link0", "link1", "link5", "link7", "arm-link1", "arm-link4", "arm-link6"), Inertial(0.0)),
+        **{"link8": POINT, "arm-link3": rod(0.3, 0.4, slanted), "cross-link0": Inertial(0.0)},
+        **{"cross-link1": rod(0.7, 0.5), "cross-link2": rod(0.5, 0.6, slanted)},
+    }
+    bodies = tuple(
+        dataclasses.replace(body, inertial=other.get(body.name, body.inertial)) for body in (*drone, *arm, *cross)
+    )
+    return world(bodies, "weightless")
+
+
+def point_mass() -> World:
+    """A point mass that is fixed to a body on a hinge."""
+    bodies = tree(["hinge", "fixed"], 24)
+    return world((bodies[0], dataclasses.replace(bodies[1], inertial=POINT)), "point-mass")
+
+
+def tool_frame() -> World:
+    """A body without mass at the end of a pendulum."""
+    bodies = tree(["hinge", "fixed"], 25)
+    return world((bodies[0], dataclasses.replace(bodies[1], inertial=Inertial(0.0))), "tool-frame")
+
+
 def _jointed(kind: str, **more: Any) -> World:
     """One body on a joint of this kind."""
     return world(tree([kind], 6, **more), kind)
@@ -374,6 +418,8 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.COLLISION_GROUPS: gripper,
     Feature.EXCLUDED_PAIRS: gripper,
     Feature.INERTIA_FULL: every_joint,
+    Feature.INERTIA_SINGULAR: point_mass,
+    Feature.MASSLESS: tool_frame,
     Feature.TREE_SIZE: lambda: world(tree(["fixed"] + ["hinge"] * 130, 1)),
     Feature.TREE_DEPTH: lambda: world(tree(["fixed"] + ["hinge"] * 500, 1)),
 }

@@ -7,7 +7,8 @@ hinge, slide   angle or displacement; its rate
 ball           quaternion w x y z of child in joint frame; angular velocity of the child relative to the parent, in the
                child's axes
 free           position of the root body's **centre of mass** in the world, quaternion w x y z of the body frame;
-               velocity of the centre of mass in world axes, angular velocity in the **body's** axes
+               velocity of the centre of mass in world axes, angular velocity in the **body's** axes. Where the inertia of
+               a rigid group is gathered on the root (``world/gathering.py``), the centre of mass of the group
 
 A free body's position is integrated at its centre of mass because that is what all engines can be made to do; integrating
 another point gives another discrete motion (measured in one of them: 2e-3 m after 2,000 steps of 1 ms).
@@ -23,6 +24,7 @@ import numpy as np
 
 from simspec.world import frames
 from simspec.world.derived import derived
+from simspec.world.gathering import told_inertial
 from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Pose, World
 
@@ -72,7 +74,7 @@ def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:
             v.extend(joint.velocity)
             continue
         turn = quaternion(joint.position[3:7])
-        lever = frames.rotate(turn, body.inertial.centre_of_mass)
+        lever = frames.rotate(turn, told_inertial(world, body).centre_of_mass)
         linear, angular = vector3(joint.velocity[:3]), vector3(joint.velocity[3:])
         q.extend(frames.add(vector3(joint.position[:3]), lever))
         q.extend(turn)

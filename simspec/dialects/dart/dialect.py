@@ -36,6 +36,7 @@ from simspec.formats.skel.from_world import GEOMETRY, coordinates, file_name, ze
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
+    GATHERED,
     NO_CONSTRAINTS_YET,
     Level,
     Support,
@@ -106,6 +107,7 @@ class DartDialect(Dialect):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+        **GATHERED,
         **NO_CONSTRAINTS_YET,
     }
 

@@ -14,7 +14,7 @@ from simspec.dialects.kit.target import Target, known
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
-from simspec.support.declarations import Table
+from simspec.support.declarations import GATHERED, Table
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
@@ -26,7 +26,7 @@ class DrakeDialect(Dialect):
 
     NAME: ClassVar[str] = "drake"
     FORMAT: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = WorldJson.SUPPORT
+    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **GATHERED}
     SIDECAR: ClassVar[type[Sidecar]] = DrakeSidecar
 
     def lower(self, world: World, target: Target) -> Lowered:

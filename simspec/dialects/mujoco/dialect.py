@@ -42,6 +42,7 @@ from simspec.formats.mjcf.from_world import CONES, SIZES, depth_first, keyframe
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
+    GATHERED,
     NO_CONSTRAINTS_YET,
     Level,
     Support,
@@ -108,6 +109,7 @@ class MujocoDialect(Dialect):
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
+        **GATHERED,
         **NO_CONSTRAINTS_YET,
     }
 

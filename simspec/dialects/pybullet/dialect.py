@@ -30,7 +30,16 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import GEOMETRY, Files
-from simspec.support.declarations import EXACT, NO_CONSTRAINTS_YET, Support, Table, never, shape_kinds, via_api
+from simspec.support.declarations import (
+    EXACT,
+    GATHERED,
+    NO_CONSTRAINTS_YET,
+    Support,
+    Table,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import free_rigid, trees
 from simspec.world.types import POSITION_SIZE, ReadBack, World
@@ -105,6 +114,7 @@ class PybulletDialect(Dialect):
         Feature.CONTROL_NATIVE: EXACT,
         Feature.GRAVITY: via_api(_SIDECAR),
         Feature.TIMESTEP: via_api(_SIDECAR),
+        **GATHERED,
         **NO_CONSTRAINTS_YET,
     }
 

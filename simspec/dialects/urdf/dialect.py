@@ -31,7 +31,16 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
-from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, alike, exactly, never, shape_kinds, via_api
+from simspec.support.declarations import (
+    GATHERED,
+    NO_CONSTRAINTS_YET,
+    Table,
+    alike,
+    exactly,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
@@ -72,6 +81,7 @@ class UrdfDialect(Dialect):
         **alike(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING),
+        **GATHERED,
         **NO_CONSTRAINTS_YET,
     }
 

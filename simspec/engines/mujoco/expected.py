@@ -20,6 +20,7 @@ from simspec.engines.mujoco.fields import NEUTRAL
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
+from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Surface, World
 
@@ -80,7 +81,7 @@ class _Expected:
         found |= self._touching.masks()
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
-        found |= {f"body.{body.name}.mass": body.inertial.mass for body in self.world.bodies}
+        found |= {f"body.{body.name}.mass": told_inertial(self.world, body).mass for body in self.world.bodies}
         if self.neutral.get("has.actuator_ctrlspec", False):
             for controller in natives(self.world):
                 for joint, kp in zip(controller.joints, controller.kp, strict=True):
@@ -194,14 +195,13 @@ class _Expected:
         }
         return {name.format(joint.name): value for name, value in values.items()}
 
-    @staticmethod
-    def _start(body: Body) -> tuple[float, ...]:
+    def _start(self, body: Body) -> tuple[float, ...]:
         """Where the joint is before a keyframe is taken: a free body's centre of mass in its place, a ball unturned."""
         joint: Joint = body.joint
         if joint.kind != "free":
             return (1.0, 0.0, 0.0, 0.0)
         turn = joint.position[3:7]
-        centre = frames.rotate(turn, body.inertial.centre_of_mass)  # type: ignore[arg-type]
+        centre = frames.rotate(turn, told_inertial(self.world, body).centre_of_mass)  # type: ignore[arg-type]
         return (*frames.add(joint.position[:3], centre), *turn)  # type: ignore[arg-type]
 
     # --- contact numbers ------------------------------------------------------------------------------------------
@@ -295,7 +295,8 @@ class _Expected:
     def _inverse_mass(self, shape: str) -> float:
         """Of a single free body; nothing that stiffness is allowed for has another."""
         owner = self._owner[shape]
-        return 0.0 if self.groups[owner.name] == "world" else 1.0 / owner.inertial.mass
+        mass = told_inertial(self.world, owner).mass
+        return 0.0 if self.groups[owner.name] == "world" or not mass else 1.0 / mass
 
     # --- the rest -------------------------------------------------------------------------------------------------
 
@@ -333,7 +334,9 @@ class _Expected:
                 settings["sleep_tolerance"],
             )  # means nothing without its switch, and is not written
         bodies = self.world.bodies
-        free = {body.name: body.inertial.centre_of_mass for body in bodies if body.joint.kind == "free"}
+        free = {
+            body.name: told_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"
+        }
         return {
             **({"pair_settings": [self._own_of(pair) for pair in sorted(self.own)]} if self.own else {}),
             "schema": 2,

@@ -114,6 +114,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.INITIAL_VELOCITY: via_api("reset of base and joint states"),
         Feature.INERTIA: EXACT,
         Feature.INERTIA_FULL: EXACT,
+        Feature.INERTIA_SINGULAR: EXACT,
+        Feature.MASSLESS: EXACT,
         Feature.TREE_SIZE: never(_NO_LINKS),
         Feature.TREE_DEPTH: never(_NO_LINKS),
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),

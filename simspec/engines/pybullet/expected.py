@@ -16,8 +16,9 @@ from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
-from simspec.world.types import Body, HeldValue, Surface, World
+from simspec.world.types import Body, HeldValue, Inertial, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
 """URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
@@ -73,7 +74,7 @@ def expected(
         world_link = not links[0].base
         welded = _welded(bodies, world_link)
         for link in links:
-            found.update(_link(link, settings, neutral))
+            found.update(_link(link, told_inertial(world, link.body), settings, neutral))
             if link.part is not None:
                 solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
                 still = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.own]
@@ -171,15 +172,16 @@ def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[s
 
 
 def _link(
-    link: _Link, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
+    link: _Link, told: Inertial, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
 ) -> dict[str, HeldValue]:
+    """Of a link; ``told``: the inertia that PyBullet is told of its body."""
     found = _told(link.name, settings)
     found[f"link.{link.name}.body_type"] = MULTI_BODY
     kind = link.body.joint.kind if link.own else None
     found |= _untouched(link.name, neutral) | (_surface(link.name, link.part.surface) if link.part else {})
     found[f"link.{link.name}.layer"] = link.part.layer if link.part is not None else 0
-    if link.base and link.body.joint.kind == "fixed":
-        found |= _empty(link.name) | {f"link.{link.name}.place": link.body.inertial.centre_of_mass}
+    if link.own and not told.mass:
+        found |= _empty(link.name) | {f"link.{link.name}.place": told.centre_of_mass}
     if not link.own:
         found |= _empty(link.name)
         found |= {f"joint.{link.name}.type": FIXED, f"joint.{link.name}.parent": link.body.name}

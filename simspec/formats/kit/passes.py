@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 from simspec.world import frames
+from simspec.world.gathering import gathered
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 FLAT_MARGIN = 1.0 - 2.0**-40
@@ -30,14 +31,24 @@ def _quaternion(values: Sequence[float]) -> Quaternion:
     return (w, x, y, z)
 
 
+def gather(world: World) -> World:
+    """The world with the inertia of rigid groups gathered on their topmost bodies where engines ask for it."""
+    told = gathered(world)
+    if not told:
+        return world
+    bodies = (dataclasses.replace(body, inertial=told.get(body.name, body.inertial)) for body in world.bodies)
+    return dataclasses.replace(world, bodies=tuple(bodies))
+
+
 def recentre_free_roots(world: World) -> tuple[World, dict[str, Vector3]]:
-    """Put every free root's frame at its centre of mass.
+    """Put every free root's frame at its centre of mass, after gathering inertias (:func:`gather`).
 
     Returns the world with moved frames, and for each moved body the position of the new frame in the old one (its
     centre of mass). Axes stay parallel. Shapes, children and the initial state move along, so that the world is
     physically the same. Why: engines integrate the frame of a free root or its centre of mass; only when both are one
     point do all of them do the same (see ``world/kinematics.py``).
     """
+    world = gather(world)
     offsets = {
         body.name: body.inertial.centre_of_mass
         for body in world.bodies

@@ -12,6 +12,7 @@ from typing import Final
 from simspec.contact.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.control.native import natives
 from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.passes import gather
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.filter import Kind, collision_masks
@@ -29,6 +30,7 @@ from simspec.formats.mjcf.from_world import (
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.support.declarations import (
+    GATHERED,
     NO_CONSTRAINTS_YET,
     Level,
     Support,
@@ -88,6 +90,7 @@ SUPPORT: Final[Table] = {
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
     Feature.CONTROL: never("MJCF has actuators, and no control laws"),
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
+    **GATHERED,
     **NO_CONSTRAINTS_YET,
 }
 """What plain MJCF carries of each feature."""
@@ -96,6 +99,7 @@ SUPPORT: Final[Table] = {
 def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
     """The file of a world, and what is lost beyond the table. Raises UnsupportedError for joints that the language refuses."""
     _check(world)
+    world = gather(world)
     laws = meeting_laws(world)
     masks, group_excludes = collision_masks(world)
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]

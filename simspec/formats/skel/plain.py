@@ -25,7 +25,7 @@ SUPPORT: Final[Table] = {
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
         Feature.DRY_FRICTION,
         *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.INERTIA, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE, Feature.TREE_DEPTH),
         *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
         *(Feature.GRAVITY, Feature.TIMESTEP),
     ),
