@@ -30,6 +30,8 @@ FIND: Final = re.compile(r"\$\(find\s+([^)\s]+)\)/?(.*)", re.DOTALL)
 SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 MARKS: Final = ("package.xml", "model.config")
 """Files by which a folder is known as a package."""
+NO_FILE: Final = ("no such file", "this path does not exist")
+"""What :meth:`Files.find` says of a file that is not there."""
 MOST_FOLDERS: Final = 20_000
 """Folders that are looked at for one package."""
 
@@ -85,12 +87,12 @@ class Files:
             resolved = target.resolve()
             is_file = resolved.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
-            raise element.error("this path does not exist", found=text[:200]) from None
+            raise element.error(NO_FILE[1], found=text[:200]) from None
         if self.roots and not any(resolved.is_relative_to(root) for root in self.roots):
             hint = "--allow-outside allows it; --package-path names a folder of packages"
             raise element.error("leaves the project folder", found=text, hint=hint)
         if not is_file:
-            raise element.error("no such file", found=text, hint=f"looked for {_short(target)}")
+            raise element.error(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")
         return resolved
 
     def _target(self, text: str, element: Element, beside: Path) -> Path:
@@ -149,6 +151,11 @@ class Files:
                 yield folder
             yield folder / name
             yield from _below(folder, name)
+
+
+def is_missing(error: SpecError) -> bool:
+    """Whether :meth:`Files.find` found nothing there, where reading would be allowed."""
+    return all(problem.message in NO_FILE for problem in error.problems)
 
 
 def _below(folder: Path, name: str) -> Iterator[Path]:

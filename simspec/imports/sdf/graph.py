@@ -1,0 +1,135 @@
+"""Where the frames of SDF are: poses by the names that they are relative to, and links that frames are attached to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from simspec.imports.elements import Element
+from simspec.imports.sdf.models import SEPARATOR, Scope
+from simspec.imports.sdf.values import Placed, Placement, pose_of, text_of
+
+MODEL: Final = "__model__"
+WORLD: Final = "world"
+
+Link = tuple[Scope, str]
+
+
+@dataclass
+class Graph:
+    """Answers where things are. All poses are of the file's own configuration, in which every joint is at zero."""
+
+    _poses: dict[tuple[int, str], Placement] = field(default_factory=dict)
+    _placed: dict[tuple[int, str], Placed] = field(default_factory=dict)
+    _open: list[tuple[int, str]] = field(default_factory=list)
+    _attached: dict[tuple[int, str], Link | None] = field(default_factory=dict)
+
+    # --- names ------------------------------------------------------------------------------------------------
+
+    def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
+        """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
+        *path, last = name.split(SEPARATOR)
+        for part in path:
+            if part not in scope.models:
+                raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
+            scope = scope.models[part]
+        here = (scope.links, scope.joints, scope.frames, scope.models)
+        if last not in (MODEL, WORLD) and not any(last in table for table in here):
+            known = ", ".join(sorted(key for table in here for key in table)[:20])
+            raise asking.error(f"nothing is called {last[:80]!r} here", found=name[:200], allowed=known or None)
+        return scope, last
+
+    def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
+        """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
+        scope, name = self.home(scope, name, asking)
+        key = (id(scope), name)
+        if key in self._open:
+            raise asking.error("frames that are attached to each other", found=name[:80])
+        if key not in self._attached:
+            self._open.append(key)
+            self._attached[key] = self._link(scope, name, asking)
+            self._open.pop()
+        return self._attached[key]
+
+    def _link(self, scope: Scope, name: str, asking: Element) -> Link | None:
+        if name in scope.links:
+            return scope, name
+        if name == WORLD or (name == MODEL and scope.is_world):
+            return None
+        if name in scope.joints:
+            return self.link(scope, text_of(scope.joints[name], "child", ""), scope.joints[name])
+        if name in scope.frames:
+            frame = scope.frames[name]
+            return self.link(scope, frame.word("attached_to") or MODEL, frame)
+        if name in scope.models:
+            return self.canonical(scope.models[name], asking)
+        return self.canonical(scope, asking)
+
+    def canonical(self, scope: Scope, asking: Element) -> Link | None:
+        """The link that a model's own frame is fixed to. Raises SpecError where it has none."""
+        if scope.canonical:
+            return self.link(scope, scope.canonical, scope.element)
+        if scope.links:
+            return scope, next(iter(scope.links))
+        for inner in scope.models.values():
+            return self.canonical(inner, asking)
+        raise asking.error(f"the model {scope.name[:80]!r} has no link")
+
+    # --- poses ------------------------------------------------------------------------------------------------
+
+    def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
+        """The pose of a frame in that of the scope itself. Raises SpecError at the element that asks."""
+        if SEPARATOR in name:
+            first, _, rest = name.partition(SEPARATOR)
+            self.home(scope, name, asking)
+            return self.pose(scope, first, asking).then(self.pose(scope.models[first], rest, asking))
+        _, name = self.home(scope, name, asking)
+        if name == MODEL or (name == WORLD and scope.is_world):
+            return Placement()
+        if name == WORLD and name not in scope.links:
+            raise asking.error("nothing in a model is relative to the world", found=name)
+        key = (id(scope), name)
+        if key in self._open:
+            raise asking.error("poses that are relative to each other", found=name[:80])
+        if key not in self._poses:
+            self._open.append(key)
+            self._poses[key] = self._pose(scope, name)
+            self._open.pop()
+        return self._poses[key]
+
+    def _pose(self, scope: Scope, name: str) -> Placement:
+        placed, element = self.placed(scope, name)
+        pose = self.pose(scope, placed.relative_to or MODEL, placed.element or element).then(placed.placement)
+        if name in scope.models and scope.models[name].placement_frame:
+            inner = scope.models[name]
+            pose = pose.then(self.pose(inner, inner.placement_frame, inner.element).inverse())
+        return pose
+
+    def placed(self, scope: Scope, name: str) -> tuple[Placed, Element]:
+        """The ``<pose>`` of a link, joint, frame or model, against the frame that it is relative to by default where the file
+        does not say it."""
+        if name in scope.models:
+            return scope.models[name].placed, scope.models[name].element
+        table, default = scope.links, MODEL
+        if name in scope.joints:
+            table, default = scope.joints, text_of(scope.joints[name], "child", "")
+        elif name in scope.frames:
+            table, default = scope.frames, scope.frames[name].word("attached_to") or MODEL
+        key = (id(scope), name)
+        if key not in self._placed:
+            own = pose_of(table[name])
+            self._placed[key] = Placed(own.placement, own.relative_to or default, own.element)
+        return self._placed[key], table[name]
+
+    def in_scope(self, outer: Scope, inner: Scope) -> Placement:
+        """The pose of a model's frame in that of a scope around it."""
+        path: list[Scope] = []
+        around: Scope | None = inner
+        while around is not None and around is not outer:
+            path.append(around)
+            around = around.parent
+        pose = Placement()
+        for model in reversed(path):
+            assert model.parent is not None
+            pose = pose.then(self.pose(model.parent, model.name, model.element))
+        return pose

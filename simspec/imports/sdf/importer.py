@@ -1,0 +1,282 @@
+"""SDF as specs: one model is a model file; a world, several models, or a model of several trees a scenario."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.imports.elements import Element
+from simspec.imports.files import Files
+from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
+from simspec.imports.sdf.contact import Materials, excluded, silent
+from simspec.imports.sdf.graph import Graph
+from simspec.imports.sdf.models import Reader, Scope, version_of
+from simspec.imports.sdf.trees import MASSLESS, RULES, BodyRead, ModelRead, Names, body_data, read_model
+from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
+from simspec.language.document import Path_
+from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
+
+GRAVITY: Final = (0.0, 0.0, -9.8)
+"""SDF's default; the language's is -9.81."""
+STEP: Final = 0.001
+MOST_PAIRS: Final = 20_000
+"""Pairs of bodies of one model that do not touch each other."""
+
+
+class Sdf:
+    """The importer of SDF."""
+
+    NAME: Final = "sdf"
+    SUFFIXES: Final = (".sdf", ".world")
+
+    def recognises(self, content: bytes) -> bool:
+        """Whether a file begins with an element of the language."""
+        return re.search(rb"<sdf[\s>]", content) is not None
+
+    def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        """A file as a spec. Raises SpecError with the places of what it does not support."""
+        files = Files(path, shown, options)
+        reader = Reader(files)
+        root = reader.root(path.resolve(), files.content(), shown)
+        scopes, world = _outermost(reader, root, path)
+        graph = Graph()
+        problems = _unknown_rules(options, shown)
+        models: list[ModelRead] = []
+        for scope in scopes:
+            try:
+                models.append(read_model(graph, scope, options.repair))
+            except SpecError as error:
+                problems.extend(error.problems)
+        if problems:
+            raise SpecError(problems)
+        spec = _Spec(path, graph, world, models)
+        spec.fill()
+        accounts: list[Account] = [account for root in reader.roots for account in root.accounts()]
+        return Imported(spec.data, spec.places, accounts, spec.repairs, read=files.read, comments=spec.comments)
+
+
+def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:
+    return [
+        Problem(f"{shown}: no rule of repair is called {rule!r}", allowed=", ".join(RULES))
+        for rule in options.repair
+        if rule not in RULES
+    ]
+
+
+def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:
+    """The models of a file, and its world where it has one. Raises SpecError where there is nothing to import."""
+    version, folder, chain = version_of(root), path.resolve().parent, (path.resolve(),)
+    worlds = root.look("world")
+    if len(worlds) > 1:
+        raise worlds[1].error("a file of several worlds is not supported", hint="save each world in a file of its own")
+    if worlds:
+        if root.look("model"):
+            raise root.look("model")[0].error("a model beside a world is not supported", hint="put it into the world")
+        world = Scope(worlds[0].word("name") or "world", worlds[0].take(), version)
+        reader.fill(world, folder, chain)
+        if world.joints:
+            element = next(iter(world.joints.values()))
+            raise element.error("joints between models of a world are not supported", hint="put them into one model")
+        if not world.models:
+            raise worlds[0].error("this world has no models")
+        return list(world.models.values()), world
+    for tag in ("light", "actor"):
+        for child in root.look(tag):
+            lost(child, "simspec has no lights and no actors", Severity.APPEARANCE)
+    models = root.look("model")
+    if not models:
+        raise root.error("this file has no model and no world")
+    scopes = [reader.model(model.take(), version, folder, None, chain) for model in models]
+    for scope in scopes:
+        if scope.placed.relative_to:
+            raise scope.element.error("a model that is alone is not relative to another frame")
+    return scopes, None
+
+
+@dataclass
+class _Spec:
+    """The spec that is made."""
+
+    path: Path
+    graph: Graph
+    world: Scope | None
+    models: list[ModelRead]
+    data: dict[str, Any] = field(default_factory=dict)
+    places: dict[Path_, Location] = field(default_factory=dict)
+    comments: dict[str, str] = field(default_factory=dict)
+    repairs: list[Repair] = field(default_factory=list)
+    materials: Materials = field(default_factory=Materials)
+    groups: dict[str, Any] = field(default_factory=dict)
+    exclude: list[list[str]] = field(default_factory=list)
+
+    def fill(self) -> None:
+        """Make the spec of the models."""
+        for empty in [model for model in self.models if not model.bodies]:
+            if self.world is None:
+                raise empty.scope.element.error("this model has no link")
+            unused(empty.scope.element, "a model without links")
+            self.models.remove(empty)
+        if not self.models:
+            assert self.world is not None
+            raise self.world.element.error("this world has no links")
+        self._name_shapes()
+        model = self.models[0]
+        alone = self.world is None and len(self.models) == 1 and len(model.roots) == 1
+        name = model.scope.name if len(self.models) == 1 else self.path.name.partition(".")[0]
+        if self.world is not None and self.world.name not in ("default", "world"):
+            name = self.world.name
+        self.data.update({"simspec": 1, "name": Names().give(name)})
+        if self.world is not None:
+            self.data["physics"] = _physics(self.world)
+        contact: dict[str, Any] = {}
+        self.data["contact"] = contact
+        for read in self.models:
+            for body in read.bodies:
+                for shape in body.content.shapes:
+                    if shape.surface is not None:
+                        self.materials.name(shape.surface)
+        if alone:
+            self.data["model"] = {"bodies": self._bodies(model, ("model", "bodies"))}
+            self._keep_apart(model, "")
+        else:
+            self._scenario()
+        if self.materials.names:
+            contact["materials"] = self.materials.data()
+        if self.groups:
+            contact["groups"] = self.groups
+        if self.exclude:
+            contact["exclude"] = self.exclude
+        if not contact:
+            del self.data["contact"]
+
+    def _name_shapes(self) -> None:
+        """Shapes keep their names where no other of the file has the same: names of shapes are unique in a spec."""
+        shapes = [shape for model in self.models for body in model.bodies for shape in body.content.shapes]
+        often = Counter(shape.name for shape in shapes)
+        names = Names()
+        for shape in shapes:
+            if shape.name and often[shape.name] == 1:
+                shape.name = names.give(shape.name, shape.element)
+            else:
+                reason = "names of shapes are unique in a spec"
+                shape.element.set_aside("name", Fate.LOST, reason, Severity.INFORMATION)
+                shape.name = ""
+
+    def _scenario(self) -> None:
+        """Models of one tree under ``models``; single links, and models of several trees, under ``bodies``."""
+        names = Names()
+        for model in self.models:
+            roots = model.roots
+            if len(roots) == 1 and len(model.bodies) > 1 and roots[0].name != model.scope.name:
+                name = names.give(model.scope.name, model.scope.element)
+                bodies = self._bodies(model, ("models", name, "bodies"))
+                self.data.setdefault("models", {})[name] = {"bodies": bodies}
+                self.places["models", name] = model.scope.element.location
+                self._keep_apart(model, f"{name}/", group=name)
+                continue
+            loose = roots[0].name == model.scope.name or len(model.bodies) == 1
+            renamed: dict[str, str] = {}
+            for body in model.bodies:
+                text = body.name if loose and len(model.bodies) > 1 else f"{model.scope.name}_{body.name}"
+                if len(model.bodies) == 1:
+                    text = model.scope.name
+                renamed[body.name] = names.give(text, body.element)
+            for body in model.bodies:
+                if body.joint_name and not loose:
+                    body.joint_name = f"{model.scope.name}_{body.joint_name}"
+                elif body.joint_name == f"{body.name}_joint":
+                    body.joint_name = f"{renamed[body.name]}_joint"
+                body.name = renamed[body.name]
+            self.data.setdefault("bodies", {}).update(self._bodies(model, ("bodies",)))
+            self._keep_apart(model, "", group=names.give(model.scope.name))
+
+    def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
+        """The bodies of a model, with their places and comments."""
+        around = Placement()
+        if self.world is not None:
+            around = self.graph.pose(self.world, model.scope.name, model.scope.element)
+        else:
+            around = self._alone(model.scope)
+        bodies: dict[str, Any] = {}
+        for body in model.bodies:
+            data = body_data(model, body, around)
+            own = (*path, body.name)
+            self._place(body, data, own)
+            shapes = [self._shape(body, index, (*own, "shapes", index)) for index in range(len(body.content.shapes))]
+            if shapes:
+                data["shapes"] = shapes
+            if body.content.comment:
+                self.comments[".".join((*own, "mass"))] = body.content.comment
+            bodies[body.name] = data
+        for body, what in model.repairs:
+            place = ".".join((*path, body.name, "fixed"))
+            self.repairs.append(Repair(MASSLESS, body.element.location, what, place))
+        return bodies
+
+    def _alone(self, scope: Scope) -> Placement:
+        """The pose of a model that is in no world."""
+        pose = scope.placed.placement
+        if scope.placement_frame:
+            pose = pose.then(self.graph.pose(scope, scope.placement_frame, scope.element).inverse())
+        return pose
+
+    def _place(self, body: BodyRead, data: dict[str, Any], own: tuple[str, ...]) -> None:
+        self.places[own] = body.element.location
+        if body.joint is not None:
+            self.places[(*own, "joint")] = body.joint.element.location
+        if body.content.inertial is not None:
+            for key in ("mass", "centre_of_mass", "inertia"):
+                if key in data:
+                    self.places[(*own, key)] = body.content.inertial.location
+
+    def _shape(self, body: BodyRead, index: int, own: Path_) -> dict[str, Any]:
+        shape = body.content.shapes[index]
+        self.places[own] = shape.element.location
+        named = {} if shape.name in ("", f"{body.name}_{index}") else {"name": shape.name}
+        data = {**named, **shape.data}
+        if shape.surface is not None and len(self.materials.names) > 1:
+            data["material"] = self.materials.name(shape.surface)
+        return data
+
+    def _keep_apart(self, model: ModelRead, prefix: str, group: str | None = None) -> None:
+        """Bodies of a model that do not touch each other: pairs in a model file, which may be placed twice, else a group."""
+        bodies = silent(model)
+        if not bodies:
+            return
+        if group is None:
+            self.exclude.extend(excluded(bodies))
+            return
+        self.groups[group] = {"ignores": [group]}
+        tables = self.data["models"][prefix[:-1]]["bodies"] if prefix else self.data["bodies"]
+        for body in bodies:
+            table = tables[body.name]
+            shapes = table.pop("shapes")
+            table.update({"collision_group": group, "shapes": shapes})
+
+
+def _physics(world: Scope) -> dict[str, Any]:
+    """Gravity and timestep of a world."""
+    element = world.element
+    set_aside(element, IN_WORLD)
+    gravity, step = GRAVITY, STEP
+    profiles = element.look("physics")
+    chosen = next((one for one in profiles if one.attributes.get("default", "") in ("1", "true")), None)
+    chosen = chosen or (profiles[0] if profiles else None)
+    for profile in profiles:
+        if profile is not chosen:
+            unused(profile, "another of the file's settings of physics is in force")
+            continue
+        profile.take()
+        for name in ("name", "type", "default"):
+            profile.word(name)
+        gravity = vector_of(profile, "gravity", gravity)
+        step = finite_of(profile, "max_step_size", step)
+        for child in profile.look():
+            if child.tag not in ("gravity", "max_step_size"):
+                child.set_aside(None, PHYSICS[0], PHYSICS[2], PHYSICS[1])
+    gravity = vector_of(element, "gravity", gravity)
+    return {"gravity": list(gravity), "timestep": step}

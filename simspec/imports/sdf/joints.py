@@ -1,0 +1,178 @@
+"""Joints of SDF as joints of the language."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from simspec.imports.elements import Element
+from simspec.imports.sdf.aside import IN_JOINT, set_aside
+from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
+from simspec.imports.sdf.models import Scope
+from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number_of, unused, vector
+from simspec.language.foreign import Severity
+from simspec.world import frames
+from simspec.world.types import Vector3
+
+KINDS: Final[Mapping[str, str]] = {
+    "revolute": "hinge",
+    "continuous": "hinge",
+    "prismatic": "slide",
+    "ball": "ball",
+    "fixed": "fixed",
+}
+REFUSED: Final[Mapping[str, str]] = {
+    "universal": "two axes in one joint",
+    "revolute2": "two axes in one joint",
+    "screw": "a turn that is coupled to a displacement",
+    "gearbox": "a coupling of two joints",
+}
+UNLIMITED: Final = 1e16
+"""A limit from here on is none."""
+EXPRESSED_SINCE: Final = (1, 7)
+JOINT_FRAME_SINCE: Final = (1, 5)
+"""Axes are in the joint's frame since this version; before, in the model's."""
+
+
+@dataclass
+class JointRead:
+    """A joint: what it joins, where, and what the language says of it. ``parent`` None: the world."""
+
+    scope: Scope
+    name: str
+    element: Element
+    kind: str
+    parent: Link | None
+    child: Link
+    in_child: Placement
+    """The joint's frame in that of the child link."""
+    data: dict[str, Any]
+    """Limits, damping, and the like; the axis in the child link's axes."""
+
+
+def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
+    """A joint of a model. Raises SpecError for kinds that the language does not have."""
+    element = scope.joints[name]
+    word = element.need("type")
+    if word in REFUSED:
+        raise element.error(
+            f"simspec does not support joints of the type {word}: {REFUSED[word]}", hint="leave it out, or fix it"
+        )
+    if word not in KINDS:
+        raise element.error("not a type of joint", found=word[:60], allowed=", ".join((*KINDS, *REFUSED)))
+    parent = _side(graph, scope, element, "parent")
+    child = _side(graph, scope, element, "child")
+    if child is None:
+        raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
+    in_child = _between(graph, scope, element, name, child)
+    kind = KINDS[word]
+    data: dict[str, Any] = {}
+    if kind in ("hinge", "slide"):
+        data = _axis(graph, scope, name, child, limited=word != "continuous")
+    elif element.look("axis"):
+        unused(element.look("axis")[0], f"a {word} joint has no axis")
+    set_aside(element, IN_JOINT)
+    _rotor(element, data)
+    return JointRead(scope, name, element, kind, parent, child, in_child, data)
+
+
+def _side(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | None:
+    side = element.child(tag)
+    if side is None or not side.text:
+        raise element.error(f"<joint> has no <{tag}>")
+    if side.text == WORLD and WORLD not in scope.links:
+        return None
+    return graph.link(scope, side.text, side)
+
+
+def _between(graph: Graph, scope: Scope, element: Element, name: str, child: Link) -> Placement:
+    """The joint's frame in that of its child link."""
+    placed, _ = graph.placed(scope, name)
+    if not placed.relative_to or graph.home(scope, placed.relative_to, element) == child:
+        return placed.placement
+    link = graph.in_scope(scope, child[0]).then(graph.pose(*child, element))
+    return link.inverse().then(graph.pose(scope, name, element))
+
+
+def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool) -> dict[str, Any]:
+    """What the language says of the axis, its limits and efforts."""
+    element = scope.joints[name]
+    axis = element.child("axis")
+    if axis is None:
+        axis = Element("axis", {}, element.location, "", element)
+    data: dict[str, Any] = {"axis": list(_direction(graph, scope, name, child, axis))}
+    limit = axis.child("limit")
+    if limit is not None:
+        limits = _limits(limit, limited=limited)
+        if limits:
+            data["limits"] = limits
+    dynamics = axis.child("dynamics")
+    if dynamics is not None:
+        for tag, key in (("damping", "damping"), ("friction", "dry_friction")):
+            value = finite_of(dynamics, tag, 0.0)
+            if value:
+                data[key] = value
+        stiffness = finite_of(dynamics, "spring_stiffness", 0.0)
+        rest = finite_of(dynamics, "spring_reference", 0.0)
+        if stiffness:
+            data["spring"] = {"stiffness": stiffness} if not rest else {"stiffness": stiffness, "rest": rest}
+    for child_element in axis.look("mimic"):
+        raise child_element.error("simspec does not read couplings of joints in SDF", hint="leave <mimic> out")
+    for child_element in axis.look("initial_position"):
+        lost(child_element, "where a joint begins is not read", Severity.PHYSICS, "`positions` of the placed model")
+    return data
+
+
+def _direction(graph: Graph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
+    """The axis in the axes of the child link."""
+    element = scope.joints[name]
+    xyz = axis.child("xyz")
+    direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else vector(xyz)
+    if not any(direction):
+        raise axis.error("the axis of a joint has no length")
+    frame = name
+    if scope.version < JOINT_FRAME_SINCE or (
+        scope.version < EXPRESSED_SINCE and flag_of(axis, "use_parent_model_frame", False)
+    ):
+        frame = MODEL
+    if xyz is not None:
+        frame = xyz.word("expressed_in") or frame
+    if frame == name:
+        turn = _between(graph, scope, element, name, child).pose.quaternion
+    else:
+        link = graph.in_scope(scope, child[0]).then(graph.pose(*child, element))
+        turn = link.inverse().then(graph.pose(scope, frame, axis)).pose.quaternion
+    return frames.rotate(turn, direction)
+
+
+def _limits(limit: Element, *, limited: bool) -> dict[str, Any]:
+    data: dict[str, Any] = {}
+    lower, upper = number_of(limit, "lower", -math.inf), number_of(limit, "upper", math.inf)
+    if not limited:
+        for child in limit.look("lower", "upper"):
+            unused(child, "a continuous joint has no limits")
+    elif lower > -UNLIMITED or upper < UNLIMITED:
+        if not (lower > -UNLIMITED and upper < UNLIMITED):
+            raise limit.error("a joint with one limit is not supported", hint="give both limits, or none")
+        data["position"] = [lower, upper]
+    for tag in ("velocity", "effort"):
+        value = number_of(limit, tag, -1.0)
+        if 0.0 <= value < UNLIMITED:
+            data[tag] = value
+    for child in limit.look("stiffness", "dissipation"):
+        lost(child, "a limit is a hard, inelastic stop")
+    return data
+
+
+def _rotor(element: Element, data: dict[str, Any]) -> None:
+    """The inertia of a rotor behind a gear, which one reader of the language has as elements of its own."""
+    inertia = ratio = None
+    for child in element.look():
+        if child.tag.endswith("}rotor_inertia"):
+            (inertia,) = child.content(1)
+        elif child.tag.endswith("}gear_ratio"):
+            (ratio,) = child.content(1)
+    if inertia and "axis" in data:
+        data["armature"] = inertia * (1.0 if ratio is None else ratio) ** 2

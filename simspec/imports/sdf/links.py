@@ -1,0 +1,97 @@
+"""Links of SDF as bodies of the language: mass properties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from simspec.imports.elements import Element
+from simspec.imports.sdf.aside import IN_LINK, set_aside
+from simspec.imports.sdf.shapes import DENSITY, ShapeRead, read_shapes
+from simspec.imports.sdf.values import Placement, at, finite_of, flag, lost, pose_of, unused
+from simspec.world import frames
+from simspec.world.types import Vector3
+
+NO_INERTIAL: Final = "the file says no inertial; SDF then means 1 kg and a unit inertia"
+UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}
+
+
+@dataclass
+class LinkRead:
+    """What a link says of its body, in the body's frame."""
+
+    mass: dict[str, Any]
+    shapes: list[ShapeRead]
+    comment: str = ""
+    inertial: Element | None = None
+
+    @property
+    def is_massless(self) -> bool:
+        """Whether the file says that it has no mass."""
+        return (
+            self.inertial is not None
+            and not self.mass.get("mass", 0.0)
+            and not any("density" in one.data for one in self.shapes)
+        )
+
+
+def read_link(link: Element, offset: Vector3, *, static: bool) -> LinkRead:
+    """A link, for a body whose frame is at ``offset`` in the link's. Raises SpecError."""
+    move = at((-offset[0], -offset[1], -offset[2]))
+    density = _computed(link)
+    shapes = read_shapes(link, move, density)
+    set_aside(link, IN_LINK)
+    inertial = link.look("inertial")
+    if density is not None:
+        return LinkRead({}, shapes, inertial=inertial[0])
+    if inertial:
+        return LinkRead(_inertial(inertial[0].take(), move), shapes, inertial=inertial[0])
+    if static:
+        return LinkRead({}, shapes)
+    return LinkRead({"mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL)
+
+
+def _computed(link: Element) -> float | None:
+    """The density by which the link's inertia is to be computed from its collisions; None where the file gives the inertia."""
+    for inertial in link.look("inertial"):
+        if flag(inertial, inertial.word("auto") or "false"):
+            inertial.take()
+            if inertial.look("mass", "inertia", "pose"):
+                raise inertial.error("an inertial that is computed and has numbers of its own is not supported")
+            return finite_of(inertial, "density", DENSITY)
+    return None
+
+
+def _inertial(inertial: Element, move: Placement) -> dict[str, Any]:
+    mass = finite_of(inertial, "mass", 1.0)
+    pose = pose_of(inertial)
+    if pose.relative_to:
+        raise inertial.error("the pose of an inertial is relative to its link", found=pose.relative_to[:80])
+    place = move.then(pose.placement)
+    tensor = inertial.child("inertia")
+    values = {
+        key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
+    }
+    lost(next(iter(inertial.look("fluid_added_mass")), None), "simspec has no air, wind or water")
+    unused(next(iter(inertial.look("density")), None), "the file gives the mass")
+    if not mass and not any(values.values()):
+        return {}
+    return {"mass": mass, **_centre(place), "inertia": inertia_data(tuple(values.values()), place)}
+
+
+def _centre(place: Placement) -> dict[str, Any]:
+    return {"centre_of_mass": list(place.pose.position)} if any(place.pose.position) else {}
+
+
+def inertia_data(values: tuple[float, ...], place: Placement) -> dict[str, Any]:
+    """An inertia (xx, yy, zz, xy, xz, yz) in axes turned by ``place``, as the language has it in the body's axes."""
+    turned = place.pose.quaternion != frames.IDENTITY
+    if not any(values[3:]):
+        data: dict[str, Any] = {"principal": list(values[:3])}
+        if turned:
+            data.update({key: value for key, value in place.data().items() if key != "xyz"})
+        return data
+    if turned:
+        values = frames.turn_inertia(place.pose.quaternion, values)
+    names = ("xx", "yy", "zz", "xy", "xz", "yz")
+    return {"tensor": {name: value for name, value in zip(names, values, strict=True) if value or name[0] == name[1]}}

@@ -1,0 +1,213 @@
+"""Models of SDF as scopes of names: links, joints, frames and models within them, with includes read."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.imports.elements import Element, parse
+from simspec.imports.files import Files
+from simspec.imports.sdf.values import Placed, flag_of, lost, pose_of, text_of, unused
+from simspec.language.foreign import Fate, Severity
+from simspec.language.sources import shown_path
+
+OLDEST: Final = (1, 4)
+NEWEST: Final = (1, 12)
+UNIQUE_SINCE: Final = (1, 7)
+"""Names are unique in a model since this version."""
+MOST_INCLUDES: Final = 1_000
+"""Includes of one file, those of included files counted: each is a copy of a model."""
+DEEPEST: Final = 20
+"""Models within each other."""
+MOST_LINKS: Final = 20_000
+ENDS: Final = (".sdf", ".world", ".xml")
+CONFIGURATION: Final = "model.config"
+SEPARATOR: Final = "::"
+
+Version = tuple[int, int]
+
+
+@dataclass(eq=False)
+class Scope:
+    """A model, or a world: what the names in it mean."""
+
+    name: str
+    element: Element
+    version: Version
+    parent: Scope | None = None
+    placed: Placed = field(default_factory=Placed)
+    """Its pose, against the frame around it."""
+    placement_frame: str = ""
+    canonical: str = ""
+    static: bool = False
+    self_collide: bool = False
+    links: dict[str, Element] = field(default_factory=dict)
+    joints: dict[str, Element] = field(default_factory=dict)
+    frames: dict[str, Element] = field(default_factory=dict)
+    models: dict[str, Scope] = field(default_factory=dict)
+
+    @property
+    def is_world(self) -> bool:
+        """Whether this is a world."""
+        return self.element.tag == "world"
+
+    def within(self) -> list[Scope]:
+        """This model, and all models in it, in the order of the file."""
+        return [self, *(inner for model in self.models.values() for inner in model.within())]
+
+
+@dataclass
+class Reader:
+    """Reads the models of a file, and of those that it includes."""
+
+    files: Files
+    roots: list[Element] = field(default_factory=list)
+    """The outermost elements of all files that were read, each once."""
+    _read: dict[Path, Element] = field(default_factory=dict)
+    _includes: int = 0
+    _links: int = 0
+
+    def root(self, path: Path, content: bytes, shown: str) -> Element:
+        """The outermost element of a file. Raises SpecError where it is no SDF."""
+        if path not in self._read:
+            element = parse(content, shown)
+            self._read[path] = element
+            self.roots.append(element)
+            if element.tag != "sdf":
+                raise element.error(f"the outermost element is <{element.tag[:60]}>", allowed="<sdf version=...>")
+            version_of(element)
+        return self._read[path]
+
+    def model(
+        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
+    ) -> Scope:
+        """A ``<model>`` with what is in it. Raises SpecError."""
+        scope = Scope(_named(element, version >= UNIQUE_SINCE), element, version, parent, pose_of(element))
+        scope.placement_frame = element.word("placement_frame") or ""
+        scope.canonical = element.word("canonical_link") or ""
+        scope.static = flag_of(element, "static", False) or (parent is not None and parent.static)
+        scope.self_collide = flag_of(element, "self_collide", False)
+        self.fill(scope, folder, chain)
+        return scope
+
+    def fill(self, scope: Scope, folder: Path, chain: tuple[Path, ...]) -> None:
+        """Read the links, joints, frames and models of a scope."""
+        depth, around = 0, scope.parent
+        while around is not None:
+            depth, around = depth + 1, around.parent
+        if depth > DEEPEST:
+            raise scope.element.error(f"more than {DEEPEST} models within each other")
+        tables = {"link": scope.links, "joint": scope.joints, "frame": scope.frames}
+        taken: set[str] = set()
+        strict = scope.version >= UNIQUE_SINCE
+        for child in scope.element.look("link", "joint", "frame", "model", "include"):
+            if not strict and child.tag == "link" and child.attributes.get("name") == "world" and not child.look():
+                unused(child, "an empty link of this name is the world itself")
+                continue
+            if child.tag in tables:
+                name = _named(child, strict)
+                if child.tag == "joint" and not strict and name in taken:
+                    name = _another(child, name, taken)
+                tables[child.tag][name] = child.take()
+                self._links += child.tag == "link"
+            else:
+                read = self._include if child.tag == "include" else self.model
+                inner = read(child.take(), scope.version, folder, scope, chain)
+                if not strict and inner.name in taken:
+                    inner.name = _another(child, inner.name, taken)
+                name = inner.name
+                scope.models[name] = inner
+            if name in taken:
+                raise child.error(f"{name!r} is the name of two things in one model")
+            taken.add(name)
+            if self._links > MOST_LINKS:
+                raise child.error(f"more than {MOST_LINKS:,} links")
+
+    def _include(
+        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
+    ) -> Scope:
+        """The model of an ``<include>``, with what the include says of it. Raises SpecError."""
+        self._includes += 1
+        if self._includes > MOST_INCLUDES:
+            raise element.error(f"more than {MOST_INCLUDES:,} includes")
+        if element.word("merge", "false") not in ("false", "0"):
+            raise element.error("an include that merges is not supported", hint="include the model as it is")
+        uri = element.child("uri")
+        if uri is None or not uri.text:
+            raise element.error("<include> has no <uri>")
+        path = self._find(uri, folder)
+        if path in chain or len(chain) > DEEPEST:
+            raise uri.error("files that include each other", found=uri.text[:200])
+        root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
+        models = root.look("model")
+        if len(models) != 1 or root.look("world"):
+            raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
+        scope = self.model(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        scope.name = text_of(element, "name", scope.name)
+        placed = pose_of(element)
+        if placed.element is not None:
+            if scope.placed.element is not None:
+                scope.placed.element.set_aside(None, Fate.UNUSED, "an include says another pose", Severity.INFORMATION)
+            scope.placed = placed
+        scope.placement_frame = text_of(element, "placement_frame", scope.placement_frame)
+        if element.look("static"):
+            static = flag_of(element, "static", False)
+            for inner in scope.within():
+                inner.static = static
+        for child in element.look("plugin"):
+            lost(child, "a plugin is a program of another simulator, which may do anything")
+        return scope
+
+    def _find(self, uri: Element, folder: Path) -> Path:
+        """The file of a URI: a file, or the folder of a model whose configuration names it. Raises SpecError."""
+        text = uri.text
+        if text.lower().startswith(("http:", "https:")):
+            raise uri.error("simspec loads nothing from the network", found=text[:200], hint="save the model beside it")
+        if text.lower().endswith(ENDS):
+            return self.files.find(text, uri, folder)
+        configuration = self.files.find(f"{text.rstrip('/')}/{CONFIGURATION}", uri, folder)
+        shown = shown_path(configuration)
+        choices: list[tuple[Version, str]] = []
+        for child in parse(self.files.bytes_of(configuration, uri), shown).look("sdf"):
+            version = _version(child.attributes.get("version", "1.4"))
+            if version is not None and OLDEST <= version <= NEWEST and child.text:
+                choices.append((version, child.text))
+        if not choices:
+            raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1))])
+        return self.files.find(f"{text.rstrip('/')}/{max(choices)[1]}", uri, folder)
+
+
+def version_of(root: Element) -> Version:
+    """The version of a file. Raises SpecError where simspec does not read it."""
+    text = root.need("version")
+    version = _version(text)
+    if version is None or not OLDEST <= version <= NEWEST:
+        raise root.error("this version of SDF is not read", found=text[:20], allowed="1.4 to 1.12")
+    return version
+
+
+def _version(text: str) -> Version | None:
+    match = re.fullmatch(r"\s*(\d{1,3})\.(\d{1,3})(\.\d{1,3})?\s*", text)
+    return None if match is None else (int(match.group(1)), int(match.group(2)))
+
+
+def _named(element: Element, strict: bool) -> str:
+    """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it."""
+    name = element.need("name")
+    reserved = ("__model__", "__root__") if not strict and element.tag == "link" else ("__model__", "__root__", "world")
+    if not name or SEPARATOR in name or name in reserved:
+        raise element.error(f"not a name of a <{element.tag}>", found=name[:80])
+    return name
+
+
+def _another(element: Element, name: str, taken: set[str]) -> str:
+    """A name for the second of two things of one name, in files where that was allowed."""
+    count = 2
+    while f"{name}_{count}" in taken:
+        count += 1
+    reason = f"called {name}_{count}: another thing around it has the name"
+    element.set_aside("name", Fate.CARRIED, reason, Severity.INFORMATION)
+    return f"{name}_{count}"

@@ -1,0 +1,251 @@
+"""A model of SDF as trees of bodies: names, parents, frames.
+
+A body's frame is its link's, moved to its joint where that turns about another point: bodies of the language have their frames
+at their joints.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from simspec.errors import Problem, SpecError
+from simspec.imports.elements import Element
+from simspec.imports.sdf.aside import IN_MODEL, set_aside
+from simspec.imports.sdf.graph import Graph, Link
+from simspec.imports.sdf.joints import JointRead, read_joint
+from simspec.imports.sdf.links import LinkRead, read_link
+from simspec.imports.sdf.models import Scope
+from simspec.imports.sdf.values import Placement, at, flag_of
+from simspec.language.foreign import Fate, Severity
+from simspec.world.types import Vector3
+
+LONGEST_NAME: Final = 200
+MASSLESS: Final = "massless"
+RULES: Final = {MASSLESS: "a root without mass is fixed to the world"}
+"""Rules of repair, with what they do."""
+
+
+@dataclass
+class BodyRead:
+    """A body: its link, its joint (None: free, or fixed by the model), and its frame in the model's."""
+
+    name: str
+    link: Link
+    element: Element
+    frame: Placement
+    content: LinkRead
+    joint: JointRead | None = None
+    parent: BodyRead | None = None
+    offset: Vector3 = (0.0, 0.0, 0.0)
+    """The frame's origin in the link's frame."""
+    static: bool = False
+    self_collide: bool = False
+    joint_name: str = ""
+
+
+@dataclass
+class ModelRead:
+    """A model of the file: its bodies, parents first in each tree."""
+
+    scope: Scope
+    bodies: list[BodyRead]
+    graph: Graph
+    repairs: list[tuple[BodyRead, str]] = field(default_factory=list)
+
+    @property
+    def roots(self) -> list[BodyRead]:
+        """Bodies without a parent."""
+        return [body for body in self.bodies if body.parent is None]
+
+
+class Names:
+    """Names that the language allows, each once."""
+
+    def __init__(self, taken: Iterable[str] = ()):
+        self._taken = {"world", *taken}
+
+    def give(self, text: str, element: Element | None = None) -> str:
+        """A name made of a text; an element whose name changes is told so."""
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
+        if not re.match(r"[A-Za-z_]", plain):
+            plain = f"_{plain}"
+        name, count = plain, 2
+        while name in self._taken:
+            name, count = f"{plain}_{count}", count + 1
+        self._taken.add(name)
+        if element is not None and name != element.attributes.get("name", "").strip():
+            element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)
+        return name
+
+
+def read_model(graph: Graph, model: Scope, repair: tuple[str, ...] = ()) -> ModelRead:
+    """The bodies of a model with all that are within it; ``repair``: rules that are applied. Raises SpecError with all
+    problems."""
+    problems: list[Problem] = []
+    joints: list[JointRead] = []
+    scopes = model.within()
+    for scope in scopes:
+        set_aside(scope.element, IN_MODEL)
+        for name in scope.frames:
+            graph.link(scope, name, scope.frames[name])
+            graph.pose(scope, name, scope.frames[name])
+        for name in scope.joints:
+            try:
+                joints.append(read_joint(graph, scope, name))
+            except SpecError as error:
+                problems.extend(error.problems)
+    bodies = _bodies(graph, model, joints, problems)
+    read = ModelRead(model, bodies, graph)
+    for root in read.roots:
+        _massless(read, root, repair, problems)
+    if problems:
+        raise SpecError(problems)
+    return read
+
+
+def _massless(read: ModelRead, root: BodyRead, repair: tuple[str, ...], problems: list[Problem]) -> None:
+    """A free root without mass is a defect, which a rule repairs: it is fixed to the world."""
+    if root.static or root.joint is not None or not root.content.is_massless:
+        return
+    if MASSLESS not in repair:
+        hint = f"simspec import --repair {MASSLESS}: {RULES[MASSLESS]}"
+        problems.append(root.element.problem("a link that moves freely has no mass", hint=hint))
+        return
+    root.static = True
+    root.content.mass = {}
+    read.repairs.append((root, "it has no mass, and nothing holds it: fixed to the world"))
+
+
+def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[Problem]) -> list[BodyRead]:
+    of_child: dict[tuple[int, str], JointRead] = {}
+    for read in joints:
+        key = (id(read.child[0]), read.child[1])
+        if key in of_child:
+            hint = "simspec reads trees: leave one of the joints out"
+            raise read.element.error(f"a loop: {read.child[1]!r} is the child of several joints", hint=hint)
+        of_child[key] = read
+    names, joint_names = Names(), Names()
+    bodies: dict[tuple[int, str], BodyRead] = {}
+    for scope in model.within():
+        for name, element in scope.links.items():
+            key = (id(scope), name)
+            joint = None if model.static or scope.static else of_child.get(key)
+            offset = _offset(joint)
+            frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
+            try:
+                content = read_link(element, offset, static=scope.static)
+            except SpecError as error:
+                problems.extend(error.problems)
+                content = LinkRead({}, [])
+            body = BodyRead(
+                names.give(_long_name(model, scope, name), element),
+                (scope, name),
+                element,
+                frame,
+                content,
+                joint,
+                offset=offset,
+                static=scope.static,
+                self_collide=flag_of(element, "self_collide", scope.self_collide),
+            )
+            bodies[key] = body
+    for read in joints:
+        body = bodies[id(read.child[0]), read.child[1]]
+        joint_name = joint_names.give(_long_name(model, read.scope, read.name), read.element)
+        if body.joint is read:
+            body.joint_name = joint_name
+            if read.parent is not None:
+                body.parent = bodies[id(read.parent[0]), read.parent[1]]
+    _join_static(list(bodies.values()))
+    return _parents_first(list(bodies.values()))
+
+
+def _long_name(model: Scope, scope: Scope, name: str) -> str:
+    """A name with those of the models that it is in, below the outermost."""
+    parts = [name]
+    while scope is not model and scope.parent is not None:
+        parts.append(scope.name)
+        scope = scope.parent
+    return "_".join(reversed(parts))
+
+
+def _offset(joint: JointRead | None) -> Vector3:
+    """Where a body's frame is in its link's: at its joint, unless it does not turn there."""
+    if joint is None or joint.kind not in ("hinge", "ball"):
+        return (0.0, 0.0, 0.0)
+    return joint.in_child.pose.position
+
+
+def _join_static(bodies: list[BodyRead]) -> None:
+    """Links of a static model are one rigid thing: all are fixed to the first."""
+    first: BodyRead | None = None
+    for body in bodies:
+        if body.static:
+            if first is not None:
+                body.parent = first
+            first = first or body
+
+
+def _parents_first(bodies: list[BodyRead]) -> list[BodyRead]:
+    order: list[BodyRead] = []
+    placed: set[int] = set()
+    below: dict[int, list[BodyRead]] = {}
+    for body in bodies:
+        if body.parent is not None:
+            below.setdefault(id(body.parent), []).append(body)
+    waiting = [body for body in reversed(bodies) if body.parent is None]
+    while waiting:
+        body = waiting.pop()
+        order.append(body)
+        placed.add(id(body))
+        waiting.extend(reversed(below.get(id(body), [])))
+    for body in bodies:
+        if id(body) not in placed:
+            assert body.joint is not None
+            raise body.joint.element.error("a loop: these links are each other's parents")
+    return order
+
+
+def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, Any]:
+    """A body as the language has it; ``around``: the pose of the model's frame in that of the placement."""
+    data: dict[str, Any] = {}
+    content, joint = body.content, body.joint
+    if body.parent is not None:
+        data["parent"] = body.parent.name
+        joined = {"type": joint.kind if joint is not None else "fixed"}
+        data["joint"] = _joint_data(body, joined, _origin(model.graph, body))
+    else:
+        pose = around.then(body.frame)
+        if joint is not None and not (joint.kind == "fixed" and body.joint_name == f"{body.name}_joint"):
+            data["joint"] = _joint_data(body, {"type": joint.kind}, pose)
+        else:
+            if body.static or joint is not None:
+                data["fixed"] = True
+            if pose.data():
+                data["pose"] = pose.data()
+    data.update(content.mass)
+    return data
+
+
+def _origin(graph: Graph, body: BodyRead) -> Placement:
+    """The pose of a body in its parent's; of a link that the file places against its parent, by the file's own numbers."""
+    assert body.parent is not None
+    scope, name = body.link
+    placed, element = graph.placed(scope, name)
+    if placed.relative_to and graph.home(scope, placed.relative_to, element) == body.parent.link:
+        x, y, z = body.parent.offset
+        return at((-x, -y, -z)).then(placed.placement).then(at(body.offset))
+    return body.parent.frame.inverse().then(body.frame)
+
+
+def _joint_data(body: BodyRead, data: dict[str, Any], origin: Placement) -> dict[str, Any]:
+    if body.joint_name and body.joint_name != f"{body.name}_joint":
+        data = {"name": body.joint_name, **data}
+    if origin.data():
+        data["origin"] = origin.data()
+    if body.joint is not None:
+        data.update(body.joint.data)
+    return data
