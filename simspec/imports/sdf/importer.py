@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.imports.draft import plain
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
@@ -152,6 +153,7 @@ class _Spec:
             contact["exclude"] = self.exclude
         if not contact:
             del self.data["contact"]
+        self.data = _plain(self.data)
 
     def _name_shapes(self) -> None:
         """Shapes keep their names where no other of the file has the same: names of shapes are unique in a spec."""
@@ -256,6 +258,15 @@ class _Spec:
             table = tables[body.name]
             shapes = table.pop("shapes")
             table.update({"collision_group": group, "shapes": shapes})
+
+
+def _plain(value: Any) -> Any:
+    """The same data, its whole numbers without a point."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return plain(value) if isinstance(value, float) else value
 
 
 def _physics(world: Scope) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from simspec.imports.draft import angle
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_JOINT, set_aside
 from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
@@ -70,7 +71,7 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
     kind = KINDS[word]
     data: dict[str, Any] = {}
     if kind in ("hinge", "slide"):
-        data = _axis(graph, scope, name, child, limited=word != "continuous")
+        data = _axis(graph, scope, name, child, limited=word != "continuous", turns=kind == "hinge")
     elif element.look("axis"):
         unused(element.look("axis")[0], f"a {word} joint has no axis")
     set_aside(element, IN_JOINT)
@@ -96,7 +97,7 @@ def _between(graph: Graph, scope: Scope, element: Element, name: str, child: Lin
     return link.inverse().then(graph.pose(scope, name, element))
 
 
-def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool) -> dict[str, Any]:
+def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool, turns: bool) -> dict[str, Any]:
     """What the language says of the axis, its limits and efforts."""
     element = scope.joints[name]
     axis = element.child("axis")
@@ -105,7 +106,7 @@ def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool) 
     data: dict[str, Any] = {"axis": list(_direction(graph, scope, name, child, axis))}
     limit = axis.child("limit")
     if limit is not None:
-        limits = _limits(limit, limited=limited)
+        limits = _limits(limit, limited=limited, turns=turns)
         if limits:
             data["limits"] = limits
     dynamics = axis.child("dynamics")
@@ -117,7 +118,11 @@ def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool) 
         stiffness = finite_of(dynamics, "spring_stiffness", 0.0)
         rest = finite_of(dynamics, "spring_reference", 0.0)
         if stiffness:
-            data["spring"] = {"stiffness": stiffness} if not rest else {"stiffness": stiffness, "rest": rest}
+            data["spring"] = (
+                {"stiffness": stiffness}
+                if not rest
+                else {"stiffness": stiffness, "rest": angle(rest) if turns else rest}
+            )
     for child_element in axis.look("mimic"):
         raise child_element.error("simspec does not read couplings of joints in SDF", hint="leave <mimic> out")
     for child_element in axis.look("initial_position"):
@@ -147,7 +152,7 @@ def _direction(graph: Graph, scope: Scope, name: str, child: Link, axis: Element
     return frames.rotate(turn, direction)
 
 
-def _limits(limit: Element, *, limited: bool) -> dict[str, Any]:
+def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
     data: dict[str, Any] = {}
     lower, upper = number_of(limit, "lower", -math.inf), number_of(limit, "upper", math.inf)
     if not limited:
@@ -156,7 +161,7 @@ def _limits(limit: Element, *, limited: bool) -> dict[str, Any]:
     elif lower > -UNLIMITED or upper < UNLIMITED:
         if not (lower > -UNLIMITED and upper < UNLIMITED):
             raise limit.error("a joint with one limit is not supported", hint="give both limits, or none")
-        data["position"] = [lower, upper]
+        data["position"] = [angle(value) if turns else value for value in (lower, upper)]
     for tag in ("velocity", "effort"):
         value = number_of(limit, tag, -1.0)
         if 0.0 <= value < UNLIMITED:

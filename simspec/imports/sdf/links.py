@@ -12,7 +12,7 @@ from simspec.imports.sdf.values import Placement, at, finite_of, flag, lost, pos
 from simspec.world import frames
 from simspec.world.types import Vector3
 
-NO_INERTIAL: Final = "the file says no inertial; SDF then means 1 kg and a unit inertia"
+NO_INERTIAL: Final = "the file has no <inertial>; SDF then means 1 kg and a unit inertia"
 UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.imports.draft import angle
 from simspec.imports.elements import Element
 from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
@@ -108,7 +109,7 @@ class Placement:
             data["xyz"] = list(self.pose.position)
         if self.pose.quaternion != frames.IDENTITY:
             if self.rpy is not None:
-                data["rpy"] = list(self.rpy)
+                data["rpy"] = [angle(value) for value in self.rpy]
             else:
                 data["quat"] = list(self.pose.quaternion)
         return data
