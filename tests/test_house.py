@@ -67,6 +67,7 @@ NAMED_ELSEWHERE = {
     ("formats/mjcf", "<mujoco>"): "the same, in a message",
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
+    ("imports/mjcf", '"mujoco"'): "the root element of the language",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""
 
@@ -115,6 +116,7 @@ WRITERS = {
     "engines/kit/recorder.py": "in an engine's process: progress into the process's own temporary folder",
     "engines/kit/record_files.py": "in an engine's process: rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
+    "engines/mujoco/model_compiler.py": "its answer, into the pipe to who asked",
     "mapped.py": "large arrays, in temporary files that have no name",
 }
 

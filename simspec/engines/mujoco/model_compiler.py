@@ -1,0 +1,207 @@
+"""The compiler of model files as a program of its own: a file in, the compiled model out, as plain data.
+
+``python model_compiler.py`` reads a request from standard input (:func:`read_request`) and writes one JSON text to standard
+output: ``{"version": ..., "model": ...}``, or ``{"error": ...}`` where the file is refused. It imports nothing of simspec,
+and the engine only when it runs: importers find it by an entry point and start it in a process of bounded time and memory.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.metadata
+import json
+import os
+import resource
+import signal
+import struct
+import sys
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar
+
+DISTRIBUTIONS = ("mujoco-core", "mujoco")
+"""Packages that bring the engine's module, in the order in which they are asked for their version."""
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl(2)."""
+
+SECTIONS = {
+    "bodies": "body",
+    "joints": "joint",
+    "geoms": "geom",
+    "sites": "site",
+    "meshes": "mesh",
+    "hfields": "hfield",
+    "pairs": "pair",
+    "excludes": "exclude",
+    "equalities": "equality",
+    "tendons": "tendon",
+    "actuators": "actuator",
+    "keys": "key",
+}
+"""Lists of MjSpec, and the name of an element of each in the answer."""
+ARRAYS = {
+    "body": "parentid weldid mocapid pos quat ipos iquat mass inertia jntadr jntnum gravcomp contype conaffinity",
+    "jnt": "type bodyid qposadr dofadr pos axis limited range stiffness stiffnesspoly actfrclimited actfrcrange actgravcomp "
+    "margin springyield",
+    "dof": "armature damping dampingpoly frictionloss",
+    "geom": "type bodyid dataid matid pos quat size rgba group contype conaffinity condim priority friction solmix solref "
+    "solimp margin gap fluid adhesion surfacevel",
+    "mat": "rgba",
+    "mesh": "pos quat scale vertadr vertnum",
+    "pair": "geom1 geom2 dim friction margin gap solref solreffriction",
+    "exclude": "signature",
+    "eq": "type obj1id obj2id objtype active0 data solref solimp",
+    "tendon": "adr num limited range stiffness damping frictionloss armature lengthspring actfrclimited",
+    "wrap": "type objid prm",
+    "actuator": "trntype trnid gear dyntype gaintype biastype gainprm biasprm ctrllimited ctrlrange forcelimited forcerange "
+    "actnum armature damping delay",
+    "key": "time qpos qvel ctrl",
+}
+"""What the answer has of the compiled model, by the beginning of its names. What a version does not have is left out."""
+NUMBERS = ("nq", "nv", "nu", "nbody", "njnt", "ngeom", "nmocap", "nflex", "nplugin", "nkey")
+OPTIONS = "timestep gravity wind density viscosity integrator cone impratio disableactuator"
+
+
+class ModelCompiler:
+    """How importers start this program."""
+
+    PROGRAM: ClassVar[Path] = Path(__file__)
+    EXTRA: ClassVar[str] = "mujoco"
+    """The extra of simspec that installs what it needs."""
+
+    @classmethod
+    def version(cls) -> str | None:
+        """The installed version of the engine; None where it is not installed."""
+        for name in DISTRIBUTIONS:
+            try:
+                return importlib.metadata.version(name)
+            except importlib.metadata.PackageNotFoundError:
+                continue
+        return None
+
+
+def read_request(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """What is asked for, and the files by their names, the main one first: a length (8 bytes, little-endian), as much JSON with
+    ``files`` (names and sizes), then the files one after the other."""
+    (size,) = struct.unpack("<Q", stream.read(8))
+    asked = json.loads(stream.read(size))
+    return asked, {name: stream.read(length) for name, length in asked["files"]}
+
+
+def compiled(spec: Any, model: Any) -> dict[str, Any]:
+    """The compiled model as plain data: arrays by name, and for each element its name and its place in the text."""
+    arrays = {}
+    for prefix, names in ARRAYS.items():
+        for name in names.split():
+            value = getattr(model, f"{prefix}_{name}", None)
+            if value is not None:
+                arrays[f"{prefix}_{name}"] = value.tolist()
+    for name in ("qpos0", "qpos_spring"):
+        arrays[name] = getattr(model, name).tolist()
+    options = {}
+    for name in OPTIONS.split():
+        value = getattr(model.opt, name)
+        options[name] = value.tolist() if hasattr(value, "tolist") else value
+    options["disabled"] = _flags("mjtDisableBit", model.opt.disableflags)
+    options["enabled"] = _flags("mjtEnableBit", model.opt.enableflags)
+    return {
+        "arrays": arrays,
+        "numbers": {name: int(getattr(model, name)) for name in NUMBERS},
+        "options": options,
+        "elements": {kind: _elements(spec, plural) for plural, kind in SECTIONS.items()},
+        "names": {kind: _names(model, kind, count) for kind, count in (("body", model.nbody), ("joint", model.njnt))},
+    }
+
+
+def _flags(enumeration: str, bits: int) -> list[str]:
+    """The names of the bits that are set, as files call them."""
+    import mujoco
+
+    flags = getattr(mujoco, enumeration).__members__.items()
+    return [name.split("_", 1)[1].lower() for name, flag in flags if name[2:5] in ("DSB", "ENB") and bits & int(flag)]
+
+
+def _elements(spec: Any, plural: str) -> list[list[Any]]:
+    """Name, line (0: unknown) and number of each element of a section."""
+    rows = []
+    for element in getattr(spec, plural, ()):
+        word = element.info.rpartition("line ")[2].split(",")[0].strip()
+        rows.append([element.name, int(word) if word.isdigit() else 0, int(element.id)])
+    return rows
+
+
+def _names(model: Any, kind: str, count: int) -> list[str]:
+    return [getattr(model, kind)(index).name for index in range(count)]
+
+
+def dynamics(model: Any, states: list[list[list[float]]]) -> list[dict[str, Any]]:
+    """For each state (qpos, qvel): the mass matrix, the bias force, the passive force, and every body's frame in the world."""
+    import mujoco
+    import numpy as np
+
+    data = mujoco.MjData(model)
+    answers = []
+    for positions, velocities in states:
+        data.qpos[:], data.qvel[:] = positions, velocities
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        answers.append(
+            {
+                "mass": mass.tolist(),
+                "bias": data.qfrc_bias.tolist(),
+                "passive": data.qfrc_passive.tolist(),
+                "position": data.xpos.tolist(),
+                "quaternion": data.xquat.tolist(),
+            }
+        )
+    return answers
+
+
+def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
+    """Compile the first of the files; the others are what it names. Raises what the engine raises."""
+    import mujoco
+
+    (_, main), *others = files.items()
+    models = {name: content for name, content in others if name.endswith(".xml")}
+    assets = {name: content for name, content in others if name not in models}
+    spec = mujoco.MjSpec.from_string(main.decode(), include=models, assets=assets)
+    model = spec.compile()
+    answered: dict[str, Any] = {"version": mujoco.mj_versionString(), "model": compiled(spec, model)}
+    if "states" in asked:
+        answered["dynamics"] = dynamics(model, asked["states"])
+    return answered
+
+
+def finite_json(value: Any) -> str:
+    """Plain data as JSON. Raises ValueError where a number is not finite."""
+    try:
+        return json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise ValueError("a number of the compiled model is not finite") from None
+
+
+def main() -> None:
+    """Answer one request. The limits come first: CPU time (s) and memory (bytes) as the command line says."""
+    seconds, memory = int(sys.argv[1]), int(sys.argv[2])
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+    resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    told = os.dup(1)
+    os.dup2(2, 1)  # what the engine prints is not the answer
+    try:
+        answered = answer(*read_request(sys.stdin.buffer))
+        text = finite_json(answered)
+    except MemoryError:
+        text = json.dumps({"error": "it takes more memory than is allowed"})
+    except Exception as error:  # whatever the engine raises is its answer to the file
+        text = json.dumps({"error": str(error)})
+    with os.fdopen(told, "wb") as stream:
+        stream.write(text.encode())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,307 @@
+"""The files of one MJCF model put together as texts for its compiler: includes in place, every named file read and given a name
+of its own, so that the compiler opens none; each element begins on a line of its own, by which it is found again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Final
+from xml.sax.saxutils import quoteattr
+
+from simspec.imports.elements import DEEPEST, Element, parse
+from simspec.imports.files import Files
+from simspec.language.foreign import Account
+
+ROOT: Final = "mujoco"
+"""The name of the outermost element."""
+MOST_ELEMENTS: Final = 200_000
+"""Elements of a model with all replicates; a body of 100,000 takes the compiler minutes."""
+MOST_CELLS: Final = 10_000_000
+"""Cells of a height field."""
+MOST_FILES: Final = 2000
+"""Files of one model."""
+MOST_BYTES: Final = 512 * 2**20
+"""Bytes of all files of one model."""
+LEFT_OUT: Final = frozenset(
+    ("sensor", "visual", "statistic", "custom", "size", "texture", "layer", "skin", "light", "camera")
+)
+"""Elements that no body follows from; they are accounted for, and not compiled."""
+FOLDERS: Final = {"mesh": "meshdir", "hfield": "meshdir"}
+"""Which folder of ``compiler`` the files of an element are in; none: that of the main file."""
+REFUSED: Final = {
+    "flexcomp": "deformable bodies are not supported",
+    "flex": "deformable bodies are not supported",
+}
+"""Elements that make bodies which the spec's language does not have."""
+
+
+@dataclass
+class _Folders:
+    """What ``compiler`` says of places of files."""
+
+    meshdir: str = ""
+    strippath: bool = False
+
+
+@dataclass
+class Assembly:
+    """A model as its compiler gets it."""
+
+    root: Element
+    texts: dict[str, bytes]
+    """All files by the names that the texts have for them, the main one first."""
+    lines: dict[int, Element]
+    """Elements by their line; lines of different texts are different."""
+    named: dict[str, Path]
+    """Files by those names."""
+    included: dict[int, Element]
+    """The outermost element of each included file, by the ``id`` of the element that includes it."""
+    models: list[Element]
+    """The outermost elements of models that are attached."""
+    mesh_files: dict[str, Path] = field(default_factory=dict)
+    """Files of meshes, by the names of the texts."""
+
+    def roots(self) -> Iterator[Element]:
+        """The outermost elements of all files, the main one first."""
+        yield self.root
+        yield from self.included.values()
+        yield from self.models
+
+    def accounts(self) -> list[Account]:
+        """Those of all files."""
+        return [account for root in self.roots() for account in root.accounts()]
+
+    def below(self, element: Element) -> Iterator[Element]:
+        """The children of an element, includes in place."""
+        for child in element.look():
+            if id(child) in self.included:
+                yield from self.below(self.included[id(child)])
+            else:
+                yield child
+
+    def everything(self) -> Iterator[Element]:
+        """Every element but includes, of all files, each before what is in it."""
+        waiting = [*reversed(self.models), self.root]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting.extend(reversed(list(self.below(element))))
+
+
+def assemble(files: Files) -> Assembly:
+    """Read a model and all files that it names. Raises SpecError at the element that names one which may not be read, and
+    for what is too much."""
+    root = parse(files.content(), files.shown)
+    if root.tag != ROOT:
+        raise root.error(f"an MJCF file begins with <{ROOT}>", found=f"<{root.tag[:80]}>")
+    builder = _Builder(files)
+    builder.model(root, files.path.resolve(), "main.xml")
+    return builder.assembly(root)
+
+
+class _Builder:
+    def __init__(self, files: Files):
+        self.files = files
+        self.texts: dict[str, bytes] = {}
+        self.lines: dict[int, Element] = {}
+        self.included: dict[int, Element] = {}
+        self.named: dict[str, Path] = {}
+        self.meshes: dict[str, Path] = {}
+        self.models: list[Element] = []
+        self._given: dict[Path, str] = {}
+        self._model_names: dict[Path, str] = {}
+        self._chain: list[Path] = []
+        self._line = 1
+        self._elements = 0
+        self._bytes = 0
+
+    def assembly(self, root: Element) -> Assembly:
+        return Assembly(root, self.texts, self.lines, self.named, self.included, self.models, self.meshes)
+
+    # --- texts --------------------------------------------------------------------------------------------------
+
+    def model(self, root: Element, path: Path, name: str) -> None:
+        """Put a model, and those that it attaches, into ``texts``."""
+        self._chain.append(path)
+        self.texts[name] = b""  # the main text is the first
+        self._include(root, path, [path])
+        folders = self._folders(root)
+        # what is attached first: its lines are before this one's
+        for element in self._inside(root):
+            if element.tag == "model" and element.has("file"):
+                self._attached(element, path)
+        begin = self._line
+        lines: list[str] = []
+        self._emit(root, lines, 1, 1, folders, path)
+        self.texts[name] = ("\n" * (begin - 1) + "\n".join(lines) + "\n").encode()
+        self._chain.pop()
+
+    def _inside(self, root: Element) -> Iterator[Element]:
+        waiting = [root]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting.extend(self._below(element))
+
+    def _below(self, element: Element) -> Iterator[Element]:
+        for child in element.look():
+            if id(child) in self.included:
+                yield from self._below(self.included[id(child)])
+            else:
+                yield child
+
+    def _emit(self, element: Element, lines: list[str], depth: int, copies: int, folders: _Folders, path: Path) -> None:
+        """The lines of an element; ``copies``: how often replicates around it make it."""
+        if depth > DEEPEST:
+            raise element.error(f"more than {DEEPEST} elements within each other")
+        if element.tag in REFUSED:
+            raise element.error(f"<{element.tag}>: {REFUSED[element.tag]}", hint="remove it")
+        if element.tag == "replicate":
+            copies *= _count(element, "count")
+        self._elements += copies * (_cells(element) if element.tag == "composite" else 1)
+        if self._elements > MOST_ELEMENTS:
+            raise element.error("too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}")
+        self.lines[self._line] = element
+        attributes = self._attributes(element, folders, path)
+        begin = " ".join((element.tag, *(f"{name}={quoteattr(value)}" for name, value in attributes.items())))
+        inside = [child for child in self._below(element) if not left_out(child)]
+        self._line += 1
+        if not inside:
+            lines.append(f"<{begin}/>")
+            return
+        lines.append(f"<{begin}>")
+        for child in inside:
+            self._emit(child, lines, depth + 1, copies, folders, path)
+        self._line += 1
+        lines.append(f"</{element.tag}>")
+
+    def _attributes(self, element: Element, folders: _Folders, path: Path) -> dict[str, str]:
+        attributes = {
+            name: " ".join(value.split()) for name, value in element.attributes.items() if not name.startswith("{")
+        }
+        if element.tag == "compiler":
+            for name in ("meshdir", "texturedir", "assetdir", "strippath"):
+                attributes.pop(name, None)
+        if element.tag == "material":
+            attributes.pop("texture", None)
+        if element.tag == "hfield" and _count(element, "nrow") * _count(element, "ncol") > MOST_CELLS:
+            raise element.error("too large a height field", allowed=f"{MOST_CELLS:,} cells")
+        if element.tag == "model" and "file" in attributes:
+            attributes["file"] = self._model_names[self.files.find(attributes["file"], element, path.parent)]
+        elif element.tag in FOLDERS and "file" in attributes:
+            text = _in_folder(attributes["file"], getattr(folders, FOLDERS[element.tag]), folders.strippath)
+            attributes.setdefault("name", PurePosixPath(attributes["file"].replace("\\", "/")).stem)
+            attributes["file"] = self._file(text, element, path.parent)
+        return attributes
+
+    def _file(self, text: str, element: Element, folder: Path) -> str:
+        """The name in the texts of a file, which is read."""
+        found = self.files.find(text, element, folder)
+        if found not in self._given:
+            if len(self._given) >= MOST_FILES:
+                raise element.error("too many files", allowed=f"{MOST_FILES:,}")
+            content = self.files.bytes_of(found, element)
+            self._bytes += len(content)
+            if self._bytes > MOST_BYTES:
+                raise element.error("the files of this model are too large", allowed=f"{MOST_BYTES:,} bytes together")
+            suffix = found.suffix.lower()
+            name = f"file{len(self._given)}{suffix if suffix.isascii() and suffix != '.xml' else ''}"
+            self._given[found] = name
+            self.texts[name] = content
+            self.named[name] = found
+        if element.tag == "mesh":
+            self.meshes[self._given[found]] = found
+        return self._given[found]
+
+    # --- other files of the language ----------------------------------------------------------------------------
+
+    def _include(self, root: Element, main: Path, seen: list[Path]) -> None:
+        """Read what is included, and what that includes; each file once."""
+        waiting = [root]
+        while waiting:
+            element = waiting.pop()
+            for child in element.look():
+                if child.tag != "include":
+                    waiting.append(child)
+                    continue
+                path = self.files.find(child.take().need("file"), child, main.parent)
+                if path in seen:
+                    raise child.error("this file is included already, or is the file itself", found=path.name)
+                if len(seen) >= MOST_FILES:
+                    raise child.error("too many files", allowed=f"{MOST_FILES:,}")
+                seen.append(path)
+                inside = parse(self.files.bytes_of(path, child), _shown(self.files, path))
+                self.included[id(child)] = inside
+                waiting.append(inside)
+
+    def _attached(self, element: Element, path: Path) -> None:
+        found = self.files.find(element.attributes["file"], element, path.parent)
+        if found in self._chain:
+            raise element.error("this model attaches itself", found=found.name)
+        if found in self._model_names:
+            return
+        if len(self._model_names) >= MOST_FILES:
+            raise element.error("too many files", allowed=f"{MOST_FILES:,}")
+        if len(self._chain) > DEEPEST:
+            raise element.error(f"more than {DEEPEST} models within each other")
+        root = parse(self.files.bytes_of(found, element), _shown(self.files, found))
+        if root.tag != ROOT:
+            raise element.error("only models in MJCF can be attached", found=found.name)
+        self._model_names[found] = name = f"model{len(self._model_names)}.xml"
+        self.models.append(root)
+        self.model(root, found, name)
+
+    def _folders(self, root: Element) -> _Folders:
+        folders = _Folders()
+        for element in self._inside(root):
+            if element.tag != "compiler":
+                continue
+            for name in ("assetdir", "meshdir"):
+                if element.has(name):
+                    folders.meshdir = element.attributes[name].strip()
+            if element.has("strippath"):
+                folders.strippath = element.attributes["strippath"].strip() == "true"
+        return folders
+
+
+def left_out(element: Element) -> bool:
+    """Whether the compiler is not given an element."""
+    return element.tag in LEFT_OUT
+
+
+def _shown(files: Files, path: Path) -> str:
+    """How messages call a file: beside the main one as that is called."""
+    try:
+        return str(Path(files.shown).parent / path.relative_to(files.path.resolve().parent))
+    except ValueError:
+        return str(path)
+
+
+def _in_folder(text: str, folder: str, strip: bool) -> str:
+    text = text.strip().replace("\\", "/")
+    if strip:
+        text = PurePosixPath(text).name
+    if not folder or text.startswith("/") or "://" in text:
+        return text
+    return f"{folder.rstrip('/')}/{text}"
+
+
+def _count(element: Element, name: str) -> int:
+    """A whole number of an attribute, at least 1."""
+    text = element.attributes.get(name, "1")
+    try:
+        return max(1, int(text.split()[0]))
+    except (ValueError, IndexError):
+        raise element.error(f"{name} of <{element.tag}> should be a whole number", found=text[:80]) from None
+
+
+def _cells(element: Element) -> int:
+    """The product of the counts of a composite."""
+    product = 1
+    for text in element.attributes.get("count", "1").split():
+        try:
+            product *= max(1, int(text))
+        except ValueError:
+            raise element.error(f"count of <{element.tag}> should be whole numbers", found=text[:80]) from None
+    return product

@@ -1,0 +1,252 @@
+"""Bodies and joints of a compiled model as those of a spec.
+
+A body's frame is moved to its first joint, where the spec's language has it. Joint coordinates begin at the reference
+configuration: q = qpos − ref, so that ranges, springs and all else are given from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.errors import Location
+from simspec.imports.elements import Element
+from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
+from simspec.imports.mjcf.features import Features
+from simspec.language.document import Path_
+from simspec.language.words import clean_name
+
+KINDS: Final = {FREE: "free", BALL: "ball", SLIDE: "slide", HINGE: "hinge"}
+Vector = NDArray[np.float64]
+
+
+def rotated(quaternion: Vector, vector: Vector) -> Vector:
+    """R(q) v, q as w x y z of unit length."""
+    twice = 2.0 * np.cross(quaternion[1:], vector)
+    turned: Vector = vector + quaternion[0] * twice + np.cross(quaternion[1:], twice)
+    return turned
+
+
+def product(first: Vector, second: Vector) -> Vector:
+    """The rotation by ``second``, then by ``first``."""
+    real = first[0] * second[0] - first[1:] @ second[1:]
+    turned: Vector = np.r_[real, first[0] * second[1:] + second[0] * first[1:] + np.cross(first[1:], second[1:])]
+    return turned
+
+
+def inverse(quaternion: Vector) -> Vector:
+    """The opposite rotation."""
+    turned: Vector = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+    return turned
+
+
+def numbers(values: Any) -> list[float]:
+    """Plain floats, without negative zeros."""
+    return [float(value) + 0.0 for value in np.atleast_1d(values)]
+
+
+def pose(position: Vector, quaternion: Vector) -> dict[str, Any]:
+    """A pose as a spec has it; what is zero is left out."""
+    written: dict[str, Any] = {}
+    if np.any(position):
+        written["xyz"] = numbers(position)
+    if np.any(quaternion[1:]):
+        written["quat"] = numbers(quaternion)
+    return written
+
+
+@dataclass
+class Names:
+    """Names of a spec for those of a file, each given once."""
+
+    taken: set[str] = field(default_factory=set)
+    changed: dict[str, str] = field(default_factory=dict)
+
+    def give(self, name: str, otherwise: str) -> str:
+        """A free name of the language, the nearest to ``name``, or to ``otherwise`` where that is empty."""
+        wanted = clean_name(name or otherwise)[:150]
+        if wanted == "world":
+            wanted = "world_"
+        given, number = wanted, 1
+        while given in self.taken:
+            number += 1
+            given = f"{wanted}_{number}"
+        self.taken.add(given)
+        if name and given != name:
+            self.changed[name] = given
+        return given
+
+
+@dataclass
+class Bodies:
+    """Bodies of the spec as they are made: plain data by name, and where each value comes from."""
+
+    model: Compiled
+    features: Features
+    data: dict[str, dict[str, Any]] = field(default_factory=dict)
+    places: dict[Path_, Location] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
+    """Names of bodies by their number; the world has none."""
+    ground: str | None = None
+    """The body that has the shapes of the world itself."""
+    joints: dict[int, str] = field(default_factory=dict)
+    """Names of joints by their number."""
+    shifts: dict[int, Vector] = field(default_factory=dict)
+    """Origins of the spec's frames in those of the file, by the number of the body."""
+    renamed: Names = field(default_factory=Names)
+    joint_names: Names = field(default_factory=Names)
+
+    def make(self) -> None:
+        """All bodies but the world, without shapes."""
+        count = self.model.numbers["nbody"]
+        self.shifts[0] = np.zeros(3)
+        for number in range(1, count):
+            self.names[number] = self.renamed.give(self.model.part("body", number).name, f"body_{number}")
+        given = {name for joint in range(self.model.numbers["njnt"]) if (name := self.model.part("joint", joint).name)}
+        for number in range(1, count):
+            self._body(number, given)
+
+    def _body(self, number: int, given: set[str]) -> None:
+        model, name = self.model, self.names[number]
+        element = model.part("body", number).element
+        joints = model.joints_of(number)
+        if len(joints) > 1:
+            raise element.error("several joints on one body are not supported yet", found=f"{len(joints)} joints")
+        shift = np.zeros(3)
+        kind = "fixed"
+        if joints:
+            kind = KINDS[int(model["jnt_type"][joints[0]])]
+            if kind != "free":
+                shift = model["jnt_pos"][joints[0]].astype(float)
+        self.shifts[number] = shift
+        parent = int(model["body_parentid"][number])
+        turn = model["body_quat"][number].astype(float)
+        place = model["body_pos"][number] + rotated(turn, shift) - self.shifts[parent]
+        body: dict[str, Any] = {}
+        where = pose(place, turn)
+        joint: dict[str, Any] = {"type": kind}
+        if joints:
+            joint = self._joint(joints[0], kind, given)
+        if parent:
+            body["parent"] = self.names[parent]
+        if parent or kind not in ("fixed", "free"):
+            if where:
+                joint = {**{key: joint[key] for key in ("name", "type") if key in joint}, "origin": where, **joint}
+            body["joint"] = joint
+        else:
+            if kind == "fixed":
+                body["fixed"] = True
+            elif "name" in joint:
+                body["joint"] = joint
+            if where:
+                body["pose"] = where
+        self._mass(number, shift, body)
+        self.data[name] = body
+        self.places[(name,)] = element.location
+        if joints:
+            self.places[name, "joint"] = model.part("joint", joints[0]).element.location
+        if int(model["body_mocapid"][number]) >= 0:
+            self.features.add("body.mocap", element)
+        if float(model["body_gravcomp"][number]):
+            self.features.add("body.gravcomp", element)
+
+    def _mass(self, number: int, shift: Vector, body: dict[str, Any]) -> None:
+        model = self.model
+        mass, moments = float(model["body_mass"][number]), model["body_inertia"][number]
+        if mass == 0.0 and not np.any(moments):
+            return
+        body["mass"] = mass
+        centre = model["body_ipos"][number] - shift
+        if np.any(centre):
+            body["centre_of_mass"] = numbers(centre)
+        body["inertia"] = {"principal": numbers(moments)}
+        if np.any(model["body_iquat"][number][1:]):
+            body["inertia"]["quat"] = numbers(model["body_iquat"][number])
+
+    # --- joints -------------------------------------------------------------------------------------------------
+
+    def _joint(self, number: int, kind: str, given: set[str]) -> dict[str, Any]:
+        model = self.model
+        part = model.part("joint", number)
+        joint: dict[str, Any] = {}
+        if part.name:
+            joint["name"] = self.joints[number] = self.joint_names.give(part.name, "joint")
+        joint["type"] = kind
+        at = int(model["jnt_dofadr"][number])
+        damping = 0.0 if model.disabled("damper") else float(model["dof_damping"][at])
+        dry = 0.0 if model.disabled("frictionloss", "constraint") else float(model["dof_frictionloss"][at])
+        armature = float(model["dof_armature"][at])
+        stiffness = 0.0 if model.disabled("spring") else float(model["jnt_stiffness"][number])
+        self._polynomials(number, at, part.element)
+        if kind in ("hinge", "slide"):
+            joint["axis"] = numbers(model["jnt_axis"][number])
+            self._along(number, joint)
+            values = {"damping": damping, "dry_friction": dry, "armature": armature}
+        else:
+            values = self._others(number, kind, part.element, damping, dry, armature)
+        joint |= {key: value for key, value in values.items() if value}
+        if stiffness:
+            self._spring(number, kind, stiffness, joint, part.element)
+        return joint
+
+    def _along(self, number: int, joint: dict[str, Any]) -> None:
+        """Limits of a hinge or slide, and where it begins."""
+        model, element = self.model, self.model.part("joint", number).element
+        reference = float(model["qpos0"][int(model["jnt_qposadr"][number])])
+        limits: dict[str, Any] = {}
+        if bool(model["jnt_limited"][number]) and not model.disabled("limit", "constraint"):
+            lower, upper = (float(value) - reference for value in model["jnt_range"][number])
+            limits["position"] = numbers([lower, upper])
+            if not lower <= 0.0 <= upper:
+                joint["position"] = min(max(0.0, lower), upper)
+                self.features.add("joint.start", element)
+            if float(model["jnt_margin"][number]):
+                self.features.add("joint.margin", element)
+        if bool(model["jnt_actfrclimited"][number]):
+            low, high = model["jnt_actfrcrange"][number]
+            if -low == high:
+                limits["effort"] = float(high)
+            else:
+                self.features.add("joint.effort_range", element)
+        if limits:
+            joint["limits"] = limits
+
+    def _others(
+        self, number: int, kind: str, element: Element, damping: float, dry: float, armature: float
+    ) -> dict[str, float]:
+        """What a ball or a free joint has, as far as the language says it."""
+        values = {"damping": damping} if kind == "ball" else {}
+        if damping and kind == "free":
+            self.features.add("joint.free_damping", element)
+        if dry:
+            self.features.add("joint.dry_friction", element)
+        if armature:
+            self.features.add("joint.armature", element)
+        if kind == "ball" and bool(self.model["jnt_limited"][number]):
+            self.features.add("joint.ball_limit", element)
+        return values
+
+    def _spring(self, number: int, kind: str, stiffness: float, joint: dict[str, Any], element: Element) -> None:
+        model, at = self.model, int(self.model["jnt_qposadr"][number])
+        if kind == "free":
+            self.features.add("joint.free_spring", element)
+            return
+        joint["spring"] = {"stiffness": stiffness}
+        if kind != "ball":
+            rest = float(model["qpos_spring"][at]) - float(model["qpos0"][at])
+            if rest:
+                joint["spring"]["rest"] = rest
+
+    def _polynomials(self, number: int, at: int, element: Element) -> None:
+        """Springs and dampers that are not linear, springs that yield."""
+        model = self.model
+        higher = ((model.get("jnt_stiffnesspoly"), number, "spring"), (model.get("dof_dampingpoly"), at, "damper"))
+        for values, index, flag in higher:
+            if values is not None and np.any(values[index]) and not model.disabled(flag):
+                self.features.add("joint.polynomial", element)
+        yields = model.get("jnt_springyield")
+        if yields is not None and np.any(yields[number]):
+            self.features.add("joint.plastic", element)

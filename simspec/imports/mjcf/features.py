@@ -1,0 +1,142 @@
+"""What a compiled model has and a spec does not say, by name: found in the compiled numbers, so that what a class of defaults
+gives is seen like what an element states, and what has no effect is not called a loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from simspec.imports.elements import Element
+from simspec.language.foreign import Severity
+
+_PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
+
+
+class Feature(NamedTuple):
+    """``attributes``: where files say it, as ``tag/attribute``; ``*`` for an element itself."""
+
+    attributes: str
+    severity: Severity
+    reason: str
+    hint: str = ""
+
+
+FEATURES: Final = {
+    "body.mocap": Feature(
+        "body/mocap",
+        _INFORMATION,
+        "a body that a program moves: here it stands where it is",
+    ),
+    "body.gravcomp": Feature("body/gravcomp", _PHYSICS, "bodies without part of their weight are not in the language"),
+    "joint.start": Feature(
+        "joint/range joint/ref",
+        _INFORMATION,
+        "the reference position is beyond the limits: a run begins at the nearest limit",
+        "position: of the joint, in the spec, or positions: where the model is placed",
+    ),
+    "joint.margin": Feature(
+        "joint/margin",
+        _INFORMATION,
+        "the distance at which a limit begins to act is not in the language: limits are hard",
+    ),
+    "joint.effort_range": Feature(
+        "joint/actuatorfrcrange joint/actuatorfrclimited", _PHYSICS, "limits of effort are symmetric in the language"
+    ),
+    "joint.free_damping": Feature("joint/damping freejoint/*", _PHYSICS, "free bodies have no damping yet"),
+    "joint.free_spring": Feature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
+    "joint.dry_friction": Feature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
+    "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, "only hinges and slides have an armature yet"),
+    "joint.ball_limit": Feature("joint/range joint/limited", _PHYSICS, "ball joints have no limits in the language"),
+    "joint.polynomial": Feature(
+        "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"
+    ),
+    "joint.plastic": Feature("joint/springyield", _PHYSICS, "springs that yield are not in the language"),
+    "geom.kind": Feature(
+        "geom/type geom/mesh geom/hfield", _PHYSICS, "a collision shape of a kind that the language does not have yet"
+    ),
+    "geom.appearance": Feature(
+        "geom/type geom/mesh geom/hfield",
+        Severity.APPEARANCE,
+        "a visual shape of a kind that the language does not have yet",
+    ),
+    "geom.margin": Feature(
+        "geom/margin geom/gap pair/margin pair/gap", _PHYSICS, "contact begins where shapes touch: no margins yet"
+    ),
+    "geom.fluid": Feature("geom/fluidshape geom/fluidcoef", _PHYSICS, "forces of a fluid are not in the language"),
+    "geom.adhesion": Feature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
+    "geom.moving_surface": Feature("geom/surfacevel", _PHYSICS, "moving surfaces are not in the language yet"),
+    "contact.softness": Feature(
+        "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
+        _INFORMATION,
+        "how hard contact is: the spec's is rigid, by the law that all engines follow",
+        "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it",
+    ),
+    "contact.pair": Feature("pair/*", _PHYSICS, "laws of contact between two shapes are not carried yet"),
+    "contact.static_parent": Feature(
+        "*",
+        _PHYSICS,
+        "the file lets a body touch the fixed body that it is joined to; the language does not",
+    ),
+    "contact.parents": Feature(
+        "flag/filterparent", _PHYSICS, "the file lets bodies touch that are joined; the language does not"
+    ),
+    "contact.materials": Feature(
+        "geom/friction geom/condim geom/priority geom/contype geom/conaffinity",
+        _PHYSICS,
+        "more kinds of surfaces than a spec may have materials",
+    ),
+    "contact.scenario": Feature(
+        "option/cone geom/condim geom/priority",
+        _INFORMATION,
+        "how different surfaces combine, and the friction cone, are said by the scenario that places a model",
+        "contact: {combine: max} in the scenario",
+    ),
+    "contact.bits": Feature(
+        "geom/contype geom/conaffinity",
+        _PHYSICS,
+        "a model file filters collisions by body, and the shapes of one body differ in theirs",
+    ),
+    "contact.override": Feature(
+        "option/o_margin option/o_solref option/o_solimp option/o_friction flag/override",
+        _PHYSICS,
+        "one law for all contacts, instead of their own",
+    ),
+    "option.fluid": Feature(
+        "option/density option/viscosity option/wind", _PHYSICS, "a fluid around the bodies is not in the language"
+    ),
+    "equality": Feature("equality/*", _PHYSICS, "constraints outside the tree are not carried yet"),
+    "equality.inactive": Feature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
+    "tendon": Feature("tendon/*", _PHYSICS, "springs, dampers and limits of tendons are not in the language"),
+    "tendon.passive": Feature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),
+    "actuator": Feature(
+        "actuator/*",
+        _INFORMATION,
+        "what drives a joint is `control` in a spec, which is not made from actuators yet",
+        "control: {robot: {joints: [...], kp: ..., kd: ...}}",
+    ),
+    "actuator.inertia": Feature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
+    "key": Feature(
+        "key/*", _INFORMATION, "named states are not in the language yet", "positions: where the model is placed"
+    ),
+    "plugin": Feature("plugin/*", _PHYSICS, "plugins are programs: what they do is not known"),
+}
+"""Every feature. An attribute of one that the model does not have is carried: it says what holds anyway."""
+
+
+@dataclass
+class Features:
+    """Those that a model has, each with the elements that have it."""
+
+    having: dict[str, list[Element]] = field(default_factory=dict)
+
+    def add(self, name: str, element: Element) -> None:
+        """Say that an element has a feature."""
+        if name not in FEATURES:
+            raise KeyError(name)
+        elements = self.having.setdefault(name, [])
+        if not self.has(name, element):
+            elements.append(element)
+
+    def has(self, name: str, element: Element) -> bool:
+        """Whether an element has a feature."""
+        return any(known is element for known in self.having.get(name, ()))

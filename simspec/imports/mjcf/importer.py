@@ -1,0 +1,88 @@
+"""The importer of MJCF: physics from the compiled model, places and losses from the XML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from simspec.errors import Location
+from simspec.imports.files import Files
+from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
+from simspec.imports.mjcf.bodies import Bodies, numbers
+from simspec.imports.mjcf.compiled import Compiled, compile_model
+from simspec.imports.mjcf.fates import account
+from simspec.imports.mjcf.features import Features
+from simspec.imports.mjcf.outside import outside_the_tree
+from simspec.imports.mjcf.shapes import add_shapes
+from simspec.imports.mjcf.surfaces import Surfaces
+from simspec.language.document import Path_
+from simspec.language.foreign import Imported, ImportOptions
+from simspec.language.models import VERSION
+from simspec.language.words import clean_name
+
+BEGINNING: Final = b"<" + ROOT.encode()
+
+
+class MjcfImporter:
+    """Reads MJCF files, also those that include or attach others."""
+
+    NAME = "MJCF"
+    SUFFIXES = (".xml", ".mjcf")
+
+    def recognises(self, content: bytes) -> bool:
+        return BEGINNING in content
+
+    def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        files = Files(path, shown, options)
+        assembly = assemble(files)
+        return imported(assembly, Bodies(compile_model(assembly), Features()), files)
+
+
+def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
+    """The spec of a compiled model; ``bodies``: new, and those of the spec afterwards."""
+    model, features = bodies.model, bodies.features
+    _state_cone(assembly, model)
+    bodies.make()
+    if not bodies.names and not model.numbers["ngeom"]:
+        raise assembly.root.error("this model has no bodies")
+    surfaces = Surfaces(model, features)
+    add_shapes(bodies, surfaces)
+    names = bodies.names if bodies.ground is None else {0: bodies.ground, **bodies.names}
+    roots = [name for name, body in bodies.data.items() if "parent" not in body]
+    alone = len(roots) == 1 and bool(bodies.names)
+    contact = surfaces.contact(names, alone)
+    for number, group in surfaces.groups.items():
+        bodies.data[names[number]]["collision_group"] = group
+    outside_the_tree(bodies)
+    data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
+    data["physics"] = _physics(model)
+    if contact:
+        data["contact"] = contact
+    at: Path_ = ("bodies",)
+    if alone:
+        data["model"] = {"bodies": bodies.data}
+        at = ("model", "bodies")
+    else:
+        data["bodies"] = bodies.data
+    places: dict[Path_, Location] = {(): assembly.root.location}
+    places |= {(*at, *path): place for path, place in bodies.places.items()}
+    comments = {
+        ".".join(map(str, (*at, given))): f"named {name!r} in the file"
+        for name, given in bodies.renamed.changed.items()
+    }
+    return Imported(data, places, account(assembly, features), read=files.read, comments=comments)
+
+
+def _name(assembly: Assembly, files: Files) -> str:
+    return clean_name(assembly.root.attributes.get("model", "") or files.path.stem)[:150]
+
+
+def _state_cone(assembly: Assembly, model: Compiled) -> None:
+    """Whether the file says the friction cone; where it does not, the spec leaves its own default."""
+    stated = any(element.tag == "option" and element.has("cone") for element in assembly.everything())
+    model.options["cone_stated"] = stated
+
+
+def _physics(model: Compiled) -> dict[str, Any]:
+    gravity = [0.0, 0.0, 0.0] if model.disabled("gravity") else numbers(model.options["gravity"])
+    return {"gravity": gravity, "timestep": float(model.options["timestep"])}

@@ -1,0 +1,248 @@
+"""Contact of a compiled model as materials, groups and excluded pairs of a spec.
+
+A geom's surface is all that its contact follows from: friction, the number of its directions, priority, and the bits of its
+filter. Geoms of equal surfaces share a material. The law of every two is computed as the file's language has it, and is written
+where the spec's rule (the larger of two values) gives another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, Final, NamedTuple
+
+from simspec.imports.mjcf.compiled import Compiled
+from simspec.imports.mjcf.features import Features
+
+MOST_MATERIALS: Final = 300
+"""Materials of a spec."""
+SOLREF: Final = (0.02, 1.0)
+SOLIMP: Final = (0.9, 0.95, 0.001, 0.5, 2.0)
+"""Softness that nobody stated."""
+SLIDING, TORSIONAL, ROLLING = 3, 4, 6
+"""Directions of friction from which on each kind acts."""
+CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
+"""Friction cones by their number."""
+
+
+class Surface(NamedTuple):
+    """All that the contact of a geom follows from; ``own`` tells one from others that are equal, where a pair names it."""
+
+    contype: int
+    conaffinity: int
+    directions: int
+    priority: int
+    friction: tuple[float, float, float]
+
+
+class Law(NamedTuple):
+    """Contact of two surfaces."""
+
+    friction: float
+    torsional_friction: float
+    rolling_friction: float
+
+
+def meets(first: Surface, second: Surface) -> bool:
+    """Whether the bits of two surfaces let them touch."""
+    return bool(first.contype & second.conaffinity or second.contype & first.conaffinity)
+
+
+def law(first: Surface, second: Surface) -> Law:
+    """The law of two surfaces: the one of higher priority decides; else the larger values, and the more directions."""
+    if first.priority != second.priority:
+        first = second = max(first, second, key=lambda surface: surface.priority)
+    directions = max(first.directions, second.directions)
+    sliding, torsional, rolling = (max(pair) for pair in zip(first.friction, second.friction, strict=True))
+    return Law(
+        sliding if directions >= SLIDING else 0.0,
+        torsional if directions >= TORSIONAL else 0.0,
+        rolling if directions >= ROLLING else 0.0,
+    )
+
+
+@dataclass
+class Surfaces:
+    """The surfaces of a model, and what a spec says of them."""
+
+    model: Compiled
+    features: Features
+    materials: dict[Surface, str] = field(default_factory=dict)
+    _of: dict[int, Surface] = field(default_factory=dict)
+    """The surface of each geom that may touch something."""
+    groups: dict[int, str] = field(default_factory=dict)
+    """The collision group of bodies that are in another than the default one, by their number."""
+
+    def __post_init__(self) -> None:
+        model = self.model
+        if not model.disabled("contact", "constraint"):
+            surfaces = {number: self._surface(number) for number in range(model.numbers["ngeom"])}
+            solid = set(surfaces.values())
+            touching = {one for one in solid if any(meets(one, other) for other in solid)}
+            self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
+        for surface in self._of.values():
+            if surface not in self.materials:
+                number = len(self.materials) + 1
+                self.materials[surface] = "surface" if number == 1 else f"surface_{number}"
+        if len(self.materials) > MOST_MATERIALS:
+            for number in self._of:
+                self.features.add("contact.materials", model.part("geom", number).element)
+            first = next(iter(self.materials.values()))
+            self.materials = dict.fromkeys(self.materials, first)
+        self._features()
+
+    def _surface(self, number: int) -> Surface:
+        model = self.model
+        sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
+        words = ("contype", "conaffinity", "condim", "priority")
+        contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
+        return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling))
+
+    def material(self, geom: int) -> str | None:
+        """The material of a geom; None where it touches nothing."""
+        surface = self._of.get(geom)
+        return None if surface is None else self.materials[surface]
+
+    def _features(self) -> None:
+        model = self.model
+        for number in self._of:
+            element = model.part("geom", number).element
+            if model["geom_margin"][number] or model["geom_gap"][number]:
+                self.features.add("geom.margin", element)
+            softness = (*model["geom_solref"][number], *model["geom_solimp"][number])
+            if softness != (*SOLREF, *SOLIMP):
+                self.features.add("contact.softness", element)
+            for name, feature in (("geom_adhesion", "geom.adhesion"), ("geom_surfacevel", "geom.moving_surface")):
+                values = model.get(name)
+                if values is not None and values[number].any():
+                    self.features.add(feature, element)
+        if self._of and model.enabled("override"):
+            self.features.add("contact.override", model.root)
+        if self._of and model.disabled("filterparent"):
+            self.features.add("contact.parents", model.root)
+
+    # --- what the spec says ---------------------------------------------------------------------------------------
+
+    def contact(self, names: dict[int, str], alone: bool) -> dict[str, Any]:
+        """``contact`` of the spec; ``names``: those of bodies by their number; ``alone``: it is a model file, whose scenario
+        says how materials combine."""
+        contact = self._of_all()
+        pairs = self._pairs()
+        groups = self._groups()
+        if groups is None:
+            pairs += self._filtered()
+        elif groups:
+            contact["groups"] = groups
+        if pairs:
+            contact["pairs"] = pairs
+        excluded = self._excluded(names)
+        if excluded:
+            contact["exclude"] = excluded
+        if alone:
+            self._of_a_model(contact)
+        return contact
+
+    def _of_a_model(self, contact: dict[str, Any]) -> None:
+        """Leave out what a model file does not say."""
+        root = self.model.root
+        said = [contact.pop(word, None) for word in ("friction_cone", "combine", "pairs")]
+        if any(said):
+            self.features.add("contact.scenario", root)
+        if any(not pair.get("collide", True) for pair in said[2] or ()):
+            self.features.add("contact.bits", root)
+
+    def _of_all(self) -> dict[str, Any]:
+        contact: dict[str, Any] = {}
+        if self.model.options["cone_stated"]:
+            contact["friction_cone"] = CONES[int(self.model.options["cone"])]
+        if self.materials:
+            contact["materials"] = {name: self._material(surface) for surface, name in self.materials.items()}
+        if len(self.materials) > 1 and len(set(self.materials.values())) > 1:
+            contact["combine"] = "max"
+        return contact
+
+    @staticmethod
+    def _material(surface: Surface) -> dict[str, float]:
+        own = law(surface, surface)
+        return {name: value for name, value in own._asdict().items() if value}
+
+    def _pairs(self) -> list[dict[str, Any]]:
+        """Laws that the larger of two values does not give."""
+        pairs = []
+        for (first, name), (second, other) in combinations(self.materials.items(), 2):
+            if name == other or not meets(first, second):
+                continue
+            wanted, one, two = law(first, second), law(first, first), law(second, second)
+            differing = {
+                key: value
+                for key, value in wanted._asdict().items()
+                if value != max(getattr(one, key), getattr(two, key))
+            }
+            if differing:
+                pairs.append({"between": [name, other], **differing})
+        return pairs
+
+    def _groups(self) -> dict[str, Any] | None:
+        """Collision groups that say what the bits do; None where the shapes of one body differ in theirs."""
+        if all(meets(one, other) for one in self.materials for other in self.materials):
+            return {}
+        bits: dict[int, tuple[int, int]] = {}
+        for geom, surface in self._of.items():
+            body = int(self.model["geom_bodyid"][geom])
+            if bits.setdefault(body, surface[:2]) != surface[:2]:
+                return None
+        kinds: dict[tuple[int, int], str] = {}
+        for body, own in sorted(bits.items()):
+            self.groups[body] = kinds.setdefault(own, f"group_{len(kinds) + 1}")
+        groups: dict[str, Any] = {}
+        for (contype, conaffinity), name in kinds.items():
+            ignored = [other for (one, two), other in kinds.items() if not (contype & two or one & conaffinity)]
+            groups[name] = {"ignores": ignored}
+        return groups
+
+    def _filtered(self) -> list[dict[str, Any]]:
+        """The same as pairs of materials that do not collide."""
+        items = list(self.materials.items())
+        return [
+            {"between": [name, other], "collide": False}
+            for index, (first, name) in enumerate(items)
+            for second, other in items[index:]
+            if not meets(first, second)
+        ]
+
+    def _excluded(self, names: dict[int, str]) -> list[list[str]]:
+        """Pairs of bodies that do not touch, and are not joined to one another."""
+        model = self.model
+        solid: dict[int, set[Surface]] = {}
+        for geom, surface in self._of.items():
+            solid.setdefault(int(model["geom_bodyid"][geom]), set()).add(surface)
+        weld, parent = model["body_weldid"], model["body_parentid"]
+        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
+        pairs = {(min(pair), max(pair)) for pair in stated}
+        members: dict[int, list[int]] = {}
+        for body in solid:
+            members.setdefault(int(weld[body]), []).append(body)
+        for group, bodies in members.items():
+            above = int(weld[parent[group]])
+            if not group:
+                continue
+            if above:
+                for one in bodies:
+                    pairs |= {(min(one, other), max(one, other)) for other in members.get(above, ())}
+            elif (
+                int(parent[group]) in solid
+                and (min(group, int(parent[group])), max(group, int(parent[group]))) not in pairs
+            ):
+                self._static(group, int(parent[group]), solid)
+        return [
+            [names[one], names[other]]
+            for one, other in sorted(pairs)
+            if one in solid and other in solid and one in names and other in names
+            if one != other and parent[other] != one and parent[one] != other
+            if weld[one] != weld[other]
+        ]
+
+    def _static(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
+        """A moving body and a fixed one that it is joined to: the file lets them touch."""
+        if parent and body in solid and any(meets(one, other) for one in solid[body] for other in solid[parent]):
+            self.features.add("contact.static_parent", self.model.part("body", body).element)

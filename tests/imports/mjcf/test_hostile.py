@@ -1,0 +1,87 @@
+"""MJCF files from strangers: a clear error, nothing read that is not allowed, bounded time and memory."""
+
+from __future__ import annotations
+
+import pytest
+
+from simspec.cli import main
+from simspec.errors import SpecError
+from simspec.language.foreign import ImportOptions
+from tests.imports.mjcf.models import read, written
+
+BODY = '<body><freejoint/><geom size="1"/></body>'
+
+
+def model(inside: str, around: str = "") -> str:
+    return f"<mujoco>{around}<worldbody>{inside}</worldbody></mujoco>"
+
+
+def nested(count: int, depth: int) -> str:
+    return f'<replicate count="{count}" offset="1 0 0">' * depth + BODY + "</replicate>" * depth
+
+
+HOSTILE = {
+    "nested replicate": (model(nested(100, 5)), "too many elements"),
+    "composite": (model('<body><composite type="cable" count="100000 100000 1"/></body>'), "too many elements"),
+    "count": (model('<replicate count="1e300">' + BODY + "</replicate>"), "whole number"),
+    "depth": (model("<body>" * 220 + "</body>" * 220), "within each other"),
+    "entities": ('<!DOCTYPE a [<!ENTITY b "c">]>' + model(BODY), "DOCTYPE"),
+    "nan": (model('<body pos="nan 0 0"><freejoint/><geom size="1"/></body>'), "refuses it"),
+    "infinite": (model('<body pos="inf 0 0"><freejoint/><geom size="1"/></body>'), "."),
+    "empty": (model(""), "no bodies"),
+    "other root": ("<robot/>", "begins with"),
+    "unknown": (model("<bodyy/>"), "refuses it"),
+    "itself": (model(BODY, '<include file="model.xml"/>'), "included already"),
+    "outside": (model(BODY, '<include file="../../secret.xml"/>'), "leaves the project folder"),
+    "absolute": (model(BODY, '<include file="/etc/passwd"/>'), "leaves the project folder"),
+    "mesh outside": (model(BODY, '<asset><mesh file="../secret.stl"/></asset>'), "leaves the project folder"),
+    "mesh folder": (
+        model(BODY, '<compiler meshdir="/etc"/><asset><mesh file="passwd"/></asset>'),
+        "leaves the project folder",
+    ),
+    "asset folder": (
+        model(BODY, '<compiler assetdir="../.."/><asset><hfield name="h" size="1 1 1 1" file="secret.png"/></asset>'),
+        "leaves the project folder",
+    ),
+    "attached outside": (model(BODY, '<asset><model file="../secret.xml"/></asset>'), "leaves the project folder"),
+    "attaches itself": (model(BODY, '<asset><model file="model.xml"/></asset>'), "attaches itself"),
+    "no such mesh": (model(BODY, '<asset><mesh file="missing.stl"/></asset>'), "no such file"),
+    "height field": (
+        model(BODY, '<asset><hfield name="h" size="1 1 1 1" nrow="100000" ncol="100000"/></asset>'),
+        "too large a height field",
+    ),
+    "deformable": (model('<flexcomp name="f" type="grid" count="9 9 9"/>'), "deformable"),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), HOSTILE.values(), ids=HOSTILE)
+def test_hostile_files_are_refused(tmp_path, text, message):
+    (tmp_path / "secret.xml").write_text("<x/>")
+    (tmp_path / "secret.stl").write_bytes(b"x" * 100)
+    project = tmp_path / "project"
+    path = written(project, text)
+    with pytest.raises(SpecError, match=message) as caught:
+        read(path, ImportOptions(project=project))
+    assert all(problem.location is not None for problem in caught.value.problems)
+
+
+@pytest.mark.parametrize("content", [b"\0" * 100, b"<mujoco", b"\xff\xfe<mujoco>", b"<mujoco/>" * 3, b"", b"<mujoco/>"])
+def test_damaged_files_are_refused(tmp_path, content):
+    path = tmp_path / "model.xml"
+    path.write_bytes(content)
+    with pytest.raises(SpecError):
+        read(path)
+
+
+def test_a_link_does_not_lead_out(tmp_path):
+    (tmp_path / "secret.stl").write_bytes(b"x")
+    project = tmp_path / "project"
+    path = written(project, model(BODY, '<asset><mesh file="in.stl"/></asset>'))
+    (project / "in.stl").symlink_to(tmp_path / "secret.stl")
+    with pytest.raises(SpecError, match="leaves the project folder"):
+        read(path, ImportOptions(project=project))
+
+
+def test_the_command_ends_with_2(tmp_path, capsys):
+    assert main(["check", str(written(tmp_path, model(nested(100, 5))))]) == 2
+    assert "too many elements" in capsys.readouterr().err

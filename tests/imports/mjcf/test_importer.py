@@ -1,0 +1,205 @@
+"""Imported MJCF files: what the spec says, that it is the same model, and that nothing is lost in silence."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.imports.mjcf import equality
+from simspec.imports.mjcf.bodies import Bodies
+from simspec.imports.mjcf.compiled import compilers
+from simspec.imports.mjcf.features import FEATURES, Feature
+from simspec.imports.mjcf.surfaces import Surface, law
+from simspec.language import foreign
+from simspec.language.foreign import Fate, ImportOptions, Severity
+from simspec.language.load import load
+from simspec.world.kinematics import CollisionFilter
+from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
+
+SAME = 1e-9
+
+
+@pytest.mark.parametrize("text", [ARM, SCENE], ids=["arm", "scene"])
+def test_the_imported_world_is_the_same_model(tmp_path, text):
+    deviations, imported = equality.deviations(written(tmp_path, text), ImportOptions())
+    assert deviations.worst < SAME
+    assert [entry.reason for entry in lost(imported)] in ([], [FEATURES["contact.static_parent"].reason])
+
+
+@pytest.mark.parametrize("array", ["body_mass", "jnt_pos", "dof_damping"])
+def test_a_wrong_number_is_seen(tmp_path, monkeypatch, array):
+    make = Bodies.make
+
+    def wrong(bodies):
+        right = bodies.model[array]
+        bodies.model._arrays[array] = right + 1e-3
+        make(bodies)
+        bodies.model._arrays[array] = right
+
+    monkeypatch.setattr(Bodies, "make", wrong)
+    deviations, _ = equality.deviations(written(tmp_path, ARM), ImportOptions())
+    assert deviations.worst > 1e-6
+
+
+def test_one_tree_is_a_model_file(tmp_path):
+    bodies = read(written(tmp_path, ARM)).data["model"]["bodies"]
+    assert list(bodies) == ["base", "upper", "slider", "ball"]
+    joint = bodies["upper"]["joint"]
+    assert (joint["name"], joint["type"]) == ("swing", "hinge")
+    assert joint["limits"]["position"] == pytest.approx([math.radians(-95), math.radians(5)])
+    assert joint["spring"] == pytest.approx({"stiffness": 3.0, "rest": math.radians(4)})
+    assert (joint["damping"], joint["armature"], joint["dry_friction"]) == (0.1, 0.01, 0.2)
+    assert bodies["base"]["fixed"] is True
+    assert [shape["collision"] for shape in bodies["upper"]["shapes"][1:]] == [False]
+
+
+def test_several_trees_and_the_world_s_own_shapes_are_a_scenario(tmp_path):
+    path = written(tmp_path, SCENE)
+    data = read(path).data
+    assert list(data["bodies"]) == ["ground", "box0", "box1", "box2", "stand"]
+    assert data["contact"]["friction_cone"] == "elliptic"
+    assert data["contact"]["exclude"] == [["box0", "box1"]]
+    world = load(path).resolve()
+    laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
+    floor, box = world.bodies[0].shapes[0].material, world.bodies[1].shapes[0].material
+    pair = laws[min(floor, box), max(floor, box)]
+    assert (pair.friction, pair.torsional_friction, pair.rolling_friction) == (1.0, 0.01, 0.0)
+    assert laws[box, box].friction == 0.5
+
+
+def surface(friction, directions=3, priority=0, bits=(1, 1)):
+    return Surface(*bits, directions, priority, friction)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        (surface((0.5, 0.1, 0.01)), surface((0.2, 0, 0)), (0.5, 0, 0)),
+        (surface((0.5, 0.1, 0.01), 6), surface((0.2, 0, 0)), (0.5, 0.1, 0.01)),
+        (surface((0.5, 0.1, 0.01), 4), surface((0.2, 0, 0.3)), (0.5, 0.1, 0)),
+        (surface((0.5, 0.1, 0.01), 1), surface((0.2, 0, 0)), (0.5, 0, 0)),
+        (surface((0.5, 0.1, 0.01), 1), surface((0.2, 0, 0), 1), (0, 0, 0)),
+        (surface((0.5, 0.1, 0.01), 1), surface((0.2, 0, 0), 3, 2), (0.2, 0, 0)),
+        (surface((0.1, 0.3, 0), 4, 3), surface((0.2, 0, 0)), (0.1, 0.3, 0)),
+    ],
+)
+def test_the_law_of_two_surfaces(first, second, expected):
+    assert law(first, second) == law(second, first) == expected
+
+
+def test_bits_are_groups_or_pairs_of_materials(tmp_path):
+    bodies = [(2, 1), (1, 4), (2, 4), (7, 7)]
+    geoms = [f'<geom size="1" contype="{one}" conaffinity="{two}"/>' for one, two in bodies]
+    text = "".join(f'<body pos="{3 * number} 0 0"><freejoint/>{geom}</body>' for number, geom in enumerate(geoms))
+    world = load(written(tmp_path, f"<mujoco><worldbody>{text}</worldbody></mujoco>")).resolve()
+    allowed = CollisionFilter(world)
+    mixed = f"<body><freejoint/>{geoms[0]}{geoms[3]}</body>" + text
+    with_materials = load(written(tmp_path, f"<mujoco><worldbody>{mixed}</worldbody></mujoco>")).resolve()
+    laws = {(pair.first, pair.second): pair for pair in with_materials.contact.pairs}
+    for (number, one), (other, two) in combinations(enumerate(bodies), 2):
+        touch = bool(one[0] & two[1] or two[0] & one[1])
+        assert allowed.may_touch(world.bodies[number].name, world.bodies[other].name) is touch
+        first, second = (with_materials.bodies[index + 1].shapes[0].material for index in (number, other))
+        assert laws[min(first, second), max(first, second)].collide is touch
+
+
+LOSSES = {
+    '<body gravcomp="1"><freejoint/><geom size="1"/></body>': "body.gravcomp",
+    '<body><joint type="free" damping="1"/><geom size="1"/></body>': "joint.free_damping",
+    '<body><joint type="ball" frictionloss="1"/><geom size="1"/></body>': "joint.dry_friction",
+    '<body><joint type="ball" armature="1"/><geom size="1"/></body>': "joint.armature",
+    '<body><joint type="ball" range="0 1" limited="true"/><geom size="1"/></body>': "joint.ball_limit",
+    '<body><joint type="free" stiffness="1"/><geom size="1"/></body>': "joint.free_spring",
+    '<body><freejoint/><geom size="1" margin="0.1"/></body>': "geom.margin",
+    '<body><joint actuatorfrcrange="-1 2"/><geom size="1"/></body>': "joint.effort_range",
+    '<body><joint stiffness="1 2"/><geom size="1"/></body>': "joint.polynomial",
+}
+
+
+def test_what_the_spec_does_not_say_is_told(tmp_path):
+    bodies = "\n".join(body.replace("<body", f'<body pos="{number * 9} 0 0"') for number, body in enumerate(LOSSES))
+    entries = lost(read(written(tmp_path, f"<mujoco><worldbody>\n{bodies}</worldbody></mujoco>")))
+    told = {(entry.location.line, entry.reason) for entry in entries}
+    assert told == {(line, FEATURES[feature].reason) for line, feature in enumerate(LOSSES.values(), 2)}
+
+
+def test_what_a_class_gives_is_told_too(tmp_path):
+    text = """<mujoco><default><default class="soft"><geom margin="0.01"/></default></default>
+    <worldbody><body><freejoint/><geom class="soft" size="1"/></body></worldbody></mujoco>"""
+    assert [entry.what for entry in lost(read(written(tmp_path, text)))] == ["default/default[soft]/geom/@margin"]
+    unused = text.replace('class="soft" size', "size")
+    assert not lost(read(written(tmp_path, unused)))
+
+
+def test_what_nobody_knows_is_lost(tmp_path):
+    text = ARM.replace('<geom class="visual" size=".01"', '<geom class="visual" size=".01" gap="0.1"')
+    text = text.replace("</mujoco>", '<sensor><jointpos joint="swing"/></sensor></mujoco>')
+    imported = read(written(tmp_path, text))
+    assert "sensor" in {entry.what for entry in lost(imported, Severity.INFORMATION)}
+    assert {"geom[visual]/@gap"} <= {entry.what.rpartition("body[upper]/")[2] for entry in imported.accounts}
+    every = [entry.what for entry in imported.accounts]
+    assert len(every) > 60
+    assert {entry.fate for entry in imported.accounts if "joint[swing]" in entry.what} == {Fate.CARRIED}
+
+
+def test_included_files_are_one_model_and_keep_their_places(tmp_path):
+    written(tmp_path, '<x><body name="b"><joint/><geom size="1" margin="1"/></body></x>', "parts/b.xml")
+    text = '<mujoco><worldbody>\n<body name="a"><freejoint/><geom size="1"/><include file="parts/b.xml"/></body>'
+    path = written(tmp_path, f"{text}</worldbody></mujoco>")
+    imported = read(path)
+    assert list(imported.data["model"]["bodies"]) == ["a", "b"]
+    (entry,) = lost(imported)
+    assert (entry.location.file, entry.location.line) == ("parts/b.xml", 1)
+    assert len(imported.read) == 2
+
+
+def test_attached_models(tmp_path):
+    inner = """<mujoco model="hand"><compiler angle="degree"/><default><geom margin="0"/></default><worldbody>
+    <body name="palm" euler="90 0 0"><joint name="turn" range="-90 90"/><geom size="1" margin="1"/></body>
+    </worldbody></mujoco>"""
+    written(tmp_path, inner, "hand/hand.xml")
+    text = """<mujoco><compiler angle="radian"/><asset><model name="h" file="hand/hand.xml"/></asset><worldbody>
+    <body name="arm"><freejoint/><geom size="1"/><attach model="h" body="palm" prefix="l_"/>
+    <frame pos="1 0 0"><attach model="h" body="palm" prefix="r/"/></frame></body></worldbody></mujoco>"""
+    path = written(tmp_path, text)
+    deviations, imported = equality.deviations(path, ImportOptions())
+    assert deviations.worst < SAME
+    assert list(imported.data["model"]["bodies"]) == ["arm", "l_palm", "r_palm"]
+    assert "named 'r/palm' in the file" in imported.comments.values()
+    assert {entry.location.file for entry in lost(imported)} == {str(tmp_path / "hand/hand.xml")}
+
+
+def test_several_joints_on_one_body_are_refused_by_name(tmp_path):
+    text = (
+        '<mujoco><worldbody>\n<body name="b"><joint/><joint axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(SpecError, match="several joints on one body"):
+        read(written(tmp_path, text))
+
+
+def test_without_its_compiler_the_import_says_what_to_install(tmp_path, monkeypatch):
+    (compiler,) = compilers().good.values()
+    monkeypatch.setattr(compiler, "version", classmethod(lambda cls: None))
+    with pytest.raises(SpecError) as caught:
+        read(written(tmp_path, ARM))
+    assert "not installed" in str(caught.value)
+    assert "pip install" in str(caught.value)
+
+
+def test_a_spec_uses_the_file(tmp_path):
+    written(tmp_path, ARM, "arm.xml")
+    spec = "simspec: 1\nname: two\nmodels:\n  one: {use: arm.xml}\n  two: {use: arm.xml, pose: {xyz: [2, 0, 0]}}\n"
+    path = written(tmp_path, spec, "two.yaml")
+    world = load(path).resolve()
+    assert [body.name for body in world.bodies][:2] == ["one/base", "one/upper"]
+    assert foreign.is_foreign("arm.xml")
+
+
+def test_every_feature_has_a_severity_and_a_reason():
+    for feature in FEATURES.values():
+        assert isinstance(feature, Feature)
+        assert feature.reason
+        assert feature.attributes
