@@ -24,6 +24,7 @@ from simspec.arguments import (
     Strict,
 )
 from simspec.cli_experiments import add_experiments
+from simspec.cli_files import add_files
 from simspec.cli_imports import add_imports
 from simspec.commands.guard import command
 from simspec.ending import in_order
@@ -366,6 +367,7 @@ def run_command(
 
 
 add_experiments(app)
+add_files(app)
 
 
 @app.command("report")

@@ -123,13 +123,15 @@ class UnsupportedError(SpecError):
 
 class EngineError(SimspecError):
     """An engine is missing, crashed, hung, or refused what it was given. ``engine`` names it; ``operation`` is the number of
-    the operation that its process was at when it ended without a result, where that is known."""
+    the operation that its process was at when it ended without a result, where that is known. ``refused``: the engine
+    itself said so, and lives."""
 
     exit_code = EXIT_ENGINE
 
-    def __init__(self, engine: str, message: str, operation: int | None = None):
+    def __init__(self, engine: str, message: str, operation: int | None = None, refused: bool = False):
         self.engine = engine
         self.operation = operation
+        self.refused = refused
         # lines of an engine's own words are told apart from simspec's
         first, *rest = visible(message, lines=True).split("\n")
         super().__init__("\n  | ".join([f"{visible(clipped(engine))}: {first}", *rest]))

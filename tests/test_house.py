@@ -35,6 +35,7 @@ ORDER = (
     "compiler",
     "selection",
     "proof",
+    "audit",
     "runner",
     "testing",
     "comparison",
@@ -47,6 +48,7 @@ ORDER = (
     "commands",
     "cli_experiments",
     "cli_imports",
+    "cli_files",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""

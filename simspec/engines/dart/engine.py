@@ -21,6 +21,7 @@ from simspec.dialects.dart.detectors import accepted_contact, detector_of, overl
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
 from simspec.engines.dart.expected import chosen_solver, expected
+from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.settings import SETTINGS
@@ -30,6 +31,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_block
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -130,6 +132,8 @@ class Dart(SimulatedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
@@ -332,3 +336,6 @@ class Dart(SimulatedEngine[Simulation]):
             kinetic += tree.skeleton.computeKineticEnergy()
             potential += tree.skeleton.computePotentialEnergy()
         return kinetic, potential
+
+    def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+        return Foreign(import_dartpy(), log).load(file, language, packages)

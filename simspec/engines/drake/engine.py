@@ -18,6 +18,7 @@ from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, pressure_holds, stops
 from simspec.engines.drake.corners import corners
 from simspec.engines.drake.expected import expected
+from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.memory import MOST_GIGABYTES, too_large
 from simspec.engines.drake.readback import SIZES, read_back
@@ -26,6 +27,7 @@ from simspec.engines.drake.touching import contacts
 from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Group, Setting, written_settings
@@ -108,6 +110,8 @@ class Drake(SimulatedEngine[Simulation]):
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
+    FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **exactly(
@@ -310,3 +314,7 @@ class Drake(SimulatedEngine[Simulation]):
 
     def energy(self) -> tuple[float, float]:
         return self._simulation.energy()
+
+    def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+        import_drake()
+        return load(file, packages, log)

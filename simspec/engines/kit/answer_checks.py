@@ -21,8 +21,9 @@ UNIT = 1e-6
 """How far from 1 the length of a quaternion that was read back may be: that of a single-precision one is 1e-7."""
 
 
-def read_back(value: Mapping[str, Any]) -> ReadBack:
-    """The read-back from plain data. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
+def read_back(value: Mapping[str, Any], foreign: bool = False) -> ReadBack:
+    """The read-back from plain data; of a foreign file (``foreign``) with joints and shapes of kinds that simspec does
+    not have. Raises BadAnswerError where it is none, or holds no numbers where numbers must be."""
     try:
         held: ReadBack = from_plain(ReadBack, value)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
@@ -33,11 +34,11 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
         if body.name in seen:
             raise BadAnswerError(f"{place} is duplicated")
         seen.add(body.name)
-        if joint.kind not in JOINT_KINDS:
+        if joint.kind not in JOINT_KINDS and not foreign:
             raise BadAnswerError(clipped(f"{place}: unknown kind of joint: {joint.kind!r}"))
         sizes = ((joint.position, POSITION_SIZE, "position"), (joint.velocity, VELOCITY_SIZE, "velocity"))
         for numbers, table, what in sizes:
-            if len(numbers) not in (0, table[joint.kind]):
+            if joint.kind in table and len(numbers) not in (0, table[joint.kind]):
                 raise BadAnswerError(f"{place}: {what} has {len(numbers)} numbers, should have {table[joint.kind]}")
         turns: list[tuple[float, ...]] = [joint.origin.quaternion, *(shape.pose.quaternion for shape in body.shapes)]
         if joint.kind in QUATERNION_JOINTS and joint.position:
@@ -45,7 +46,7 @@ def read_back(value: Mapping[str, Any]) -> ReadBack:
         if not all(abs(math.hypot(*turn) - 1.0) <= UNIT for turn in turns):
             raise BadAnswerError(f"{place}: the orientation is not a unit quaternion")
         for shape in body.shapes:
-            if shape.kind not in SHAPE_KINDS:
+            if shape.kind not in SHAPE_KINDS and not foreign:
                 raise BadAnswerError(clipped(f"{place}: unknown kind of shape: {shape.kind!r}"))
     for name in ("unreadable", "inventory", "neutral"):
         for key, one in getattr(held, name).items():

@@ -51,6 +51,7 @@ CONTACTS = {
 }
 FORMS: Mapping[str, Mapping[str, Form]] = {
     "read_back": {},
+    "foreign": {},
     "kinematics": STATE,
     "dynamics": {
         "mass": Form(("rows", "packed"), when="mass_matrix"),
@@ -91,7 +92,7 @@ class Operation:
 @dataclass(frozen=True)
 class Answer:
     """What an operation gave: plain data, arrays (large ones mapped from a file), seconds for loading and for the work, the
-    engine's warnings; and of ``read_back`` what the engine holds."""
+    engine's warnings; and of ``read_back`` and ``foreign`` what the engine holds."""
 
     result: dict[str, Any]
     arrays: dict[str, np.ndarray]

@@ -122,8 +122,8 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
         else:
             arrays[name] = _read(folder / f"{index}.{name}.bin", described, 0, size)
     result, held = entry.result, None
-    if operation.op == "read_back":
-        held = read_back(result)
+    if operation.op in ("read_back", "foreign"):
+        held = read_back(result, foreign=operation.op == "foreign")
     elif operation.op in RESULTS:
         result = _plain(RESULTS[operation.op], result)
     elif result:

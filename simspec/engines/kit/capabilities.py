@@ -26,6 +26,7 @@ class Capability(StrEnum):
     DRY_FRICTION_OFF = "dry_friction_off"
     NATIVE_CONTROLLERS = "native_controllers"
     SNAPSHOTS = "snapshots"
+    FOREIGN_FILES = "foreign_files"
 
 
 MEANING: Mapping[Capability, str] = {
@@ -38,6 +39,7 @@ MEANING: Mapping[Capability, str] = {
     Capability.DRY_FRICTION_OFF: "steps without the dry friction of chosen joints",
     Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
     Capability.SNAPSHOTS: "saves and restores its state with the solver's memory (warm starts, contact caches)",
+    Capability.FOREIGN_FILES: "loads files of other languages as its users do, and tells what it holds of them",
 }
 
 METHODS: Mapping[Capability, tuple[str, ...]] = {
@@ -50,6 +52,7 @@ METHODS: Mapping[Capability, tuple[str, ...]] = {
     Capability.DRY_FRICTION_OFF: ("disable_dry_friction",),
     Capability.NATIVE_CONTROLLERS: ("track",),
     Capability.SNAPSHOTS: ("save_state", "restore_state"),
+    Capability.FOREIGN_FILES: ("load_foreign",),
 }
 """The methods of :class:`simspec.engines.kit.contract.Engine` that an engine with the capability defines."""
 

@@ -19,6 +19,7 @@ from simspec.control.native import Servos
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
 from simspec.engines.kit.capabilities import Capability, check_capabilities
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
@@ -64,6 +65,10 @@ class Engine:
     """The capabilities that it does not have, with the reason: it is not asked for what is behind them. Empty: it has all."""
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     """What its own controllers do; None where it lacks them."""
+    FOREIGN: ClassVar[Mapping[str, Reads]] = {}
+    """The languages of files that it loads by itself, by the names of their importers, and how."""
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
+    """What it adds to such files, by names of the inventory that :meth:`load_foreign` gives."""
 
     def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
         """Check what the class declares; ``abstract``: it is no engine, but what several engines are built on."""
@@ -78,6 +83,8 @@ class Engine:
             raise TypeError(f"engine {cls.NAME} lacks native controllers, but declares support for control.native")
         if (Capability.NATIVE_CONTROLLERS in cls.LACKS) != (cls.NATIVE_LAW is None):
             raise TypeError(f"engine {cls.NAME} must declare NATIVE_LAW exactly where it has native controllers")
+        if Capability.FOREIGN_FILES in cls.LACKS and cls.FOREIGN:
+            raise TypeError(f"engine {cls.NAME} declares FOREIGN, and that it loads no foreign files")
 
     @classmethod
     def version(cls) -> str | None:
@@ -211,6 +218,17 @@ class Engine:
 
     def restore_state(self, saved: bytes) -> None:
         """Return to a state that :meth:`save_state` gave, of the same artifacts: the same steps follow, to the last bit."""
+        raise NotImplementedError
+
+    def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+        """Load ``file``, of one of the languages in ``FOREIGN``, as a user of the engine would: by its own loader, with that
+        one's defaults. ``packages``: folders by the names of packages, for loaders that are told them.
+        What the engine warns of is added to ``log``.
+
+        Returns what the engine then holds: every body under the file's name, in a frame at its first joint with the axes
+        of the file's frame; coordinates relative to those that the file calls zero; the shapes of each, a mesh by its support
+        function (``kit/foreign.py``); in ``inventory`` what ``FOREIGN_OWN`` names. Nothing else has been loaded, and
+        nothing else is asked afterwards. Raises EngineError when the engine refuses the file."""
         raise NotImplementedError
 
     def log(self) -> list[str]:

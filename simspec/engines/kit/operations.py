@@ -14,6 +14,7 @@ import numpy as np
 
 from simspec.control.request import from_request
 from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of, told_units
+from simspec.engines.kit.foreign import foreign_answer
 from simspec.engines.kit.recorder import Stepper, record
 from simspec.engines.kit.session import Condition, Session
 from simspec.world.canonical import to_plain
@@ -27,12 +28,19 @@ Result = tuple[Any, dict[str, Any]]
 class Named:
     """What an operation does, and what may have been done with the session before it at most."""
 
-    do: Callable[[Session, Arrays, Parameters], Result]
+    do: Callable[[Any, Arrays, Parameters], Result]
     needs: Condition = Condition.FRESH
+    bare: bool = False
+    """Whether it is given an engine that has loaded nothing."""
 
 
 def _read_back(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     return to_plain(session.read_back()), {}
+
+
+def _foreign(session: Any, arrays: Arrays, operation: Parameters) -> Result:
+    """``file`` (absolute) of ``language``, loaded as a user would, with ``packages`` (folders by name) -> a read-back."""
+    return to_plain(foreign_answer(session, operation)), {}
 
 
 def _kinematics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
@@ -210,6 +218,7 @@ OPERATIONS: Mapping[str, Named] = {
     "respond": Named(_respond),
     "windows": Named(_windows),
     "run": Named(_run),
+    "foreign": Named(_foreign, bare=True),
 }
 """Each motion begins with a load of its own. What sets the states that it asks about may share one with other questions; the
 model, of which the initial state is a part, is read back before any state is set."""

@@ -244,7 +244,8 @@ class Running:
         except BadAnswerError as error:
             raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
         if refused is not None:
-            raise EngineError(self.engine, clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL))
+            message = clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL)
+            raise EngineError(self.engine, message, refused=refused.startswith("EngineError: "))
         demand_version(self.engine, versions["engine_version"])
         return Reply(answers, versions, wall, self._log.text(), self._usage())
 

@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from simspec.engines.kit.contract import Engine
+    from simspec.engines.kit.foreign import ForeignSession
     from simspec.engines.kit.session import Session
 
 SCHEMA = 3
@@ -133,15 +134,19 @@ class _Sessions:
 
     def __init__(self, engine_class: type[Engine]):
         self._engine_class = engine_class
-        self._session: Session | None = None
+        self._session: Session | ForeignSession | None = None
 
     def entry(self, operation: dict[str, Any], arrays: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
         """What result.json says of one operation, and the arrays to be stored."""
+        from simspec.engines.kit.foreign import ForeignSession
         from simspec.engines.kit.operations import OPERATIONS
         from simspec.engines.kit.session import Session
 
         loading = 0.0
-        if not self.shares(operation):
+        if OPERATIONS[operation["op"]].bare:
+            self.close()
+            self._session = ForeignSession(self._engine_class)
+        elif not self.shares(operation):
             self.close()
             self._session = Session(self._engine_class, operation["artifacts"])
             loading = self._session.load_seconds
@@ -170,10 +175,12 @@ class _Sessions:
     def shares(self, operation: dict[str, Any]) -> bool:
         """Whether an operation may go on with what is loaded."""
         from simspec.engines.kit.operations import OPERATIONS
+        from simspec.engines.kit.session import Session
 
         session = self._session
         return (
-            session is not None
+            isinstance(session, Session)
+            and not OPERATIONS[operation["op"]].bare
             and not operation.get("attempt", False)
             and session.artifacts == operation["artifacts"]
             and session.condition <= OPERATIONS[operation["op"]].needs

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Mapping
+from pathlib import Path
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import explicit_servos_hold
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
-from simspec.engines.mujoco.simulation import MujocoSimulation
+from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
 from simspec.formats.mjcf.from_world import SIZES
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
@@ -31,7 +34,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import HeldValue, World
+from simspec.world.types import HeldValue, ReadBack, World
 
 DISTRIBUTIONS = ("mujoco-core", "mujoco")
 """Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
@@ -55,6 +58,8 @@ class MuJoCo(MujocoSimulation):
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
         **exactly(
@@ -104,3 +109,6 @@ class MuJoCo(MujocoSimulation):
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
         return expected_inventory(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
+
+    def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+        return load(import_mujoco(), file, log)

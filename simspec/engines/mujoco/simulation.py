@@ -48,7 +48,7 @@ class MujocoSimulation(Engine, abstract=True):
 
     @classmethod
     def prepare(cls) -> None:
-        _import()
+        import_mujoco()
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
@@ -56,7 +56,7 @@ class MujocoSimulation(Engine, abstract=True):
             self._sidecar = MujocoSidecar.of(sidecar)
         except ValueError as error:
             raise EngineError(self.NAME, str(error)) from error
-        self._mujoco = mujoco = _import()
+        self._mujoco = mujoco = import_mujoco()
         mujoco.set_mju_user_warning(self._log.append)
         try:
             self.model = mujoco.MjModel.from_xml_path(str(folder / MODEL))
@@ -272,7 +272,8 @@ class MujocoSimulation(Engine, abstract=True):
         self.model.dof_frictionloss[self._v[v]] = 0.0
 
 
-def _import() -> Any:
+def import_mujoco() -> Any:
+    """MuJoCo's module. Raises EngineError where it is not installed."""
     try:
         import mujoco
     except ImportError as error:

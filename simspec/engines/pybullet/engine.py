@@ -25,6 +25,7 @@ from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
+from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -33,6 +34,7 @@ from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos,
 from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
+from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
@@ -86,6 +88,8 @@ class PyBullet(SimulatedEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
+    FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
@@ -298,3 +302,10 @@ class PyBullet(SimulatedEngine[Simulation]):
             self._probe[0].close()
         super().close()
         self._efforts = self._probe = None
+
+    def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+        held = Foreign(import_pybullet(), log)
+        try:
+            return held.load(file, language)
+        finally:
+            held.close()

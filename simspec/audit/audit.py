@@ -1,0 +1,183 @@
+"""The audit of files: every engine that reads a file loads it as it is, in a process of its own, and is asked what it holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from simspec.audit.compare import compare
+from simspec.audit.findings import Compiled, EngineAudit, FileAudit, Finding, Severity, What
+from simspec.audit.meaning import Meaning, meaning_of
+from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.foreign import Reads
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.process import Operation, Reply, side_by_side, start
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import EngineError, clipped
+from simspec.language.foreign import ImportOptions
+from simspec.scratch import scratch_folder
+from simspec.support.features import Feature
+from simspec.world.types import ReadBack, World
+
+DEADLINE = 60.0
+"""Seconds that one engine may take for one file."""
+AT_ONCE = 2
+"""Engines side by side."""
+LEVELS = ("L0", "L1", "L2", "L3", "L4", "L6")
+"""Of the proof of what simspec compiles: all that is about the model, and not about contact laws, which robot files do
+not have."""
+
+
+def audit(
+    path: Path,
+    engines: Sequence[str],
+    options: ImportOptions,
+    *,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    prove: bool = True,
+    allow_outside: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> FileAudit:
+    """Audit one file in ``engines``. Raises SpecError for what is no such file, or not readable; an engine that refuses
+    the file or dies is a finding."""
+    progress(f"{path.name}: reading")
+    meaning = meaning_of(path, options, allow_outside)
+    readers, skipped = readers_of(meaning.language, engines)
+    progress(f"{path.name}: {', '.join(readers)}")
+    with side_by_side(AT_ONCE) as pool:
+        replies = list(pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline), readers))
+    held = dict(zip(readers, replies, strict=True))
+    meaning = _defined(meaning, held, {name: readers[name] for name in readers})
+    audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in held.items())
+    proven: tuple[Compiled, ...] = ()
+    if prove and meaning.world is not None:
+        progress(f"{path.name}: compiling and proving")
+        proven = _proven(meaning, list(engines), pythons, deadline)
+    losses = meaning.imported.losses() if meaning.imported is not None else []
+    return FileAudit(
+        str(path),
+        meaning.language,
+        meaning.source,
+        audits,
+        proven,
+        tuple(str(problem) for problem in meaning.defects),
+        len(losses),
+        skipped,
+        len(meaning.bodies),
+    )
+
+
+def readers_of(language: str, engines: Iterable[str]) -> tuple[dict[str, Reads], dict[str, str]]:
+    """The engines that read a language, and how; and of the others why not."""
+    readers, skipped = {}, {}
+    for name in engines:
+        engine = find_engine(name)
+        if language in engine.FOREIGN:
+            readers[name] = engine.FOREIGN[language]
+        else:
+            skipped[name] = engine.LACKS.get(Capability.FOREIGN_FILES, "it does not read this language")
+    return readers, skipped
+
+
+class Loaded:
+    """What came of loading a file in one engine: its answer, or the error."""
+
+    def __init__(self, reply: Reply | None, error: EngineError | None, seconds: float):
+        self.reply, self.error, self.seconds = reply, error, seconds
+
+    @property
+    def held(self) -> ReadBack | None:
+        """What the engine holds."""
+        return self.reply.answers[0].held if self.reply is not None else None
+
+
+def loaded(engine: str, meaning: Meaning, python: str | None, deadline: float) -> Loaded:
+    """Load a file in an engine, in a process of its own."""
+    parameters = {
+        "file": str(meaning.path.resolve()),
+        "language": meaning.language,
+        "packages": dict(meaning.packages),
+    }
+    begun = time.perf_counter()
+    with scratch_folder("audit") as nothing:
+        try:
+            operations = [Operation("foreign", parameters)]
+            with start(engine, nothing, operations, python=python, deadline=deadline) as running:
+                return Loaded(running.wait(), None, time.perf_counter() - begun)
+        except EngineError as error:
+            return Loaded(None, error, time.perf_counter() - begun)
+
+
+def _defined(meaning: Meaning, held: Mapping[str, Loaded], readers: Mapping[str, Reads]) -> Meaning:
+    """The meaning of a file that simspec does not import: what the engine makes of it that defines the language."""
+    if meaning.bodies:
+        return meaning
+    for name, reads in readers.items():
+        back = held[name].held
+        if reads.defines and back is not None:
+            title = find_engine(name).TITLE or name
+            source = f"what {title} holds, which defines the language; simspec does not import the file"
+            return dataclasses.replace(meaning, source=source, bodies=back.bodies, gravity=back.gravity)
+    return dataclasses.replace(meaning, source="not known: simspec does not import the file")
+
+
+def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) -> EngineAudit:
+    reply, error = loading.reply, loading.error
+    if error is not None or reply is None or reply.answers[0].held is None:
+        refused = error is not None and error.refused
+        text = str(error).removeprefix(f"{name}: ")
+        what = What.REFUSED if refused else What.DIED
+        told = clipped(text.removeprefix("refuses the file: "), 600)
+        finding = Finding(name, what, Severity.PHYSICS, "the file", "file", "", told, why=told)
+        return EngineAudit(name, reads.how, False, (finding,), seconds=loading.seconds)
+    answer = reply.answers[0]
+    held = reply.answers[0].held
+    findings, compared = compare(name, meaning, held, find_engine(name).FOREIGN_OWN)
+    log = tuple(dict.fromkeys(clipped(line) for line in answer.log))
+    version = reply.versions["engine_version"]
+    return EngineAudit(name, reads.how, True, tuple(findings), compared, version, loading.seconds, log)
+
+
+def _proven(
+    meaning: Meaning, engines: Sequence[str], pythons: Mapping[str, str] | None, deadline: float
+) -> tuple[Compiled, ...]:
+    """What the proof says of the file as simspec compiles it."""
+    from simspec.proof.verify import verify
+    from simspec.selection import supporting
+
+    world = meaning.world
+    if world is None:
+        return ()
+    world = accepting(world, engines)
+    compiled, left = supporting(world, engines, meaning.locate, pythons)
+    results = {name: Compiled(name, None, clipped(reason.reason)) for name, reason in left.items()}
+    if compiled:
+        certificate = verify(
+            world,
+            list(compiled),
+            compiled=compiled,
+            levels=LEVELS,
+            pythons=pythons,
+            locate=meaning.locate,
+            deadline=deadline,
+        )
+        for name, proof in certificate.engines.items():
+            wrong = [check for check in proof.checks if not check.passed]
+            why = "" if not wrong else f"{wrong[0].level} {wrong[0].name} {wrong[0].where} {wrong[0].detail}"
+            results[name] = Compiled(name, not wrong and bool(proof.checks), clipped(why.strip()))
+    return tuple(results[name] for name in engines if name in results)
+
+
+def accepting(world: World, engines: Sequence[str]) -> World:
+    """A world in which every approximation is accepted that can be: a robot file says nothing about it, and what is
+    approximate is how an engine moves the model, not the model."""
+    words = tuple(feature.value for feature in Feature)
+    names = [engine_name(label) for label in engines]
+    options = tuple(
+        dataclasses.replace(world.options(name), accept=words, outside=words) for name in sorted(set(names))
+    )
+    kept = tuple(one for one in world.engines if one.engine not in names)
+    return dataclasses.replace(world, engines=tuple(sorted((*kept, *options), key=lambda one: one.engine)))

@@ -1,0 +1,270 @@
+"""What an engine holds of a file, held against what the file means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.audit.findings import Finding, Severity, What
+from simspec.audit.meaning import Meaning, plain_text
+from simspec.audit.placed import WORLD, folded, full, groups_of, match, zero_poses
+from simspec.audit.shapes import compare_shapes
+from simspec.engines.kit.foreign import MESH, Own
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.proof.distances import relative, turn_between
+from simspec.world import frames
+from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
+
+SAME: Final = 1e-6
+"""Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
+LEAST_INERTIA: Final = 1e-12
+"""kg m²: a tensor below this is none."""
+RATINGS: Final = ("velocity_limit", "effort_limit")
+SCALARS: Final = {
+    "velocity_limit": (None, "m/s or rad/s"),
+    "effort_limit": (None, "N or N m"),
+    "damping": (0.0, ""),
+    "dry_friction": (0.0, ""),
+    "armature": (0.0, ""),
+    "spring_stiffness": (0.0, ""),
+}
+"""Numbers of a joint, what stands for none of it, and their unit."""
+
+
+class Comparison:
+    """Collects findings of one engine about one file; ``compared`` counts values that were held against each other."""
+
+    def __init__(self, engine: str, meaning: Meaning, held: ReadBack, own: Mapping[str, Own]):
+        self.engine, self._meaning, self._held, self._own = engine, meaning, held, own
+        self.findings: list[Finding] = []
+        self.compared = 0
+        self.knows_meshes = any(shape.kind == MESH for body in meaning.bodies for shape in body.shapes)
+        """Whether meshes of the file were read."""
+        self._matched = match(meaning.bodies, held.bodies)
+        self._at, self._held_at = zero_poses(meaning.bodies), zero_poses(held.bodies)
+        self._group, self._held_group = groups_of(meaning.bodies), groups_of(held.bodies)
+
+    def run(self) -> Comparison:
+        """Compare everything."""
+        if self._meaning.bodies:
+            self._missing()
+            for body in self._meaning.bodies:
+                partner = self._matched.own.get(body.name)
+                if partner is not None:
+                    self._body(body, partner)
+                elif body.joint.kind in ("hinge", "slide", "ball"):
+                    self.add(What.DROPPED, Severity.PHYSICS, body, "joint", body.joint.kind, None)
+            self._static()
+            self._extra()
+        self._inventory()
+        return self
+
+    def add(
+        self,
+        what: What,
+        severity: Severity,
+        body: Body | None,
+        quantity: str,
+        file_value: Any,
+        engine_value: Any,
+        why: str = "",
+        size: float | None = None,
+    ) -> None:
+        """A finding about a body, or about the file as a whole."""
+        element = body.name if body is not None else "the file"
+        path = f"bodies.{body.name}.{quantity}" if body is not None else quantity
+        location = self._meaning.locate(path) if body is not None or quantity == "gravity" else None
+        values = plain_text(file_value), plain_text(engine_value)
+        self.findings.append(Finding(self.engine, what, severity, element, quantity, *values, location, why, size))
+
+    def compares(self, body: Body, quantity: str) -> bool:
+        """Whether a value of the file can be held against the engine's; counts it."""
+        tail = quantity.rpartition(".")[2]
+        if {quantity, tail} & self._held.unreadable.keys():
+            return False
+        unsure = self._meaning.unsure
+        if any(
+            path.endswith(f"bodies.{body.name}.{quantity}") or path.endswith(f"bodies.{body.name}") for path in unsure
+        ):
+            return False
+        self.compared += 1
+        return True
+
+    # --- bodies -------------------------------------------------------------------------------------------------------
+
+    def _missing(self) -> None:
+        for body in self._meaning.bodies:
+            carrier = self._matched.carrier[body.name]
+            if carrier == body.name:
+                continue
+            if carrier is None:
+                self.add(What.DROPPED, Severity.PHYSICS, body, "body", "a body", None)
+            else:
+                self.add(What.MERGED, Severity.INFORMATION, body, "body", "a body", f"part of {carrier}")
+
+    def _extra(self) -> None:
+        for body in self._matched.extra:
+            moves = self._held_group[body.name] != WORLD
+            if body.inertial.mass and moves:
+                self.add(What.ADDED, Severity.PHYSICS, body, "body", None, f"{body.inertial.mass:.6g} kg")
+            elif body.joint.kind != "fixed":
+                self.add(What.ADDED, Severity.INFORMATION, body, "body", None, f"a {body.joint.kind} joint")
+
+    def _body(self, body: Body, partner: Body) -> None:
+        carried = [one for one in self._meaning.bodies if self._matched.carrier[one.name] == body.name]
+        inertial, shapes = folded(carried, self._at, body.name)
+        moves = self._group[body.name] != WORLD or self._held_group[partner.name] != WORLD
+        self._inertial(body, inertial, partner.inertial, moves)
+        self._place(body, partner)
+        self._joint(body, partner)
+        compare_shapes(self, body, shapes, partner.shapes)
+
+    def _inertial(self, body: Body, said: Inertial, held: Inertial, moves: bool) -> None:
+        severity = Severity.PHYSICS if moves else Severity.INFORMATION
+        why = "" if moves else "it cannot move"
+        what = What.ADDED if not said.mass else What.DROPPED if not held.mass else What.CHANGED
+        if self.compares(body, "mass") and relative(said.mass, held.mass) > SAME:
+            off = relative(said.mass, held.mass)
+            self.add(what, severity, body, "mass", said.mass, held.mass, why, off)
+        if not said.mass or not held.mass:
+            return
+        away = math.dist(said.centre_of_mass, held.centre_of_mass)
+        reach = max(1.0, math.hypot(*said.centre_of_mass))
+        if self.compares(body, "centre_of_mass") and away > SAME * reach:
+            values = said.centre_of_mass, held.centre_of_mass
+            self.add(What.CHANGED, severity, body, "centre_of_mass", *values, why, away)
+        if not self.compares(body, "inertia"):
+            return
+        scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(held.inertia)).max()), LEAST_INERTIA)
+        off = float(np.abs(full(said.inertia) - full(held.inertia)).max()) / scale
+        if off > SAME:
+            self.add(What.CHANGED, severity, body, "inertia", said.inertia, held.inertia, why, off)
+
+    def _place(self, body: Body, partner: Body) -> None:
+        """Where the body stands at zero, from the nearest body below that both have, or from the world."""
+        if body.joint.kind == "free" or partner.joint.kind == "free":
+            return
+        above = body.joint.parent
+        by_name = {one.name: one for one in self._meaning.bodies}
+        while above is not None and above not in self._matched.own:
+            above = by_name[above].joint.parent
+        if above is None:
+            start, held_start = Pose(), Pose()
+        else:
+            start, held_start = self._at[above], self._held_at[self._matched.own[above].name]
+        said = frames.compose(frames.inverse(start), self._at[body.name])
+        held = frames.compose(frames.inverse(held_start), self._held_at[partner.name])
+        if not self.compares(body, "joint.origin"):
+            return
+        away = math.dist(said.position, held.position)
+        turned = turn_between(said.quaternion, held.quaternion)
+        if away > SAME * max(1.0, math.hypot(*said.position)):
+            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.origin.xyz", said.position, held.position, "", away)
+        if turned > SAME:
+            self.add(
+                What.CHANGED, Severity.PHYSICS, body, "joint.origin.rpy", said.quaternion, held.quaternion, "", turned
+            )
+
+    # --- joints -------------------------------------------------------------------------------------------------------
+
+    def _joint(self, body: Body, partner: Body) -> None:
+        said, held = body.joint, partner.joint
+        if not self.compares(body, "joint.type"):
+            return
+        if said.kind != held.kind:
+            roots = said.parent is None and held.parent is None and {said.kind, held.kind} == {"fixed", "free"}
+            severity = Severity.DEFAULT if roots else Severity.PHYSICS
+            what = What.DROPPED if held.kind == "fixed" and not roots else What.CHANGED
+            why = "the file does not say whether its root is fixed" if roots else ""
+            self.add(what, severity, body, "joint.type", said.kind, held.kind, why)
+            return
+        if said.kind in SCALAR_JOINTS:
+            self._axis(body, said, held)
+            self._limits(body, said, held)
+        if said.kind == "fixed":
+            return
+        for name, (nothing, _) in SCALARS.items():
+            if self.compares(body, f"joint.{name}"):
+                self._scalar(body, name, getattr(said, name), getattr(held, name), nothing)
+
+    def _axis(self, body: Body, said: Joint, held: Joint) -> None:
+        if self.compares(body, "joint.axis") and (away := math.dist(said.axis, held.axis)) > SAME:
+            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, held.axis, "", away)
+
+    def _limits(self, body: Body, said: Joint, held: Joint) -> None:
+        if not self.compares(body, "joint.limits"):
+            return
+        one, other = said.position_limits, held.position_limits
+        if one is None and other is None:
+            return
+        if one is None or other is None:
+            what = What.DROPPED if other is None else What.ADDED
+            self.add(what, Severity.PHYSICS, body, "joint.limits", one, other)
+        elif (away := max(abs(a - b) for a, b in zip(one, other, strict=True))) > SAME:
+            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.limits", one, other, "", away)
+
+    def _scalar(self, body: Body, name: str, said: float | None, held: float | None, nothing: float | None) -> None:
+        one, other = (nothing if value is None or value == 0.0 else value for value in (said, held))
+        if one == other or (one is not None and other is not None and relative(one, other) <= SAME):
+            return
+        what = What.ADDED if one == nothing else What.DROPPED if other == nothing else What.CHANGED
+        severity = Severity.RATING if name in RATINGS else Severity.PHYSICS
+        off = relative(one or 0.0, other or 0.0)
+        self.add(what, severity, body, f"joint.{name}", said, held, "", off)
+
+    # --- the whole ----------------------------------------------------------------------------------------------------
+
+    def _static(self) -> None:
+        """Shapes of bodies that became a part of the world."""
+        merged = [body for body in self._meaning.bodies if self._matched.carrier[body.name] == WORLD]
+        if not merged:
+            return
+        world = [body for body in self._held.bodies if body.name == WORLD]
+        held = world[0].shapes if world else ()
+        at = {**self._at, WORLD: Pose()}
+        _, shapes = folded(merged, at, WORLD)
+        compare_shapes(self, merged[0], shapes, held)
+
+    def _inventory(self) -> None:
+        meaning, held = self._meaning, self._held
+        if meaning.gravity is not None:
+            self.compared += 1
+            if math.dist(meaning.gravity, held.gravity) > SAME:
+                self.add(What.CHANGED, Severity.PHYSICS, None, "gravity", meaning.gravity, held.gravity)
+        for name, own in self._own.items():
+            if name not in held.inventory:
+                continue
+            value = held.inventory[name]
+            self.compared += own.meaning is not None
+            if own.meaning is None and own.changes == "default":
+                self.add(What.ADDED, Severity.DEFAULT, None, name, None, value, own.why)
+            elif not _same(own.meaning, value):
+                self.add(What.ADDED, Severity(own.changes), None, name, own.meaning, value, own.why)
+        frictions = sorted(
+            {
+                one.friction
+                for body in held.bodies
+                for shape in body.shapes
+                if shape.collision
+                for one in shape.surfaces
+                if one.friction is not None
+            }
+        )
+        if frictions:
+            shown = " to ".join(plain_text(value) for value in dict.fromkeys((frictions[0], frictions[-1])))
+            self.add(What.ADDED, Severity.DEFAULT, None, "friction", None, shown, "sliding friction of shapes")
+
+
+def _same(said: HeldValue | None, held: HeldValue) -> bool:
+    if isinstance(said, (int, float)) and isinstance(held, (int, float)) and not isinstance(said, bool):
+        return abs(held - said) <= SAME * max(1.0, abs(said))
+    return said == held
+
+
+def compare(engine: str, meaning: Meaning, held: ReadBack, own: Mapping[str, Own]) -> tuple[Sequence[Finding], int]:
+    """Findings of what an engine holds of a file, and how many values were compared."""
+    done = Comparison(engine, meaning, held, own).run()
+    return done.findings, done.compared

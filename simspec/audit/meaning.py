@@ -1,0 +1,163 @@
+"""What a file means: the model that every engine is held against, and where the file says each of its values."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.registry import engines
+from simspec.errors import Location, Problem, SimspecError, SpecError
+from simspec.imports.elements import parse
+from simspec.language.foreign import Imported, ImportOptions, importers
+from simspec.language.load import Spec, load
+from simspec.language.sources import project_folder
+from simspec.reading import NotReadableError, read_bytes
+from simspec.world.types import Body, Vector3, World
+
+LARGEST: Final = 64 * 2**20
+"""Bytes of a file that is audited."""
+PACKAGE: Final = re.compile(rb"(?:package|model)://([^/\\\"'<>\s]+)")
+FIND: Final = re.compile(rb"\$\(find\s+([^)\s]+)\)")
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """A file as simspec reads it. ``bodies`` are empty where simspec does not read it at all; ``source`` says in words
+    where they come from. ``unsure``: paths of values that were repaired, which are no values of the file."""
+
+    path: Path
+    language: str
+    source: str = ""
+    bodies: tuple[Body, ...] = ()
+    gravity: Vector3 | None = None
+    world: World | None = None
+    spec: Spec | None = None
+    imported: Imported | None = None
+    defects: tuple[Problem, ...] = ()
+    unsure: frozenset[str] = frozenset()
+    packages: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def locate(self) -> Callable[[str], Location | None]:
+        """Places in the file, by dotted paths of the world."""
+        return self.spec.locate if self.spec is not None else lambda path: None
+
+
+def language_of(path: Path, content: bytes) -> str:
+    """The language of a file, by the engines that read it: the end of its name, and its outermost element. Raises
+    SpecError for a file of none, and for what is damaged or hostile: no engine is given such a file."""
+    name = path.name.lower()
+    fitting = {
+        language: reads
+        for engine in engines().values()
+        for language, reads in engine.FOREIGN.items()
+        if name.endswith(reads.suffixes)
+    }
+    if not fitting:
+        allowed = " ".join(sorted({end for engine in engines().values() for end in suffixes_of(engine)}))
+        raise SpecError([Problem(f"{path}: no engine reads such files", allowed=allowed)])
+    root = parse(content, str(path)).tag
+    for language, reads in fitting.items():
+        if reads.root == root:
+            return language
+    allowed = ", ".join(f"<{reads.root}>" for reads in fitting.values())
+    raise SpecError([Problem(f"{path}: the outermost element is <{root[:60]}>", allowed=allowed)])
+
+
+def suffixes_of(engine: type[Engine]) -> set[str]:
+    """Ends of names of the files that an engine reads."""
+    return {end for reads in engine.FOREIGN.values() for end in reads.suffixes}
+
+
+def content_of(path: Path) -> bytes:
+    """The bytes of a file. Raises SpecError where it cannot be read."""
+    try:
+        return read_bytes(path, LARGEST, links=True)
+    except NotReadableError as error:
+        raise SpecError([Problem(f"{path}: cannot be read: {error}")]) from None
+    except OSError as error:
+        raise SpecError([Problem(f"{path}: cannot be read: {error.strerror or error}")]) from None
+
+
+def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) -> Meaning:
+    """What a file means, by its importer; where that refuses the file, by the importer with all its repairs, whose values then
+    count for nothing; else no bodies. Raises SpecError for what is no such file."""
+    content = content_of(path)
+    language = language_of(path, content)
+    bare = Meaning(path, language, packages=packages_of(content, path, options))
+    importer = importers().good.get(language)
+    if importer is None:
+        return dataclasses.replace(bare, source="")
+    try:
+        return _read(bare, options, allow_outside)
+    except SpecError as error:
+        bare = dataclasses.replace(bare, defects=error.problems)
+    rules = tuple(getattr(importer, "RULES", ()))
+    if rules:
+        try:
+            return _read(bare, dataclasses.replace(options, repair=rules), allow_outside)
+        except SimspecError:
+            return bare
+    return bare
+
+
+def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning:
+    spec = load(bare.path, options=options, allow_outside=allow_outside)
+    world = spec.resolve()
+    imported = spec.source.imported
+    repairs = imported.repairs if imported is not None else []
+    source = "the file, as simspec imports it"
+    if bare.defects:
+        source = "the file, as simspec imports it with every repair; what was repaired is not compared"
+    said = imported is not None and any(path[:2] == ("physics", "gravity") for path in imported.places)
+    return dataclasses.replace(
+        bare,
+        source=source,
+        bodies=world.bodies,
+        gravity=world.physics.gravity if said else None,
+        world=world if not bare.defects else None,
+        spec=spec,
+        imported=imported,
+        unsure=frozenset(repair.path for repair in repairs if bare.defects),
+    )
+
+
+def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str, str]:
+    """The folders of the packages that a file names, found as the importers find them: those that the user names, then
+    folders of that name above or beside the file."""
+    names = {name.decode(errors="replace") for pattern in (PACKAGE, FIND) for name in pattern.findall(content)}
+    found: dict[str, str] = {}
+    for name in sorted(names):
+        told = options.packages.get(name)
+        places: list[Path] = [options.base / told] if told is not None else []
+        places += [Path(folder) / name for folder in options.package_path]
+        folder = path.resolve().parent
+        project = project_folder(path)
+        while True:
+            places += [folder] if folder.name == name else []
+            places.append(folder / name)
+            if folder in (project, folder.parent):
+                break
+            folder = folder.parent
+        place = next((place for place in places if place.is_dir()), None)
+        if place is not None:
+            found[name] = str(place.resolve())
+    return found
+
+
+def plain_text(value: Any) -> str:
+    """A value of a file as a table shows it."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)):
+        return " ".join(plain_text(item) for item in value)
+    return str(value)

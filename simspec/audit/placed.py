@@ -1,0 +1,124 @@
+"""Bodies of a file and of an engine, made comparable: matched by name, placed in the world, folded where an engine
+merges them."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.world import frames
+from simspec.world.kinematics import joint_displacement
+from simspec.world.types import Body, Inertial, Pose, Shape, Vector3
+
+WORLD: Final = "world"
+"""The name of what cannot move."""
+Floats = NDArray[np.float64]
+
+
+def zero_poses(bodies: Sequence[Body]) -> dict[str, Pose]:
+    """The pose of every body's frame in the world with all joints at zero; free roots where they start."""
+    placed: dict[str, Pose] = {}
+    for body in bodies:
+        joint = body.joint
+        start = joint.origin if joint.parent is None else frames.compose(placed[joint.parent], joint.origin)
+        if joint.kind == "free" and joint.position:
+            start = frames.compose(start, joint_displacement(body, joint.position))
+        placed[body.name] = start
+    return placed
+
+
+def groups_of(bodies: Sequence[Body]) -> dict[str, str]:
+    """For every body the topmost one that it is rigidly joined to; ``WORLD`` where that cannot move."""
+    group: dict[str, str] = {}
+    for body in bodies:
+        joint = body.joint
+        if joint.kind != "fixed":
+            group[body.name] = body.name
+        else:
+            group[body.name] = WORLD if joint.parent is None else group[joint.parent]
+    return group
+
+
+def key_of(name: str) -> str:
+    """A name without what importers and engines change in it."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Bodies of a file beside those of an engine.
+
+    own       the engine's body for each of the file's, by name, where it has one
+    carrier   for each of the file's bodies the one of them whose engine body has it: itself, or one that it is fixed to;
+              ``WORLD`` for one that became a part of the world; None where it is nowhere
+    extra     the engine's bodies that stand for none of the file's
+    """
+
+    own: dict[str, Body]
+    carrier: dict[str, str | None]
+    extra: tuple[Body, ...]
+
+
+def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
+    """Match by name, exactly or else without marks and case."""
+    exact = {body.name: body for body in held}
+    loose: dict[str, Body] = {}
+    for body in held:
+        loose.setdefault(key_of(body.name), body)
+    own: dict[str, Body] = {}
+    taken: set[str] = set()
+    for body in bodies:
+        partner = exact.get(body.name) or loose.get(key_of(body.name))
+        if partner is not None and partner.name not in taken:
+            own[body.name] = partner
+            taken.add(partner.name)
+    carrier: dict[str, str | None] = {}
+    for body in bodies:
+        if body.name in own:
+            carrier[body.name] = body.name
+        elif body.joint.kind != "fixed":
+            carrier[body.name] = None
+        else:
+            carrier[body.name] = WORLD if body.joint.parent is None else carrier[body.joint.parent]
+    return Matched(own, carrier, tuple(body for body in held if body.name not in taken))
+
+
+def folded(parts: Sequence[Body], at: dict[str, Pose], onto: str) -> tuple[Inertial, tuple[Shape, ...]]:
+    """The mass properties and shapes of several bodies as one, in the frame of ``onto``."""
+    inverse = frames.inverse(at[onto])
+    shapes: list[Shape] = []
+    lumps: list[tuple[float, Vector3, Floats]] = []
+    for body in parts:
+        place = frames.compose(inverse, at[body.name])
+        inertial = body.inertial
+        centre = frames.add(place.position, frames.rotate(place.quaternion, inertial.centre_of_mass))
+        lumps.append((inertial.mass, centre, full(frames.turn_inertia(place.quaternion, inertial.inertia))))
+        shapes += [dataclasses.replace(shape, pose=frames.compose(place, shape.pose)) for shape in body.shapes]
+    mass = sum(lump[0] for lump in lumps)
+    if len(lumps) == 1 or not mass:
+        return Inertial(mass, lumps[0][1], six(sum((lump[2] for lump in lumps), np.zeros((3, 3))))), tuple(shapes)
+    middle = np.sum([lump[0] * np.array(lump[1]) for lump in lumps], axis=0) / mass
+    tensor = np.zeros((3, 3))
+    for own, centre, moment in lumps:
+        arm = np.array(centre) - middle
+        tensor += moment + own * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    x, y, z = middle.tolist()
+    return Inertial(mass, (x, y, z), six(tensor)), tuple(shapes)
+
+
+def full(inertia: Sequence[float]) -> Floats:
+    """A tensor (3, 3) from (Ixx, Iyy, Izz, Ixy, Ixz, Iyz)."""
+    xx, yy, zz, xy, xz, yz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def six(tensor: Floats) -> tuple[float, float, float, float, float, float]:
+    """The same back."""
+    t = tensor.tolist()
+    return (t[0][0], t[1][1], t[2][2], t[0][1], t[0][2], t[1][2])

@@ -1,0 +1,195 @@
+"""A URDF, SDF, MJCF or skel file as DART's own parsers make it, with their default options.
+
+Facts marked *measured*: dartpy 6.20.0.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
+from simspec.engines.dart.nodes import shape_nodes
+from simspec.engines.dart.readback import SHAPE_KINDS
+from simspec.engines.kit.captured import captured
+from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, box_support, told_apart
+from simspec.errors import EngineError
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world import frames
+from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+
+FOREIGN: Final[Mapping[str, Reads]] = {
+    "urdf": Reads("dartpy.utils.DartLoader().parseWorld(file)", (".urdf",), "robot"),
+    "sdf": Reads("dartpy.utils.SdfParser.readWorld(file)", (".sdf", ".world"), "sdf"),
+    "mjcf": Reads("dartpy.utils.MjcfParser.readWorld(file)", (".xml", ".mjcf"), "mujoco"),
+    "skel": Reads("dartpy.utils.SkelParser.readWorld(file)", (".skel",), "skel", defines=True),
+}
+FOREIGN_OWN: Final[Mapping[str, Own]] = {
+    "gravity": Own(
+        None, "default", "-9.81 m/s² along z, or along y in files of DART's own, unless the file says another"
+    ),
+    "timestep": Own(None, "default", "1 ms, unless the file says another"),
+    "limits_enforced": Own(True, "physics", "joints pass their limits until setLimitEnforcement(True)"),
+    "self_collision": Own(True, "physics", "links of one skeleton touch each other after enableSelfCollisionCheck()"),
+    "mimic_joints": Own(None, "default", "joints that follow others: the follower is driven, and pushes nothing back"),
+}
+"""What DART adds to a file."""
+MOVES: Final = {
+    **JOINT_KINDS,
+    "PlanarJoint": "planar",
+    "UniversalJoint": "universal",
+    "EulerJoint": "ball (Euler angles)",
+}
+
+
+class Foreign:
+    """A world with a file loaded."""
+
+    def __init__(self, dartpy: Any, log: list[str]):
+        self._dart, self._log = dartpy, log
+
+    def load(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
+        """What DART holds of a file. Raises EngineError where it refuses it."""
+        try:
+            with captured(sys.stderr, self._log):
+                world = self._reader(language, packages)(self._dart.common.Uri.createFromPath(str(file)))
+        except (RuntimeError, ValueError) as error:
+            raise EngineError(NAME, "; ".join([f"refuses the file: {error}", *self._log[-3:]])) from error
+        if world is None:
+            raise EngineError(NAME, f"refuses the file: {' '.join(self._log) or 'no reason given'}")
+        skeletons = [world.getSkeleton(index) for index in range(world.getNumSkeletons())]
+        nodes = [node for skeleton in skeletons for node in skeleton.getBodyNodes()]
+        names = told_apart([node.getName() for node in nodes])
+        for skeleton in skeletons:
+            _to_zero(skeleton)
+        placed = {(node.getSkeleton().getName(), node.getName()): name for node, name in zip(nodes, names, strict=True)}
+        links = [_link(node, name, placed) for node, name in zip(nodes, names, strict=True)]
+        joints = [node.getParentJoint() for node in nodes]
+        inventory: dict[str, HeldValue] = {
+            "gravity": tuple(_vector(world.getGravity())),
+            "timestep": float(world.getTimeStep()),
+            "mimic_joints": sum("imic" in str(joint.getActuatorType()) for joint in joints),
+        }
+        limited = [joint for joint in joints if _limited(joint)]
+        if limited:
+            inventory["limits_enforced"] = all(joint.areLimitsEnforced() for joint in limited)
+        if any(skeleton.getNumBodyNodes() > 1 for skeleton in skeletons):
+            inventory["self_collision"] = all(skeleton.isEnabledSelfCollisionCheck() for skeleton in skeletons)
+        return ReadBack(
+            bodies_of_links(links),
+            _vector(world.getGravity()),
+            float(world.getTimeStep()),
+            unreadable={"armature": "DART has no armature"},
+            inventory=inventory,
+        )
+
+    def _reader(self, language: str, packages: Mapping[str, str]) -> Callable[[Any], Any]:
+        utils = self._dart.utils
+        if language != "urdf":
+            parsers = {"sdf": utils.SdfParser, "mjcf": utils.MjcfParser, "skel": utils.SkelParser}
+            reader: Callable[[Any], Any] = parsers[language].readWorld
+            return reader
+        loader = utils.DartLoader()
+        for name, folder in packages.items():
+            loader.addPackageDirectory(name, folder)
+
+        def read(uri: Any) -> Any:
+            skeleton = loader.parseSkeleton(uri)
+            if skeleton is None:
+                return None
+            world = self._dart.simulation.World()
+            world.addSkeleton(skeleton)
+            return world
+
+        return read
+
+
+def _to_zero(skeleton: Any) -> None:
+    """All coordinates to zero, but those of a free root."""
+    for index in range(skeleton.getNumJoints()):
+        joint = skeleton.getJoint(index)
+        if joint.getType() != "FreeJoint":
+            joint.setPositions(np.zeros(joint.getNumDofs()))
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = np.asarray(values).tolist()
+    return (x + 0.0, y + 0.0, z + 0.0)
+
+
+def _pose(transform: Any) -> Pose:
+    turn = tuple(map(tuple, transform.rotation().tolist()))
+    return Pose(_vector(transform.translation()), frames.from_matrix(turn))  # type: ignore[arg-type]
+
+
+def _link(node: Any, name: str, placed: Mapping[tuple[str, str], str]) -> HeldLink:
+    inertia = node.getInertia()
+    m = inertia.getMoment().tolist()
+    tensor = (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2])
+    above, joint = node.getParentBodyNode(), node.getParentJoint()
+    anchor = _pose(joint.getTransformFromChildBodyNode())
+    return HeldLink(
+        name,
+        None if above is None else placed[above.getSkeleton().getName(), above.getName()],
+        _pose(node.getWorldTransform()),
+        Inertial(float(inertia.getMass()), _vector(inertia.getLocalCOM()), tensor),
+        _joint(joint, anchor),
+        anchor.position if joint.getType() != "FreeJoint" else (0.0, 0.0, 0.0),
+        tuple(_shape(one) for one in shape_nodes(node)),
+    )
+
+
+def _limited(joint: Any) -> bool:
+    return MOVES.get(joint.getType()) in SCALAR_JOINTS and bool(
+        np.isfinite(joint.getPositionLowerLimit(0)) or np.isfinite(joint.getPositionUpperLimit(0))
+    )
+
+
+def _joint(joint: Any, anchor: Pose) -> Joint:
+    kind = MOVES.get(joint.getType(), str(joint.getType()))
+    if kind not in SCALAR_JOINTS:
+        return Joint(joint.getName(), kind)
+    lower, upper = joint.getPositionLowerLimit(0), joint.getPositionUpperLimit(0)
+    speed, effort = joint.getVelocityUpperLimit(0), joint.getForceUpperLimit(0)
+    return Joint(
+        joint.getName(),
+        kind,
+        axis=frames.rotate(anchor.quaternion, _vector(joint.getAxis())),
+        position_limits=(lower, upper) if _limited(joint) else None,
+        velocity_limit=float(speed) if np.isfinite(speed) else None,
+        effort_limit=float(effort) if np.isfinite(effort) else None,
+        damping=joint.getDampingCoefficient(0),
+        dry_friction=joint.getCoulombFriction(0),
+        spring_stiffness=joint.getSpringStiffness(0),
+        spring_rest=joint.getRestPosition(0),
+    )
+
+
+def _shape(node: Any) -> Shape:
+    held = node.getShape()
+    kind = held.getType()
+    size: tuple[float, ...] = ()
+    if kind in SHAPE_KINDS:
+        kind, size_of = SHAPE_KINDS[kind]
+        size = size_of(held)
+    elif kind in ("MeshShape", "ConvexMeshShape"):
+        box = held.getBoundingBox()
+        kind, size = MESH, box_support(box.getMin(), box.getMax())
+    collides = node.hasCollisionAspect() and node.getCollisionAspect().isCollidable()
+    surfaces: tuple[Surface, ...] = ()
+    if collides and node.hasDynamicsAspect():
+        aspect = node.getDynamicsAspect()
+        surfaces = (Surface(aspect.getFrictionCoeff(), restitution=aspect.getRestitutionCoeff()),)
+    return Shape(
+        node.getName(),
+        kind,
+        size,
+        _pose(node.getRelativeTransform()),
+        collision=collides,
+        visual=node.hasVisualAspect(),
+        surfaces=surfaces,
+    )

@@ -1,0 +1,180 @@
+"""A URDF, SDF or MJCF file as Drake's own parser makes it.
+
+Facts marked *measured*: Drake 1.51.1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.engines.drake.building import CONE, NAME, warnings_into
+from simspec.engines.drake.readback import JOINT_KINDS, SIZES, pose_of
+from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
+from simspec.errors import EngineError
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world import frames
+from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+
+HOW: Final = "pydrake.multibody.parsing.Parser(plant).AddModels(file)"
+FOREIGN: Final[Mapping[str, Reads]] = {
+    "urdf": Reads(HOW, (".urdf",), "robot"),
+    "sdf": Reads(HOW, (".sdf", ".world"), "sdf"),
+    "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco"),
+}
+FOREIGN_OWN: Final[Mapping[str, Own]] = {
+    "timestep": Own(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
+    "couplings": Own(None, "default", "joints that follow others, as constraints of the contact solver"),
+}
+"""What Drake adds to a file."""
+TIMESTEP: Final = 1e-3
+MOVES: Final = {**JOINT_KINDS, "planar": "planar", "universal": "universal", "rpy_floating": "free", "screw": "screw"}
+FLOATING: Final = ("quaternion_floating", "rpy_floating")
+
+
+def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+    """What Drake holds of a file. Raises EngineError where it refuses it."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+    from pydrake.systems.framework import DiagramBuilder
+
+    with warnings_into(log):
+        try:
+            builder = DiagramBuilder()
+            plant, _ = AddMultibodyPlantSceneGraph(builder, TIMESTEP)
+            parser = Parser(plant)
+            for name, folder in packages.items():
+                if not parser.package_map().Contains(name):
+                    parser.package_map().Add(name, Path(folder))
+            parser.AddModels(file)
+            plant.Finalize()
+            diagram = builder.Build()
+        except (RuntimeError, ValueError) as error:
+            raise EngineError(NAME, f"refuses the file: {error}") from error
+        return _Held(plant, diagram, log).read_back()
+
+
+class _Held:
+    def __init__(self, plant: Any, diagram: Any, log: list[str]):
+        self._log = log
+        self._plant = plant
+        root = diagram.CreateDefaultContext()
+        self._context = plant.GetMyMutableContextFromRoot(root)
+        positions = plant.GetPositions(self._context)
+        joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+        for joint in joints:
+            if joint.type_name() not in FLOATING:
+                positions[joint.position_start() : joint.position_start() + joint.num_positions()] = 0.0
+        plant.SetPositions(self._context, positions)
+        self._inboard = {int(joint.child_body().index()): joint for joint in joints}
+        graph = diagram.GetSubsystemByName("scene_graph")
+        self._inspector = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(root)).inspector()
+        actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+        self._actuators = {int(one.joint().index()): one for one in actuators}
+
+    def read_back(self) -> ReadBack:
+        from pydrake.multibody.tree import BodyIndex
+
+        plant = self._plant
+        world = plant.world_body()
+        indices = [BodyIndex(number) for number in range(plant.num_bodies())]
+        bodies = [plant.get_body(index) for index in indices if index != world.index()]
+        names = dict(
+            zip([int(body.index()) for body in bodies], told_apart([body.name() for body in bodies]), strict=True)
+        )
+        links = [self._link(body, names) for body in bodies]
+        shapes = self._shapes(world)
+        if shapes:
+            links.insert(0, HeldLink("world", None, Pose(), Inertial(0.0), Joint("", "fixed"), shapes=shapes))
+        inventory: dict[str, HeldValue] = {
+            "timestep": float(plant.time_step()),
+            "couplings": int(plant.num_constraints()),
+        }
+        gravity = _vector(plant.gravity_field().gravity_vector())
+        return ReadBack(bodies_of_links(links), gravity, float(plant.time_step()), CONE, inventory=inventory)
+
+    def _link(self, body: Any, names: Mapping[int, str]) -> HeldLink:
+        joint = self._inboard[int(body.index())]
+        above = joint.parent_body().index()
+        anchor = pose_of(joint.frame_on_child().GetFixedPoseInBodyFrame())
+        floating = joint.type_name() in FLOATING
+        return HeldLink(
+            names[int(body.index())],
+            names.get(int(above)),
+            pose_of(body.EvalPoseInWorld(self._context)),
+            self._inertial(body),
+            self._joint(joint, anchor),
+            (0.0, 0.0, 0.0) if floating else anchor.position,
+            self._shapes(body),
+        )
+
+    def _inertial(self, body: Any) -> Inertial:
+        about_origin = body.CalcSpatialInertiaInBodyFrame(self._context)
+        mass = float(about_origin.get_mass())
+        if not mass:
+            return Inertial(0.0)
+        centre = about_origin.get_com()
+        m = about_origin.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3().tolist()
+        return Inertial(mass, _vector(centre), (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]))
+
+    def _joint(self, joint: Any, anchor: Pose) -> Joint:
+        kind = MOVES.get(joint.type_name(), joint.type_name())
+        if kind not in SCALAR_JOINTS:
+            return Joint(joint.name(), kind)
+        axis = _vector(joint.revolute_axis() if kind == "hinge" else joint.translation_axis())
+        lower, upper = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
+        speed = float(joint.velocity_upper_limits()[0])
+        actuator = self._actuators.get(int(joint.index()))
+        effort = math.inf if actuator is None else float(actuator.effort_limit())
+        return Joint(
+            joint.name(),
+            kind,
+            axis=frames.rotate(anchor.quaternion, axis),
+            position_limits=(lower, upper) if math.isfinite(lower) or math.isfinite(upper) else None,
+            velocity_limit=speed if math.isfinite(speed) else None,
+            effort_limit=effort if math.isfinite(effort) else None,
+            damping=float(joint.GetDampingVector(self._context)[0]),
+            armature=0.0 if actuator is None else float(actuator.calc_reflected_inertia(self._context)),
+        )
+
+    def _shapes(self, body: Any) -> tuple[Shape, ...]:
+        plant = self._plant
+        solid = [self._shape(one, True) for one in plant.GetCollisionGeometriesForBody(body)]
+        seen = [self._shape(one, False) for one in plant.GetVisualGeometriesForBody(body)]
+        return (*solid, *seen)
+
+    def _hull(self, geometry: Any) -> tuple[float, ...]:
+        """The support function of a mesh's convex hull; none of a file that Drake does not read, and so does not collide
+        with."""
+        try:
+            hull = self._inspector.GetConvexHull(geometry)
+        except RuntimeError as error:
+            self._log.append(str(error))
+            return ()
+        return () if hull is None else support(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
+
+    def _shape(self, geometry: Any, solid: bool) -> Shape:
+        inspector = self._inspector
+        shape = inspector.GetShape(geometry)
+        kind, sizes = SIZES.get(type(shape).__name__, (type(shape).__name__, ()))
+        size = tuple(float(getattr(shape, word)()) for word in sizes)
+        if kind in ("Mesh", "Convex"):
+            kind, size = MESH, self._hull(geometry) if solid else ()
+        surfaces: tuple[Surface, ...] = ()
+        if solid:
+            held = inspector.GetProximityProperties(geometry)
+            friction = held.GetProperty("material", "coulomb_friction")
+            surfaces = (Surface(float(friction.dynamic_friction())),)
+        pose = pose_of(inspector.GetPoseInFrame(geometry))
+        return Shape(
+            inspector.GetName(geometry), kind, size, pose, collision=solid, visual=not solid, surfaces=surfaces
+        )
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = np.asarray(values, dtype=float).tolist()
+    return (x + 0.0, y + 0.0, z + 0.0)

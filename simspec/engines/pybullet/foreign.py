@@ -1,0 +1,264 @@
+"""A URDF, MJCF or SDF file as PyBullet's own loaders make it, with their default flags.
+
+Facts marked *measured*: pybullet 3.2.7.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.engines.kit.captured import captured
+from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
+from simspec.engines.pybullet.simulation import GREETING
+from simspec.engines.pybullet.trees import JOINT_KINDS
+from simspec.engines.pybullet.turns import told_turn
+from simspec.errors import EngineError
+from simspec.formats.kit.passes import tensor
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world import frames
+from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
+
+FOREIGN: Final[Mapping[str, Reads]] = {
+    "urdf": Reads("pybullet.loadURDF(file)", (".urdf",), "robot"),
+    "mjcf": Reads("pybullet.loadMJCF(file)", (".xml", ".mjcf"), "mujoco"),
+    "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf"),
+}
+LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
+FOREIGN_OWN: Final[Mapping[str, Own]] = {
+    "gravity_set": Own(None, "default", "there is no gravity before setGravity"),
+    "timestep": Own(None, "default", "1/240 s, unless told otherwise"),
+    "linear_damping": Own(
+        0.0,
+        "physics",
+        "share of its speed that what moves loses each second; set linearDamping and angularDamping to 0",
+    ),
+    "joints_held_by_motors": Own(
+        0, "physics", "hinges and slides start with a motor that holds them; give VELOCITY_CONTROL with force 0"
+    ),
+    "velocity_clamp": Own(None, "physics", "no joint moves faster (rad/s, m/s); set maxJointVelocity"),
+    "self_collision": Own(True, "physics", "links of one body touch each other only with URDF_USE_SELF_COLLISION"),
+    "collision_margin": Own(
+        0.0, "physics", "largest margin (m) that is added around a shape; set collisionMargin to 0"
+    ),
+}
+"""What PyBullet adds to a file."""
+SHAPE_KINDS: Final = {2: "sphere", 3: "box", 4: "cylinder", 5: MESH, 6: "plane", 7: "capsule"}
+"""PyBullet's GEOM_ numbers."""
+TREE_JOINTS: Final = {**JOINT_KINDS, 3: "planar", 5: "point to point", 6: "gear"}
+CRASHING: Final = {"mjcf": "getCollisionShapeData crashes with trees of loadMJCF (measured)"}
+"""Languages whose shapes are not asked for, with the reason."""
+MOST_SPEED: Final = 1e4
+"""rad/s or m/s given to a joint to see whether its speed is clamped."""
+CLAMP: Final = 100.0
+"""The speed that PyBullet lets no joint exceed, unless told otherwise."""
+HELD: Final = 0.5
+"""Share of a small speed below which a joint is said to be held after one step."""
+TRIED: Final = 1e-3
+"""That small speed (rad/s, m/s): centrifugal forces, and a part of the damping, grow with its square."""
+
+
+class Foreign:
+    """A client with a file loaded."""
+
+    def __init__(self, bullet: Any, log: list[str]):
+        self._p, self._log, self._language = bullet, log, ""
+        self._client = bullet.connect(bullet.DIRECT)
+
+    def close(self) -> None:
+        """Free the client."""
+        self._p.disconnect(physicsClientId=self._client)
+
+    def load(self, file: Path, language: str) -> ReadBack:
+        """What PyBullet holds of a file. Raises EngineError where it refuses it."""
+        p, self._language = self._p, language
+        try:
+            with captured(sys.stdout, self._log, (GREETING,)):
+                loaded = getattr(p, LOADERS[language])(str(file), physicsClientId=self._client)
+        except p.error as error:
+            raise EngineError("pybullet", "; ".join([f"refuses the file: {error}", *self._log[-3:]])) from error
+        trees = [loaded] if isinstance(loaded, int) else list(loaded)
+        with captured(sys.stdout, self._log, (GREETING,)):
+            links = [link for uid in trees for link in self._links(uid)]
+            bodies = bodies_of_links(_apart(links))
+            held = p.getPhysicsEngineParameters(physicsClientId=self._client)
+            inventory = self._inventory(trees, held)
+        unreadable: dict[str, str] = {}
+        if language in CRASHING:
+            unreadable["shapes"] = CRASHING[language]
+        gravity = tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ")
+        return ReadBack(
+            bodies,
+            gravity,
+            held["fixedTimeStep"],
+            unreadable=unreadable,
+            inventory=inventory,
+        )
+
+    # --- the model ----------------------------------------------------------------------------------------------------
+
+    def _links(self, uid: int) -> list[HeldLink]:
+        p, client = self._p, self._client
+        count = p.getNumJoints(uid, physicsClientId=client)
+        model = p.getBodyInfo(uid, physicsClientId=client)
+        infos = [p.getJointInfo(uid, joint, physicsClientId=client) for joint in range(count)]
+        names = told_apart([model[0].decode(errors="replace"), *(info[12].decode(errors="replace") for info in infos)])
+        return [self._link(uid, link, names, infos) for link in range(-1, count)]
+
+    def _link(self, uid: int, link: int, names: list[str], infos: list[Any]) -> HeldLink:
+        p, client = self._p, self._client
+        dynamics = p.getDynamicsInfo(uid, link, physicsClientId=client)
+        inertial = Pose(tuple(dynamics[3]), told_turn(dynamics[4]))
+        turned = tensor(tuple(dynamics[2]), inertial.quaternion)
+        held = Inertial(float(dynamics[0]), inertial.position, turned)
+        shapes = self._shapes(uid, link, inertial, dynamics)
+        if link < 0:
+            at, raw = p.getBasePositionAndOrientation(uid, physicsClientId=client)
+            pose = frames.compose(Pose(tuple(at), told_turn(raw)), frames.inverse(inertial))
+            # a base without mass does not move (measured)
+            joint = Joint("", "free" if dynamics[0] else "fixed")
+            return HeldLink(names[0], None, pose, held, joint, shapes=shapes)
+        if infos[link][2] in (0, 1):
+            p.resetJointState(uid, link, 0.0, physicsClientId=client)
+        state = p.getLinkState(uid, link, computeForwardKinematics=1, physicsClientId=client)
+        pose = Pose(tuple(state[4]), told_turn(state[5]))
+        joint = _joint(infos[link], inertial)
+        return HeldLink(names[link + 1], names[infos[link][16] + 1], pose, held, joint, shapes=shapes)
+
+    def _shapes(self, uid: int, link: int, inertial: Pose, dynamics: Any) -> tuple[Shape, ...]:
+        p, client = self._p, self._client
+        surface = (Surface(dynamics[1], dynamics[7], dynamics[6], dynamics[5]),)
+        shapes = []
+        for number, entry in enumerate(self._colliders(uid, link)):
+            kind = SHAPE_KINDS.get(entry[2], f"its kind {entry[2]}")
+            pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
+            size = _size(kind, entry[3])
+            if kind == MESH:
+                size, pose = self._mesh(uid, link, number), Pose()
+            shapes.append(Shape("", kind, size, pose, visual=False, surfaces=surface))
+        for entry in p.getVisualShapeData(uid, physicsClientId=client):
+            if entry[1] == link:
+                kind = SHAPE_KINDS.get(entry[2], f"its kind {entry[2]}")
+                pose = Pose(tuple(entry[5]), told_turn(entry[6]))
+                size = () if kind == MESH else _size(kind, entry[3])
+                shapes.append(Shape("", kind, size, pose, collision=False))
+        return tuple(shapes)
+
+    def _colliders(self, uid: int, link: int) -> Any:
+        if self._language in CRASHING:
+            return ()
+        return self._p.getCollisionShapeData(uid, link, physicsClientId=self._client)
+
+    def _mesh(self, uid: int, link: int, number: int) -> tuple[float, ...]:
+        """The support function of a collision mesh, in the link's own frame."""
+        p = self._p
+        count, vertices = p.getMeshData(uid, link, collisionShapeIndex=number, physicsClientId=self._client)
+        return support(np.array(vertices, dtype=float).reshape(-1, 3)) if count else ()
+
+    # --- what is added ------------------------------------------------------------------------------------------------
+
+    def _inventory(self, trees: list[int], held: Mapping[str, Any]) -> dict[str, HeldValue]:
+        """What is never in a file; measured, where PyBullet does not tell it, by single steps without gravity."""
+        p, client = self._p, self._client
+        found: dict[str, HeldValue] = {
+            "gravity_set": any(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
+            "timestep": held["fixedTimeStep"],
+            "self_collision": False,  # as it is loaded: without the flag (measured, in the tests)
+        }
+        links = [(uid, link) for uid in trees for link in range(-1, p.getNumJoints(uid, physicsClientId=client))]
+        margins = [
+            p.getDynamicsInfo(uid, link, physicsClientId=client)[11]
+            for uid, link in links
+            if any(entry[2] != 2 for entry in self._colliders(uid, link))
+        ]
+        found["collision_margin"] = float(max(margins, default=0.0))
+        movers = [
+            (uid, link)
+            for uid, link in links
+            if link >= 0 and p.getJointInfo(uid, link, physicsClientId=client)[2] in (0, 1)
+        ]
+        p.setGravity(0, 0, 0, physicsClientId=client)
+        for uid, link in links:
+            p.setCollisionFilterGroupMask(uid, link, 0, 0, physicsClientId=client)
+        free = [uid for uid in trees if p.getDynamicsInfo(uid, -1, physicsClientId=client)[0]]
+        if free:
+            found["linear_damping"] = self._damping(free, held["fixedTimeStep"])
+        if movers:
+            found |= self._motors(movers)
+        return found
+
+    def _damping(self, free: list[int], timestep: float) -> float:
+        """Share of the speed that a body loses in a second, from one step of all trees that are free, moved as a whole."""
+        p, client = self._p, self._client
+        for uid in free:
+            p.resetBaseVelocity(uid, [TRIED, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
+        p.stepSimulation(physicsClientId=client)
+        lost = [1.0 - p.getBaseVelocity(uid, physicsClientId=client)[0][0] / TRIED for uid in free]
+        for uid in free:
+            p.resetBaseVelocity(uid, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
+        return float(round(max(lost) / timestep, 3) + 0.0)
+
+    def _motors(self, movers: list[tuple[int, int]]) -> dict[str, HeldValue]:
+        p, client = self._p, self._client
+        held = 0
+        for uid, link in movers:
+            p.resetJointState(uid, link, 0.0, TRIED, physicsClientId=client)
+        p.stepSimulation(physicsClientId=client)
+        for uid, link in movers:
+            held += abs(p.getJointState(uid, link, physicsClientId=client)[1]) < HELD * TRIED
+            p.resetJointState(uid, link, 0.0, 0.0, physicsClientId=client)
+        for uid, link in movers:
+            p.setJointMotorControl2(uid, link, p.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+        uid, link = movers[-1]
+        p.resetJointState(uid, link, 0.0, MOST_SPEED, physicsClientId=client)
+        p.stepSimulation(physicsClientId=client)
+        speed = abs(p.getJointState(uid, link, physicsClientId=client)[1])
+        # what is left after joint damping or a limit has acted too says nothing of the clamp
+        clamped: dict[str, HeldValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
+        return {"joints_held_by_motors": held, **clamped}
+
+
+def _apart(links: list[HeldLink]) -> list[HeldLink]:
+    """Links of several trees, whose names may be the same."""
+    seen: dict[str, int] = {}
+    apart: list[HeldLink] = []
+    names: dict[str, str] = {}
+    for link in links:
+        if link.parent is None:
+            names = {}
+        count = seen[link.name] = seen.get(link.name, 0) + 1
+        names[link.name] = link.name if count == 1 else f"{link.name}#{count}"
+        parent = None if link.parent is None else names[link.parent]
+        apart.append(dataclasses.replace(link, name=names[link.name], parent=parent))
+    return apart
+
+
+def _joint(info: Any, inertial: Pose) -> Joint:
+    kind = TREE_JOINTS.get(info[2], f"its kind {info[2]}")
+    moves = kind in SCALAR_JOINTS
+    lower, upper, effort, velocity = info[8:12]
+    return Joint(
+        info[1].decode(errors="replace"),
+        kind,
+        axis=frames.rotate(inertial.quaternion, tuple(info[13])) if moves else (0.0, 0.0, 0.0),
+        position_limits=(lower, upper) if moves and lower <= upper else None,
+        velocity_limit=velocity if moves and velocity > 0.0 else None,
+        effort_limit=effort if moves and effort > 0.0 else None,
+        damping=info[6] if kind != "fixed" else 0.0,
+        dry_friction=info[7] if moves else 0.0,
+    )
+
+
+def _size(kind: str, numbers: Any) -> tuple[float, ...]:
+    if kind == "sphere":
+        return (numbers[0],)
+    if kind == "box":
+        return tuple(numbers[:3])
+    if kind in ("cylinder", "capsule"):
+        return (numbers[1], numbers[0])  # PyBullet has the length first
+    return ()

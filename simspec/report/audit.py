@@ -1,0 +1,274 @@
+"""``simspec audit`` on a terminal, as plain data, as a test report, and as a part of a page: the same tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from simspec.audit.findings import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
+from simspec.audit.pair import PairAudit
+from simspec.errors import clipped, visible
+from simspec.report.kit import table
+from simspec.report.page.packing import Packed
+from simspec.report.page.section import Section
+from simspec.report.page.sheets import Cell, Sheet, sheets
+from simspec.report.page.words import BAD, GOOD, PLAIN, WARNING, Sentence
+from simspec.report.plain import plain
+from simspec.report.screen import console
+from simspec.report.tested import Entry, Status, Suite
+
+STYLES = {Severity.PHYSICS: "bold red", Severity.RATING: "yellow", Severity.APPEARANCE: "yellow"}
+LONGEST_VALUE = 46
+"""Characters of a value in a table; JSON has it whole."""
+MOST_DEFECTS = 5
+
+
+def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
+    """Audits as plain data."""
+    return {
+        "clean": all(audit.clean for audit in audits),
+        "files": [{**plain(audit), "clean": audit.clean, "died": audit.died} for audit in audits],
+    }
+
+
+def show_audit(audit: FileAudit, details: bool = False) -> None:
+    """Print an audit; ``details``: every finding on its own row."""
+    screen = console()
+    screen.print(
+        f"{audit.file}: {audit.language}, {audit.bodies} bodies; compared with {audit.meaning}", soft_wrap=True
+    )
+    for defect in audit.defects[:MOST_DEFECTS]:
+        screen.print(f"simspec refuses it: {defect.splitlines()[0]}", soft_wrap=True)
+    if audit.losses:
+        screen.print(f"simspec's own import loses {audit.losses} elements or attributes (simspec import lists them)")
+    for part in audit_tables(audit, details):
+        screen.print(part)
+    for name, why in audit.skipped.items():
+        screen.print(f"{name}: not asked: {why}", soft_wrap=True)
+    screen.print(verdict(audit)[0].text, soft_wrap=True)
+
+
+def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
+    """The tables of an audit: what each engine did, then what."""
+    return [_engines(audit), *([_findings(audit, details)] if any(one.findings for one in audit.engines) else [])]
+
+
+def _engines(audit: FileAudit) -> Table:
+    compiled = {one.engine: one for one in audit.compiled}
+    right = (2, 3, 4, 5)
+    shown = table(
+        "Engines",
+        "engine",
+        "loads it",
+        "changed in silence",
+        "other",
+        "same",
+        "seconds",
+        "compiled by simspec",
+        right=right,
+    )
+    for one in audit.engines:
+        proof = compiled.get(one.engine)
+        silent = len(one.silent) if one.loaded else 0
+        shown.add_row(
+            f"{one.engine} {one.version}".strip(),
+            Text("yes", style="green") if one.loaded else Text("dies" if one.died else "refuses", style="bold red"),
+            Text(str(silent), style="bold red" if silent else "green") if one.loaded else "–",
+            str(len(one.findings) - silent) if one.loaded else "–",
+            str(max(0, one.compared - len(one.findings))) if one.loaded else "–",
+            f"{one.seconds:.1f}",
+            _proof_cell(proof.valid if proof else None, proof.why if proof else "not compiled"),
+        )
+    return shown
+
+
+def _proof_cell(valid: bool | None, why: str) -> Text:
+    if valid:
+        return Text("certified", style="green")
+    if valid is None:
+        return Text(clipped(why, 120), style="dim")
+    return Text(clipped(f"FAILED: {why}", 160), style="bold red")
+
+
+def _findings(audit: FileAudit, details: bool) -> Table:
+    shown = table(
+        "What engines make of the file", "engine", "what", "value", "where", "file", "engine's", "why or how much"
+    )
+    for group in (group for one in audit.engines for group in grouped(one.findings)):
+        rows = group.findings if details else (group.worst,)
+        for finding in rows:
+            shown.add_row(
+                group.engine,
+                Text(f"{group.what}", style=STYLES.get(group.severity, "dim")),
+                f"{finding.quantity} ({group.severity})",
+                _where(finding, 0 if details else len(group.findings) - 1),
+                clipped(finding.file_value, LONGEST_VALUE),
+                clipped(finding.engine_value, LONGEST_VALUE) if not finding.why or finding.file_value else "",
+                _how_much(finding),
+            )
+    return shown
+
+
+def _where(finding: Finding, more: int) -> str:
+    place = f":{finding.location.line}" if finding.location is not None else ""
+    others = f" and {more} more" if more else ""
+    return f"{finding.element}{place}{others}"
+
+
+def _how_much(finding: Finding) -> str:
+    if finding.what in (What.REFUSED, What.DIED):
+        return clipped(finding.why, 200)
+    size = "" if finding.size is None or not math.isfinite(finding.size) else f"by {finding.size:.2g}"
+    if finding.quantity in ("mass", "inertia") and finding.size is not None:
+        size = f"by {100.0 * finding.size:.3g} %"
+    value = finding.engine_value if not finding.file_value else ""
+    return "; ".join(part for part in (size, finding.why, value if finding.why else "") if part)
+
+
+def verdict(audit: FileAudit) -> list[Sentence]:
+    """What an audit found, in sentences: one in short first."""
+    silent = [one for one in audit.engines if one.loaded and one.silent]
+    refused = [one.engine for one in audit.engines if not one.loaded and not one.died]
+    died = [one.engine for one in audit.engines if one.died]
+    asked = len(audit.engines)
+    if not asked:
+        return [Sentence(WARNING, "no engine that is asked reads this language")]
+    parts = []
+    if silent:
+        told = ", ".join(f"{one.engine} {len(one.silent)}" for one in silent)
+        parts.append(f"{len(silent)} of {asked} engines change the model in silence ({told} values)")
+    if refused:
+        parts.append(f"{', '.join(refused)} refuse{'s' if len(refused) == 1 else ''} it")
+    if died:
+        parts.append(f"{', '.join(died)} die{'s' if len(died) == 1 else ''} of it")
+    failed = [one.engine for one in audit.compiled if one.valid is False]
+    good = [one.engine for one in audit.compiled if one.valid]
+    if failed:
+        parts.append(f"compiled by simspec, the proof fails in {', '.join(failed)}")
+    told = "; ".join(parts) or f"all {asked} engines hold what the file says"
+    sentences = [Sentence(BAD if parts else GOOD, told)]
+    if good:
+        sentences.append(Sentence(GOOD, f"compiled by simspec, {', '.join(good)} hold the same model (L0-L4, L6)"))
+    sentences += [Sentence(WARNING, f"simspec refuses the file: {defect.splitlines()[0]}") for defect in audit.defects]
+    sentences.append(Sentence(PLAIN, f"compared with {audit.meaning}"))
+    return sentences
+
+
+# --- test reports -----------------------------------------------------------------------------------------------------
+
+
+def audit_suites(audits: Sequence[FileAudit]) -> list[Suite]:
+    """One suite for each file and engine: an entry for each kind of finding, and one for the compiled model."""
+    suites = []
+    for audit in audits:
+        compiled = {one.engine: one for one in audit.compiled}
+        for one in audit.engines:
+            entries = list(_entries(one))
+            proof = compiled.get(one.engine)
+            if proof is not None:
+                status = Status.PASSED if proof.valid else Status.SKIPPED if proof.valid is None else Status.FAILED
+                entries.append(Entry("compiled by simspec", status, proof.why))
+            suites.append(Suite(audit.file, one.engine, tuple(entries)))
+        for name, why in audit.skipped.items():
+            suites.append(Suite(audit.file, name, (Entry("loads the file", Status.SKIPPED, why),)))
+    return suites
+
+
+def _entries(one: EngineAudit) -> list[Entry]:
+    if not one.loaded:
+        finding = one.findings[0]
+        status = Status.ERROR if one.died else Status.FAILED
+        return [
+            Entry("loads the file", status, clipped(finding.why), finding.why, seconds=one.seconds, excess=math.inf)
+        ]
+    entries = [Entry("loads the file", Status.PASSED, seconds=one.seconds)]
+    for group in grouped(one.findings):
+        worst = group.worst
+        values = (worst.file_value or "nothing", worst.engine_value or "nothing")
+        told = f"{worst.element}: {values[0]} in the file, {values[1]} in {one.engine}"
+        status = Status.FAILED if worst.silent else Status.SKIPPED
+        detail = "\n".join(f"{each.element}: {each.file_value} -> {each.engine_value}" for each in group.findings)
+        name = f"{group.quantity} {group.what}"
+        entries.append(Entry(name, status, clipped(told), detail, worst.location, excess=worst.size or 1.0))
+    return entries
+
+
+# --- pages ------------------------------------------------------------------------------------------------------------
+
+
+def audit_sections(audits: Sequence[FileAudit]) -> Any:
+    """What makes the parts of a page, one for each file."""
+
+    def parts(packed: Packed) -> list[Section]:
+        return [_section(audit) for audit in audits]
+
+    return parts
+
+
+def _section(audit: FileAudit) -> Section:
+    rows = [(one.engine, f"{one.version or '–'}, {one.how}") for one in audit.engines]
+    rows += [(f"{one.engine} warned", line) for one in audit.engines for line in one.log[:20]]
+    cells = tuple((Cell(visible(name)), Cell(visible(value), "wrap")) for name, value in rows)
+    return Section(
+        name=visible(audit.file),
+        description="What physics engines make of a robot file that they load as it is, beside what the file means.",
+        verdict=tuple(Sentence(one.tone, visible(one.text)) for one in verdict(audit)),
+        notes=(),
+        certificate=(),
+        certificate_notes=(),
+        results=sheets(audit_tables(audit)),
+        details=sheets([_findings(audit, True)] if any(one.findings for one in audit.engines) else []),
+        provenance=Sheet("How each engine loaded the file", (Cell("engine"), Cell("")), cells),
+        scene=None,
+        caption="",
+    )
+
+
+# --- pairs ------------------------------------------------------------------------------------------------------------
+
+
+def show_pair(pair: PairAudit) -> None:
+    """Print how two files of one robot differ."""
+    screen = console()
+    screen.print(f"A: {pair.first}", soft_wrap=True)
+    screen.print(f"B: {pair.second}", soft_wrap=True)
+    screen.print(f"{pair.matched} bodies have the same name in both; {pair.compared} values were compared")
+    for side, names in (("A", pair.only_first), ("B", pair.only_second)):
+        if names:
+            screen.print(f"only in {side} ({len(names)}): {clipped(', '.join(names), 600)}", soft_wrap=True)
+    if pair.findings:
+        shown = table("Differences", "value", "where", "A", "B", "how much")
+        for group in grouped(pair.findings):
+            worst = group.worst
+            shown.add_row(
+                Text(group.quantity, style=STYLES.get(group.severity, "dim")),
+                _where(worst, len(group.findings) - 1),
+                clipped(worst.file_value, LONGEST_VALUE),
+                clipped(worst.engine_value, LONGEST_VALUE),
+                _how_much(worst),
+            )
+        screen.print(shown)
+    same = not pair.findings and not pair.only_first and not pair.only_second
+    screen.print("both mean the same model" if same else "the two mean different models", soft_wrap=True)
+
+
+def pair_data(pair: PairAudit) -> dict[str, Any]:
+    """A pair as plain data."""
+    return {**plain(pair), "same": pair.same}
+
+
+__all__ = [
+    "Group",
+    "audit_data",
+    "audit_sections",
+    "audit_suites",
+    "audit_tables",
+    "pair_data",
+    "show_audit",
+    "show_pair",
+    "verdict",
+]
