@@ -20,6 +20,8 @@ from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
 
 SAME: Final = 1e-6
 """Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
+LEAST_SHARE: Final = 1e-9
+"""Share of the largest moment below which a product of inertia is not told."""
 LEAST_INERTIA: Final = 1e-12
 """kg m²: a tensor below this is none."""
 RATINGS: Final = ("velocity_limit", "effort_limit")
@@ -141,7 +143,7 @@ class Comparison:
         scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(held.inertia)).max()), LEAST_INERTIA)
         off = float(np.abs(full(said.inertia) - full(held.inertia)).max()) / scale
         if off > SAME:
-            self.add(What.CHANGED, severity, body, "inertia", said.inertia, held.inertia, why, off)
+            self.add(What.CHANGED, severity, body, "inertia", _told(said), _told(held), why, off)
 
     def _place(self, body: Body, partner: Body) -> None:
         """Where the body stands at zero, from the nearest body below that both have, or from the world."""
@@ -239,10 +241,12 @@ class Comparison:
                 continue
             value = held.inventory[name]
             self.compared += own.meaning is not None
-            if own.meaning is None and own.changes == "default":
-                self.add(What.ADDED, Severity.DEFAULT, None, name, None, value, own.why)
+            if own.meaning is None:
+                if value or isinstance(value, bool):
+                    self.add(What.ADDED, Severity(own.changes), None, name, None, value, own.why)
             elif not _same(own.meaning, value):
-                self.add(What.ADDED, Severity(own.changes), None, name, own.meaning, value, own.why)
+                what = What.CHANGED if own.meaning else What.ADDED
+                self.add(what, Severity(own.changes), None, name, own.meaning, value, own.why)
         frictions = sorted(
             {
                 one.friction
@@ -256,6 +260,12 @@ class Comparison:
         if frictions:
             shown = " to ".join(plain_text(value) for value in dict.fromkeys((frictions[0], frictions[-1])))
             self.add(What.ADDED, Severity.DEFAULT, None, "friction", None, shown, "sliding friction of shapes")
+
+
+def _told(inertial: Inertial) -> tuple[float, ...]:
+    """The tensor without products of inertia that are round-off."""
+    least = LEAST_SHARE * max(map(abs, inertial.inertia))
+    return tuple(value for place, value in enumerate(inertial.inertia) if place < 3 or abs(value) > least)
 
 
 def _same(said: HeldValue | None, held: HeldValue) -> bool:

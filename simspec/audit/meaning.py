@@ -157,7 +157,7 @@ def plain_text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.5g}"
     if isinstance(value, (tuple, list)):
         return " ".join(plain_text(item) for item in value)
     return str(value)

@@ -47,6 +47,8 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
         screen.print(f"simspec's own import loses {audit.losses} elements or attributes (simspec import lists them)")
     for part in audit_tables(audit, details):
         screen.print(part)
+    for line in choices(audit):
+        screen.print(line, soft_wrap=True)
     for name, why in audit.skipped.items():
         screen.print(f"{name}: not asked: {why}", soft_wrap=True)
     screen.print(verdict(audit)[0].text, soft_wrap=True)
@@ -54,7 +56,29 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
 
 def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
     """The tables of an audit: what each engine did, then what."""
-    return [_engines(audit), *([_findings(audit, details)] if any(one.findings for one in audit.engines) else [])]
+    return [_engines(audit), *([_findings(audit, details)] if _shown(audit, details) else [])]
+
+
+def _shown(audit: FileAudit, details: bool) -> list[Group]:
+    """The groups of findings that a table has; what files leave open is told in lines, unless all is asked for."""
+    groups = [group for one in audit.engines for group in grouped(one.findings)]
+    return [group for group in groups if details or group.severity is not Severity.DEFAULT]
+
+
+def choices(audit: FileAudit) -> list[str]:
+    """What each engine chooses where the file leaves it open, a line each."""
+    lines = []
+    for one in audit.engines:
+        undecided = [finding for finding in one.findings if finding.severity is Severity.DEFAULT]
+        told = [f"{_chosen(finding)} {finding.engine_value}" for finding in undecided]
+        if told:
+            lines.append(f"{one.engine} chooses what the file leaves open: {', '.join(told)}")
+    return lines
+
+
+def _chosen(finding: Finding) -> str:
+    name = finding.quantity.replace("_", " ")
+    return name if finding.element == "the file" else f"{finding.element} {name}"
 
 
 def _engines(audit: FileAudit) -> Table:
@@ -66,7 +90,7 @@ def _engines(audit: FileAudit) -> Table:
         "loads it",
         "changed in silence",
         "other",
-        "same",
+        "compared",
         "seconds",
         "compiled by simspec",
         right=right,
@@ -79,7 +103,7 @@ def _engines(audit: FileAudit) -> Table:
             Text("yes", style="green") if one.loaded else Text("dies" if one.died else "refuses", style="bold red"),
             Text(str(silent), style="bold red" if silent else "green") if one.loaded else "–",
             str(len(one.findings) - silent) if one.loaded else "–",
-            str(max(0, one.compared - len(one.findings))) if one.loaded else "–",
+            str(one.compared) if one.loaded else "–",
             f"{one.seconds:.1f}",
             _proof_cell(proof.valid if proof else None, proof.why if proof else "not compiled"),
         )
@@ -98,13 +122,13 @@ def _findings(audit: FileAudit, details: bool) -> Table:
     shown = table(
         "What engines make of the file", "engine", "what", "value", "where", "file", "engine's", "why or how much"
     )
-    for group in (group for one in audit.engines for group in grouped(one.findings)):
+    for group in _shown(audit, details):
         rows = group.findings if details else (group.worst,)
         for finding in rows:
             shown.add_row(
                 group.engine,
                 Text(f"{group.what}", style=STYLES.get(group.severity, "dim")),
-                f"{finding.quantity} ({group.severity})",
+                finding.quantity if finding.silent else f"{finding.quantity} ({group.severity})",
                 _where(finding, 0 if details else len(group.findings) - 1),
                 clipped(finding.file_value, LONGEST_VALUE),
                 clipped(finding.engine_value, LONGEST_VALUE) if not finding.why or finding.file_value else "",
@@ -217,7 +241,7 @@ def _section(audit: FileAudit) -> Section:
         name=visible(audit.file),
         description="What physics engines make of a robot file that they load as it is, beside what the file means.",
         verdict=tuple(Sentence(one.tone, visible(one.text)) for one in verdict(audit)),
-        notes=(),
+        notes=tuple(map(visible, choices(audit))),
         certificate=(),
         certificate_notes=(),
         results=sheets(audit_tables(audit)),

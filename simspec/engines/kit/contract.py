@@ -225,7 +225,7 @@ class Engine:
         one's defaults. ``packages``: folders by the names of packages, for loaders that are told them.
         What the engine warns of is added to ``log``.
 
-        Returns what the engine then holds: every body under the file's name, in a frame at its first joint with the axes
+        Returns what the engine then holds: every body under the file's name, in a frame at its last joint with the axes
         of the file's frame; coordinates relative to those that the file calls zero; the shapes of each, a mesh by its support
         function (``kit/foreign.py``); in ``inventory`` what ``FOREIGN_OWN`` names. Nothing else has been loaded, and
         nothing else is asked afterwards. Raises EngineError when the engine refuses the file."""

@@ -1,7 +1,7 @@
 """Files of other languages, loaded in an engine as its user would load them: what an engine declares, and what it answers.
 
 The answer is a :class:`simspec.world.types.ReadBack` of the file's own names: bodies under the names of the file, in frames at
-their first joint, nothing repaired. A shape of kind ``mesh`` is told by its support function (:func:`support`), not its
+their last joint, nothing repaired. A shape of kind ``mesh`` is told by its support function (:func:`support`), not its
 vertices.
 """
 

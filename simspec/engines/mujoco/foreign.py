@@ -52,7 +52,7 @@ def load(mujoco: Any, file: Path, log: list[str]) -> ReadBack:
 class _Held:
     def __init__(self, mujoco: Any, model: Any):
         self._mujoco, self._model = mujoco, model
-        self._shift = [self._first_anchor(body) for body in range(model.nbody)]
+        self._shift = [self._anchor(body) for body in range(model.nbody)]
 
     def _name(self, kind: str, index: int) -> str:
         return self._mujoco.mj_id2name(self._model, getattr(self._mujoco.mjtObj, f"mjOBJ_{kind}"), index) or ""
@@ -60,12 +60,13 @@ class _Held:
     def _body_name(self, index: int) -> str:
         return self._name("BODY", index) or UNNAMED.format(index)
 
-    def _first_anchor(self, body: int) -> Vector3:
-        """The place of a body's first joint in its own frame: frames are told there."""
+    def _anchor(self, body: int) -> Vector3:
+        """The place of a body's last joint in its own frame: frames are told there."""
         model = self._model
-        if not model.body_jntnum[body] or JOINT_KINDS[int(model.jnt_type[model.body_jntadr[body]])] == "free":
+        last = int(model.body_jntadr[body] + model.body_jntnum[body]) - 1
+        if not model.body_jntnum[body] or JOINT_KINDS[int(model.jnt_type[last])] == "free":
             return (0.0, 0.0, 0.0)
-        return _vector(model.jnt_pos[model.body_jntadr[body]])
+        return _vector(model.jnt_pos[last])
 
     def read_back(self) -> ReadBack:
         model = self._model
@@ -92,13 +93,14 @@ class _Held:
         above = int(model.body_parentid[index])
         parent = self._body_name(above) if above else None
         turn = frames.normalise(tuple(model.body_quat[index].tolist()))
-        place = frames.add(_vector(model.body_pos[index]), frames.rotate(turn, self._shift[index]))
+        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
+        start = _vector(model.jnt_pos[first]) if count > 1 else self._shift[index]
+        place = frames.add(_vector(model.body_pos[index]), frames.rotate(turn, start))
         origin = Pose(frames.subtract(place, self._shift[above]), turn)
         moments = _vector(model.body_inertia[index])
         principal = frames.normalise(tuple(model.body_iquat[index].tolist()))
         centre = frames.subtract(_vector(model.body_ipos[index]), self._shift[index])
         inertial = Inertial(float(model.body_mass[index]), centre, tensor(moments, principal))
-        first, count = int(model.body_jntadr[index]), int(model.body_jntnum[index])
         root = self._body_name(int(model.body_rootid[index]))
         if not count:
             yield Body(name, root, inertial, Joint("", "fixed", parent, origin), self._shapes(index))
