@@ -50,9 +50,9 @@ def audit_command(
     holds; that is compared with what the file means. Then the same file is compiled by simspec and proven.
 
     \b
-    simspec audit robot.urdf
-    simspec audit robots/*.urdf --junit audit.xml --html audit.html
-    simspec audit robot.urdf robot.xml --pair       two files of one robot
+    simspec audit ROBOT
+    simspec audit robots/* --junit audit.xml --html audit.html
+    simspec audit ROBOT OTHER --pair       two files of one robot
     Exit codes: 0 nothing is changed in silence; 1 findings; 2 a file is wrong; 3 an engine died.
     """
     from simspec.commands.audit import audit

@@ -22,6 +22,7 @@ PACKAGE = Path(cli.__file__).resolve().parent
 COMMANDS = (
     "new",
     "check",
+    "audit",
     "fmt",
     "schema",
     "compile",
