@@ -7,6 +7,7 @@ taken is carried, what was set aside has the fate and the reason that the import
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -21,6 +22,12 @@ MOST_TAGS: Final = 1_000_000
 DEEPEST: Final = 200
 """Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
 NOT_READ: Final = "simspec does not read it"
+_ROOT: Final = re.compile("<[A-Za-z_]")
+_ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
+_PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")
+MOST_PREFIXES: Final = 20
+"""Prefixes that a file uses without declaring them."""
+_DECLARATION: Final = re.compile(r"<\?xml\s[^<>]*\?>")
 IDENTIFYING: Final = ("name", "id", "class", "joint", "link")
 """Attributes by which a message tells an element from others of its tag."""
 
@@ -222,12 +229,27 @@ def parse(content: bytes, file: str) -> Element:
         remove_comments=True,
         remove_pis=True,
     )
-    try:
-        root = etree.fromstring(text.encode(), parser)
-    except etree.XMLSyntaxError as error:
-        place = Location(file, error.lineno or 1, max(1, error.offset or 1))
-        raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
-    return _tree(root, file)
+    for _ in range(MOST_PREFIXES):
+        try:
+            return _tree(etree.fromstring(text.encode(), parser), file)
+        except etree.XMLSyntaxError as error:
+            unknown = _PREFIX.match(str(error.msg))
+            if unknown is None:
+                place = Location(file, error.lineno or 1, max(1, error.offset or 1))
+                raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
+            text = _declared(text, unknown[1])
+    problem = Problem(
+        "too many prefixes that are not declared", location=Location(file, 1, 1), allowed=str(MOST_PREFIXES)
+    )
+    raise SpecError([problem])
+
+
+def _declared(text: str, prefix: str) -> str:
+    """The text with a prefix declared in its outermost element: files that extend a language by words of their own often leave
+    that out."""
+    outermost = _ROOT_TAG.search(text)
+    end = outermost.end() if outermost is not None else 0
+    return f'{text[:end]} xmlns:{prefix}="{prefix}"{text[end:]}'
 
 
 def _text(content: bytes, file: str) -> str:
@@ -243,7 +265,15 @@ def _text(content: bytes, file: str) -> str:
             line = text.count("\n", 0, text.index(word)) + 1
             hint = "remove it; simspec reads no document types and no entities"
             raise SpecError([Problem(f"{word} is not read", location=Location(file, line, 1), hint=hint)])
-    return text
+    return _without_declaration(text)
+
+
+def _without_declaration(text: str) -> str:
+    """The text without the XML declaration, its lines where they were. Files of robots declare versions that there are not, or
+    declare below a comment; what a declaration may say, its encoding, is not believed anyway."""
+    start = _ROOT.search(text)
+    before = text[: start.start()] if start is not None else ""
+    return _DECLARATION.sub(lambda found: "\n" * found.group().count("\n"), before, count=1) + text[len(before) :]
 
 
 def _tree(root: Any, file: str) -> Element:
@@ -263,4 +293,14 @@ def _tree(root: Any, file: str) -> Element:
 
 def _element(node: Any, file: str, parent: Element | None) -> Element:
     location = Location(file, node.sourceline or 1, 1)
-    return Element(str(node.tag), dict(node.attrib), location, (node.text or "").strip(), parent)
+    attributes = {_name(node, name): value for name, value in node.attrib.items()}
+    return Element(_name(node, str(node.tag)), attributes, location, (node.text or "").strip(), parent)
+
+
+def _name(node: Any, name: str) -> str:
+    """A name as the file writes it, with its prefix rather than what that stands for."""
+    if not name.startswith("{"):
+        return name
+    space, _, local = name[1:].partition("}")
+    prefix = next((known for known, stands_for in node.nsmap.items() if stands_for == space and known), None)
+    return f"{prefix}:{local}" if prefix else local

@@ -11,6 +11,7 @@ from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.imports.urdf import joints as joint_rules
 from simspec.imports.urdf import masses as mass_rules
+from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
@@ -31,6 +32,7 @@ RULES: Final[Mapping[str, str]] = {
     **mass_rules.RULES,
     MASSLESS: "the joint above links that have no mass becomes fixed",
     **joint_rules.RULES,
+    **shape_rules.RULES,
     **tree_rules.RULES,
 }
 """Every rule of repair, with what it does."""

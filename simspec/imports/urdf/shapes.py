@@ -135,36 +135,38 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
             raise kind.error("meshes are not supported yet", kind.attributes.get("filename"), "box, sphere, cylinder")
         element.set_aside(None, LOST, "meshes are not supported yet", APPEARANCE)
         return None
-    data: dict[str, Any] = {kind.take().tag: _SIZES[kind.tag](kind)}
+    sizes = _sizes(kind.take())
+    if min(size for value in sizes.values() for size in (value if isinstance(value, list) else [value])) <= 0.0:
+        _empty(element, kind, draft)
+        return None
+    data: dict[str, Any] = {kind.tag: sizes}
     origin = element.child("origin")
     if origin is not None and (where := pose(origin.vector("xyz"), origin.vector("rpy"))):
         data["pose"] = where
     return Shape(element, collides, data)
 
 
-def _positive(element: Element, name: str) -> float:
-    """A length of a shape. Raises SpecError for one that is not above 0."""
-    element.need(name)
-    value = element.number(name)
-    if value is None or value <= 0.0:
-        raise element.error(f"{name} of <{element.tag}> must be above 0", element.attributes[name])
-    return plain(value)
+def _empty(element: Element, kind: Element, draft: Draft) -> None:
+    """A shape with a length that is not above 0."""
+    said = " ".join(f'{name}="{value[:40]}"' for name, value in kind.attributes.items())
+    if element.tag == "visual":
+        element.set_aside(None, LOST, f"a {kind.tag} without volume is not drawn: {said}", APPEARANCE)
+    elif not draft.repairing(EMPTY):
+        draft.defect(kind, "the lengths of a shape must be above 0", EMPTY, RULES[EMPTY], found=said)
+    else:
+        element.set_aside(None, LOST, f"left out by the rule {EMPTY}: {said}")
+        draft.repaired(EMPTY, element, f"a {kind.tag} without volume is left out: {said}", ("model", "bodies"))
 
 
-def _box(element: Element) -> dict[str, Any]:
-    element.need("size")
-    size = element.numbers("size", 3)
-    if size is None or min(size) <= 0.0:
-        raise element.error("the lengths of a box must be above 0", element.attributes["size"])
-    return {"size": numbers(size)}
+def _sizes(element: Element) -> dict[str, Any]:
+    """The lengths of a shape. Raises SpecError for what are no numbers."""
+    names = ("size",) if element.tag == "box" else ("radius",) if element.tag == "sphere" else ("radius", "length")
+    for name in names:
+        element.need(name)
+    if element.tag == "box":
+        return {"size": numbers(element.vector("size"))}
+    return {name: plain(element.number(name) or 0.0) for name in names}
 
 
-def _sphere(element: Element) -> dict[str, Any]:
-    return {"radius": _positive(element, "radius")}
-
-
-def _cylinder(element: Element) -> dict[str, Any]:
-    return {"radius": _positive(element, "radius"), "length": _positive(element, "length")}
-
-
-_SIZES: Final = {"box": _box, "sphere": _sphere, "cylinder": _cylinder}
+EMPTY: Final = "empty-shapes"
+RULES: Final = {EMPTY: "collision shapes without volume are left out"}

@@ -24,6 +24,7 @@ DEFECTS = {
     "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
     "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
     "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
+    "empty-shapes": (two_links(arm=SOLID + BALL.replace("0.1", "0")), "must be above 0", 3),
     "several-roots": (two_links(more='<link name="left"/>'), "have no parent", 5),
 }
 

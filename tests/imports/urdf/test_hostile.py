@@ -34,7 +34,7 @@ FILES = {
     "underscores": two_links('<origin xyz="1_0 0 0"/>').encode(),
     "two numbers": two_links('<origin xyz="1 2"/>').encode(),
     "no links": b'<robot name="r"/>',
-    "undeclared prefix": b'<robot name="r"><a:b/></robot>',
+    "too many prefixes": b'<robot name="r">' + b"".join(b"<a%d:b/>" % n for n in range(40)) + b"</robot>",
 }
 
 
@@ -52,6 +52,24 @@ def test_random_bytes_are_refused(tmp_path):
     generator = random.Random(7)
     for _ in range(200):
         refused(generator.randbytes(generator.randrange(1, 400)), tmp_path)
+
+
+DECLARED = ('<?xml version="0.0"?>', "<!-- a robot --> \n<?xml version='1.0'\n?>\n", "\n<?xml version='1.0'?>")
+
+
+@pytest.mark.parametrize("before", DECLARED)
+def test_a_declaration_that_is_wrong_means_nothing(tmp_path, before):
+    (tmp_path / "r.urdf").write_text(before + two_links())
+    imported = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions())
+    assert imported.places["model", "bodies", "arm"].line == before.count("\n") + 3
+
+
+def test_words_of_others_keep_their_prefix_declared_or_not(tmp_path):
+    more = '<drake:filter name="f"/><gz:sensor xmlns:gz="http://gz"/>'
+    (tmp_path / "r.urdf").write_text(two_links('<limit drake:acceleration="3"/>', more=more))
+    accounts = Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions()).accounts
+    lost = {account.what for account in accounts if account.reason}
+    assert lost == {"drake:filter[f]", "gz:sensor", "joint[hinge]/limit/@drake:acceleration"}
 
 
 def test_a_text_in_other_letters_is_no_defect(tmp_path):
