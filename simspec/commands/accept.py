@@ -69,6 +69,9 @@ def _own(spec: Spec) -> Path:
     path = spec.path
     if path is None:
         raise SpecError([Problem("a spec made in Python has no file to write")])
+    if spec.source.imported is not None:
+        hint = f"simspec import {path} -o {path.stem}.yaml; then simspec accept {path.stem}.yaml"
+        raise SpecError([Problem(f"{path} is no spec, and is not changed", hint=hint)])
     if path.resolve().is_relative_to(resource_folder("specs").resolve()):
         hint = "copy it to a file of your own"
         raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])

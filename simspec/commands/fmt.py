@@ -8,6 +8,7 @@ from pathlib import Path
 
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.language.document import LARGEST_FILE, decode
+from simspec.language.foreign import is_foreign
 from simspec.language.formatting import format_text
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.targets import check_file
@@ -21,6 +22,9 @@ def fmt(files: Sequence[Path], check: bool, as_json: bool) -> int:
     problems: list[Problem] = []
     results: list[tuple[Path, bytes, str]] = []
     for path in files:
+        if is_foreign(path.name):
+            problems.append(Problem(f"{path} is no spec", hint=f"simspec import {path} -o {path.stem}.yaml"))
+            continue
         try:
             before = read_bytes(path, LARGEST_FILE)
             after = format_text(decode(before, str(path)), str(path))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import parse
 from simspec.imports.files import Files
-from simspec.imports.urdf.robot import robot
+from simspec.imports.table import Row
+from simspec.imports.urdf.robot import RULES, robot
+from simspec.imports.urdf.table import rows
 from simspec.language.foreign import Imported, ImportOptions
 
 _ROBOT: Final = re.compile(rb"<robot[\s>/]")
@@ -30,6 +33,14 @@ class Urdf:
         """The robot as a model file. Raises SpecError with every problem."""
         files = Files(path, shown, options)
         return self.parsed(files.content(), files)
+
+    def table(self) -> Iterator[Row]:
+        """What every element and attribute becomes."""
+        return rows()
+
+    def rules(self) -> Mapping[str, str]:
+        """Rules of repair, with what they do."""
+        return RULES
 
     def parsed(self, content: bytes, files: Files) -> Imported:
         """The same of a text that is no file, such as what a program has made."""

@@ -38,6 +38,16 @@ RULES: Final[Mapping[str, str]] = {
 """Every rule of repair, with what it does."""
 
 
+PLACES: Final = (
+    ("origin", "origin"),
+    ("axis", "axis"),
+    ("limit", "limits"),
+    ("dynamics", "damping"),
+    ("dynamics", "dry_friction"),
+)
+"""Elements of a joint, and the words of the spec that are located there."""
+
+
 @dataclass
 class Link:
     """A link of the file; ``name`` is that of its body."""
@@ -257,7 +267,7 @@ class Robot:
     def _place_joint(self, path: Path_, joint: Joint) -> None:
         self.draft.place((*path, "joint"), joint.element)
         self.draft.place((*path, "pose"), joint.element)
-        for tag, word in (("origin", "origin"), ("axis", "axis"), ("limit", "limits"), ("dynamics", "damping")):
+        for tag, word in PLACES:
             for part in joint.element.look(tag)[:1]:
                 self.draft.place((*path, "joint", word), part)
 

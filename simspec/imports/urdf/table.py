@@ -4,29 +4,14 @@ aside what is never carried."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
 from simspec.imports.elements import Element
+from simspec.imports.table import Row
 from simspec.language.foreign import Fate, Severity
 
 CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One element, or one attribute (``/@name``), by its tags below ``robot``."""
-
-    where: str
-    becomes: str = ""
-    """The words of the spec; "" for what is not carried."""
-    fate: Fate = CARRIED
-    severity: Severity = PHYSICS
-    reason: str = ""
-    hint: str = ""
-    when: str = ""
-    """In which case only; "" for always. Rows without such a case are what :func:`set_aside` goes by."""
 
 
 CONTROL: Final = "write the actuators as `control:` of the scenario"

@@ -1,0 +1,43 @@
+"""docs/import.md: its tables are those of the importers, and its example is what simspec prints."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.imports.reference import missing, update
+
+PAGE = Path(__file__).parents[2] / "docs" / "import.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+
+
+def block(title: str) -> str:
+    found = re.search(rf"<!-- import: {title} -->\n```\w+\n(.*?)```", TEXT, re.DOTALL)
+    assert found is not None, title
+    return found[1]
+
+
+def test_the_tables_are_current():
+    assert missing(TEXT) == []
+    assert update(TEXT) == TEXT, "stale: python -m simspec.imports.reference writes them"
+
+
+def test_a_stale_table_is_noticed():
+    assert update(TEXT.replace("`joint.damping`", "`damping`")) == TEXT
+    assert missing(TEXT.replace("elements of urdf", "elements")) == ["elements of urdf"]
+
+
+@pytest.mark.parametrize(
+    ("words", "out", "error"),
+    [((), None, "the defect"), (("--repair", "triangle-inequality"), "the spec", "the losses")],
+)
+def test_the_example_is_what_simspec_prints(tmp_path, monkeypatch, words, out, error):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "crane.urdf").write_text(block("the file"))
+    done = CliRunner().invoke(cli.app, ["import", "crane.urdf", *words])
+    assert done.exit_code == (0 if out else 2)
+    assert done.stdout == (block(out) if out else "")
+    lines = lambda text: [line.rstrip() for line in text.splitlines() if line.strip()]  # noqa: E731
+    assert lines(done.stderr) == lines(block(error))
