@@ -1,7 +1,6 @@
 """What the elements and attributes of a language become: rows of data, which the documentation is written from.
 
-An importer that has such a table offers it as ``table``, a function that gives rows, and its rules of repair as ``rules``, texts
-by name.
+An importer with such a table offers it as ``table``, a function that gives rows, and its rules of repair by name as ``rules``.
 """
 
 from __future__ import annotations

@@ -175,9 +175,9 @@ def _rotor(element: Element, data: dict[str, Any]) -> None:
     """The inertia of a rotor behind a gear, which one reader of the language has as elements of its own."""
     inertia = ratio = None
     for child in element.look():
-        if child.tag.endswith("}rotor_inertia"):
+        if child.tag.endswith(":rotor_inertia"):
             (inertia,) = child.content(1)
-        elif child.tag.endswith("}gear_ratio"):
+        elif child.tag.endswith(":gear_ratio"):
             (ratio,) = child.content(1)
     if inertia and "axis" in data:
         data["armature"] = inertia * (1.0 if ratio is None else ratio) ** 2
