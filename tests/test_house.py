@@ -70,6 +70,8 @@ NAMED_ELSEWHERE = {
     ("engines/dart/foreign.py", '"mujoco"'): "the root element of a language that it reads",
     ("engines/drake/foreign.py", '"mujoco"'): "the same",
     ("engines/pybullet/foreign.py", '"mujoco"'): "the same",
+    ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
+    ("imports/xacro/importer.py", "URDF"): "the same, in messages",
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",

@@ -1,0 +1,269 @@
+"""The process that expands xacro: it has no file, no network and no environment.
+
+A xacro file is a program. It runs here behind two walls: the process may open no further file descriptor (the kernel refuses:
+no file, no socket, no pipe), and an audit hook refuses every other operation on the system. Texts of files come from simspec,
+which reads only what the user allows.
+
+Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds"}``, then an answer to
+each question. From here ``{"ask": path, "place": [file, line]}``, at last ``{"text": ...}`` or ``{"failed": ...}``.
+"""
+
+from __future__ import annotations
+
+import ast
+import encodings.idna  # noqa: F401  (what Python imports when it is first needed is imported now: later no file can be opened)
+import json
+import mmap
+import os
+import re
+import resource
+import sys
+import unicodedata  # noqa: F401
+import xml.dom.expatbuilder
+import xml.dom.minidom
+from collections.abc import Callable
+from typing import Any
+
+import xacro
+import yaml  # type: ignore[import-untyped]  # its stubs are a package of their own
+
+from simspec.imports.xacro.limits import DEEPEST, LARGEST_TEXT, MEMORY, MOST_FILES, PLACE, PLACE_NOW
+
+HARMLESS = frozenset({"compile", "exec", "object.__getattr__", "builtins.id", "sys._getframe"})
+"""Audited operations of an evaluation that reach nothing outside it."""
+
+
+class Refused(Exception):
+    """What the program asks for and does not get."""
+
+
+class _Builder(xml.dom.expatbuilder.ExpatBuilderNS):
+    """The document of a file, whose elements know their places."""
+
+    def __init__(self, number: int):
+        super().__init__()
+        self._number = number
+
+    def install(self, parser: Any) -> None:
+        super().install(parser)
+        parser.StartDoctypeDeclHandler = self._doctype
+
+    def _doctype(self, *_: object) -> None:
+        raise Refused("a document type is not read")
+
+    def start_element_handler(self, name: str, attributes: Any) -> None:
+        super().start_element_handler(name, attributes)
+        element: Any = self.curNode
+        element.setAttribute(PLACE, f"{self._number}:{self.getParser().CurrentLineNumber}")
+
+
+class Program:
+    """One file that is expanded: xacro, with what it asks of the system answered here."""
+
+    def __init__(self, now: mmap.mmap, request: dict[str, Any]):
+        self._now = now
+        self._texts = 1
+        self._names = request["files"]
+        self.place = (0, 1)
+        self.warnings: list[tuple[tuple[int, int], str]] = []
+        self.arguments: dict[str, str] = dict(request["arguments"])
+        self.declared: list[str] = []
+
+    def run(self, text: str) -> str:
+        """The expanded text."""
+        self._install()
+        xacro.init_stacks(self._names[0])
+        document = self._parsed(text, 0)
+        xacro.process_doc(document, mappings=self.arguments, verbosity=0)
+        output = _Output()
+        document.writexml(output, addindent="  ", newl="\n")
+        return "".join(output.parts)
+
+    # --- what xacro calls -------------------------------------------------------------------------------------
+
+    def _install(self) -> None:
+        """Put our functions in the place of those that would read files or the environment, and of those that see elements."""
+        for name in ("eval_all", "handle_macro_call", "check_attrs"):
+            setattr(xacro, name, self._noting(getattr(xacro, name), keep=name == "eval_all"))
+        xacro.warning = self._warn
+        xacro.print_location = lambda: None
+        xacro.parse = self._parse
+        xacro.abs_filename_spec = _absolute
+        xacro.get_include_files = self._included
+        xacro.eval_extension = self._extension
+        xacro.load_yaml = self._yaml
+        xacro.safe_eval = _evaluate
+        space = xacro._global_symbols
+        for table in (space["xacro"], space):
+            dict.__setitem__(table, "load_yaml", self._yaml)
+            dict.__setitem__(table, "abs_filename", _absolute)
+        for unit in xacro.ConstructUnits:
+            yaml.SafeLoader.add_constructor(unit.value.tag, unit.constructor)
+
+    def _noting(self, function: Callable[..., Any], *, keep: bool) -> Callable[..., Any]:
+        """The same function, which notes the place of its first argument, an element."""
+
+        def noting(node: Any, *arguments: Any) -> Any:
+            self._note(node)
+            if not keep and node.tagName.startswith("xacro:") and node.hasAttribute(PLACE):
+                node.removeAttribute(PLACE)
+            if function.__name__ == "check_attrs" and node.tagName == "xacro:arg":
+                self.declared.append(node.getAttribute("name"))
+            return function(node, *arguments)
+
+        return noting
+
+    def _note(self, node: Any) -> None:
+        if node.hasAttribute(PLACE):
+            number, _, line = node.getAttribute(PLACE).partition(":")
+            if number.isdigit() and line.isdigit():
+                self.place = (int(number), int(line))
+                PLACE_NOW.pack_into(self._now, 0, *self.place)
+
+    def _warn(self, *words: object, **_: object) -> None:
+        if len(self.warnings) < 100:
+            self.warnings.append((self.place, " ".join(map(str, words))[:300]))
+
+    def _parse(self, _: object, filename: str) -> Any:
+        try:
+            text = self._ask(filename)
+        except FileNotFoundError as error:
+            xacro.filestack.pop()
+            raise xacro.XacroException(str(error), exc=error) from None
+        return self._parsed(text, self._texts - 1)
+
+    def _parsed(self, text: str, number: int) -> Any:
+        return _Builder(number).parseString(text)
+
+    def _included(self, spec: str, symbols: Any) -> list[str]:
+        name = _absolute(str(xacro.eval_text(spec, symbols)))
+        if re.search(r"[*?\[]", name):
+            raise Refused(f"an include names one file, no pattern: {name[:200]}")
+        return [name]
+
+    def _yaml(self, filename: str) -> Any:
+        name = _absolute(str(filename))
+        return xacro.YamlListWrapper.wrap(yaml.safe_load(self._ask(name)))
+
+    def _extension(self, text: str) -> str:
+        words = text[2:-1].split()
+        match words:
+            case ["find", package]:
+                return f"package://{package}"
+            case ["arg", name]:
+                if name not in self.arguments:
+                    raise Refused(f"the argument {name[:80]!r} has no value")
+                return self.arguments[name]
+            case ["optenv", _, *default]:
+                return " ".join(default)  # no variable is set
+            case ["env", *_]:
+                raise Refused(f"{text[:80]}: the environment is not read")
+        raise Refused(f"{text[:80]} is not evaluated; find, arg and optenv are")
+
+    def _ask(self, name: str) -> str:
+        """The text of a file, from simspec. Raises FileNotFoundError, Refused."""
+        if self._texts >= MOST_FILES:
+            raise Refused(f"more than {MOST_FILES} files are included")
+        _say({"ask": name, "place": self.place})
+        answer = json.loads(sys.stdin.buffer.readline())
+        if answer.get("missing"):
+            raise FileNotFoundError(answer["missing"])
+        if "text" not in answer:
+            raise Refused("")  # simspec knows why
+        self._texts += 1
+        return str(answer["text"])
+
+
+class _Output:
+    """Text up to the largest."""
+
+    def __init__(self) -> None:
+        self.parts: list[str] = []
+        self._left = LARGEST_TEXT
+
+    def write(self, text: str) -> None:
+        self._left -= len(text)
+        if self._left < 0:
+            raise Refused(f"expands to more than {LARGEST_TEXT:,} characters")
+        self.parts.append(text)
+
+
+def _evaluate(expression: str, names: dict[str, Any], local: Any = None) -> Any:
+    """xacro's own, which looks for names with two underscores in the outermost code only."""
+    code = compile(expression.strip(), "<expression>", "eval")
+    waiting = [code]
+    while waiting:
+        part = waiting.pop()
+        if any(name.startswith("__") for name in (*part.co_names, *part.co_varnames)):
+            raise Refused(f"a name with two underscores: {expression[:80]}")
+        waiting.extend(item for item in part.co_consts if isinstance(item, type(code)))
+    names.update(__builtins__={})
+    return eval(code, names, local)
+
+
+def _absolute(spec: str) -> str:
+    """A path as seen from the first file's folder, or one that says itself where it starts."""
+    spec = str(spec)
+    if "://" in spec or spec.startswith("/"):
+        return spec
+    return os.path.join(os.path.dirname(xacro.filestack[-1] or ""), spec)
+
+
+def close_doors(seconds: int) -> None:
+    """From here on this process opens nothing: no file descriptor beyond those that it has, no operation on the system; and it
+    ends after so many seconds of processor time."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    os.environ.clear()
+    os.closerange(3, 256)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3))
+    sys.addaudithook(_refuse)
+
+
+def _refuse(event: str, _: object) -> None:
+    if event not in HARMLESS:
+        raise Refused(f"{event} is not allowed")
+
+
+def _say(message: dict[str, Any]) -> None:
+    sys.stdout.buffer.write(json.dumps(message).encode() + b"\n")
+    sys.stdout.buffer.flush()
+
+
+def main() -> None:
+    """Expand the file that standard input tells of. The one argument is the descriptor of the memory that holds the place."""
+    now = mmap.mmap(int(sys.argv[1]), PLACE_NOW.size)
+    warm = ast.parse("a")  # imports nothing later
+    del warm
+    request = json.loads(sys.stdin.buffer.readline())
+    sys.setrecursionlimit(DEEPEST)
+    program = Program(now, request)
+    text = request["text"]
+    close_doors(request["seconds"])
+    try:
+        expanded = program.run(text)
+    except Exception as error:  # a program may raise anything: it is told with its place
+        _say({"failed": _told(error), "place": program.place})
+    else:
+        _say({"text": expanded, "warnings": program.warnings, "declared": program.declared})
+
+
+def _told(error: BaseException) -> str:
+    """What went wrong, in one line: of an error that xacro has wrapped in its own, the inmost."""
+    while isinstance(error, xacro.XacroException) and isinstance(error.exc, BaseException):
+        if isinstance(error.exc, (Refused, MemoryError, RecursionError, xacro.XacroException)):
+            error = error.exc
+        else:
+            break
+    if isinstance(error, MemoryError):
+        return "needs more computing time or memory than a robot takes"
+    if isinstance(error, RecursionError):
+        return "macros or expressions within each other without an end"
+    text = " ".join(str(error).split()) or type(error).__name__
+    return f"{type(error).__name__}: {text}"[:400] if isinstance(error, (KeyError, TypeError)) else text[:400]
+
+
+if __name__ == "__main__":
+    main()

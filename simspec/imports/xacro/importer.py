@@ -1,0 +1,87 @@
+"""The importer of xacro: a program in XML that makes URDF. It is expanded in a process of its own; the rest is URDF's importer.
+
+Elements of the expanded text remember the file and the line that they were written at, so that messages name these.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.imports.elements import Element, parse
+from simspec.imports.files import Files
+from simspec.imports.urdf.robot import robot
+from simspec.imports.xacro.expansion import Expanded, expand
+from simspec.imports.xacro.limits import PLACE
+from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
+
+_XACRO: Final = re.compile(rb"<[A-Za-z]+[^>]*xmlns:xacro|<xacro:[A-Za-z]")
+EXPANDED: Final = "expanded text of"
+"""What stands before the name of a file in places that are of no file."""
+SCHEMES: Final = ("file://package://", "file:///package://")
+"""How files of packages are named where `$(find PACKAGE)` stands in a URL."""
+
+
+class Xacro:
+    """Reads xacro by expanding it."""
+
+    NAME: Final = "xacro"
+    SUFFIXES: Final = (".xacro", ".urdf.xacro")
+
+    def recognises(self, content: bytes) -> bool:
+        """Whether the beginning of a file speaks of xacro."""
+        return _XACRO.search(content) is not None
+
+    def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        """The robot as a model file. Raises SpecError with file and line, also for what the program does not end of."""
+        files = Files(path, shown, options)
+        expanded = expand(files, options.arguments)
+        _check_arguments(expanded, options, shown)
+        root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
+        _place(root, expanded)
+        _check_kind(root, shown)
+        imported = robot(root, files, options)
+        imported.accounts += [_warning(place, text) for place, text in expanded.warnings]
+        imported.read.update(files.read)
+        return imported
+
+
+def _place(root: Element, expanded: Expanded) -> None:
+    """Give every element the place that it was written at; one that a program made keeps that in the expanded text."""
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        number, _, line = element.attributes.pop(PLACE, "").partition(":")
+        if number.isdigit() and line.isdigit() and int(number) < len(expanded.names):
+            element.location = Location(expanded.names[int(number)], max(1, int(line)), 1)
+        for name, value in element.attributes.items():
+            for scheme in SCHEMES:
+                if value.startswith(scheme):
+                    element.attributes[name] = value.replace(scheme, "package://", 1)
+        waiting.extend(element.look())
+
+
+def _check_arguments(expanded: Expanded, options: ImportOptions, shown: str) -> None:
+    """An argument that no file declares is an error: it would be without effect."""
+    problems = [
+        Problem(f"{shown}: no argument is called {name!r}", allowed=", ".join(sorted(expanded.declared)) or "none")
+        for name in options.arguments
+        if name not in expanded.declared
+    ]
+    if problems:
+        raise SpecError(problems)
+
+
+def _check_kind(root: Element, shown: str) -> None:
+    """Refuse what expands to no robot."""
+    if root.tag != "robot":
+        raise root.error("does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot")
+    if not root.look("link"):
+        hint = "import the file that includes it and places its macros"
+        raise SpecError([Problem(f"{shown} is a library: it expands to no links", location=root.location, hint=hint)])
+
+
+def _warning(place: Location, text: str) -> Account:
+    return Account(place, "xacro", Fate.UNUSED, Severity.INFORMATION, f"xacro warns: {text}")

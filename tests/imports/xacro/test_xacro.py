@@ -1,0 +1,225 @@
+"""xacro is expanded by a process that can do nothing else; what a file asks of the system ends as an error with its place."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.imports.xacro import expansion
+from simspec.language.foreign import Fate, ImportOptions, import_file
+from simspec.language.load import load
+
+NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+MASS = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def robot(content):
+    return f'<?xml version="1.0"?>\n<robot name="r" {NAMESPACE}>\n{content}\n</robot>\n'
+
+
+def imported(content, folder, **options):
+    path = folder / "r.xacro"
+    path.write_text(content if content.startswith("<?xml") else robot(content))
+    options.setdefault("project", folder.resolve())
+    return import_file(path, "r.xacro", ImportOptions(**options))
+
+
+def refused(content, folder, **options):
+    with pytest.raises(SpecError) as error:
+        imported(content, folder, **options)
+    return "\n".join(map(str, error.value.problems))
+
+
+LEGS = f"""<xacro:arg name="count" default="2"/>
+<xacro:include filename="parts/leg.xacro"/>
+<xacro:property name="sizes" value="${{load_yaml('parts/sizes.yaml')}}"/>
+<link name="base">{MASS}</link>
+<xacro:leg side="left" length="${{sizes['leg'] * int('$(arg count)')}}"/>
+<xacro:leg side="right" length="${{sizes.leg}}"/>"""
+LEG = f"""<robot {NAMESPACE}><xacro:macro name="leg" params="side length">
+<link name="${{side}}_leg">{MASS}</link>
+<joint name="${{side}}_hip" type="revolute">
+<parent link="base"/><child link="${{side}}_leg"/><origin xyz="0 0 ${{length}}"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></xacro:macro></robot>"""
+
+
+@pytest.fixture
+def legs(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/leg.xacro").write_text(LEG)
+    (tmp_path / "parts/sizes.yaml").write_text("leg: 0.5")
+    return tmp_path
+
+
+def test_macros_includes_yaml_and_arguments(legs):
+    result = imported(LEGS, legs)
+    bodies = result.data["model"]["bodies"]
+    assert bodies.keys() == {"base", "left_leg", "right_leg"}
+    assert bodies["left_leg"]["joint"]["origin"] == {"xyz": [0, 0, 1]}
+    assert {path.name for path in result.read} == {"r.xacro", "leg.xacro", "sizes.yaml"}
+    assert imported(LEGS, legs, arguments={"count": "4"}).data["model"]["bodies"]["left_leg"]["joint"]["origin"] == {
+        "xyz": [0, 0, 2]
+    }
+    assert len(load(legs / "r.xacro").resolve().bodies) == 3
+
+
+def test_places_are_those_in_the_xacro_files(legs):
+    result = imported(LEGS, legs)
+    document = result.document("r.xacro")
+    place = document.locate(("model", "bodies", "left_leg", "joint"))
+    assert (place.file.rpartition("/")[2], place.line) == ("leg.xacro", 3)
+    assert document.locate(("model", "bodies", "base", "mass")).line == 6
+    assert not any("simspec-place" in account.what for account in result.accounts)
+
+
+def test_defects_of_what_it_expands_to_are_told_at_the_macro(legs):
+    (legs / "parts/leg.xacro").write_text(LEG.replace('link="base"', 'link="bas"'))
+    assert "leg.xacro:3" in refused(LEGS, legs)
+
+
+def test_packages(tmp_path):
+    (tmp_path / "legs/urdf").mkdir(parents=True)
+    (tmp_path / "legs/package.xml").write_text("<package/>")
+    (tmp_path / "legs/urdf/leg.xacro").write_text(LEG)
+    text = LEGS.replace("parts/leg.xacro", "$(find legs)/urdf/leg.xacro").replace(
+        "load_yaml('parts/sizes.yaml')", "xacro.dotify(dict(leg=1))"
+    )
+    assert imported(text, tmp_path).data["model"]["bodies"].keys() == {"base", "left_leg", "right_leg"}
+    assert "the package 'arms' is not found" in refused(text.replace("find legs", "find arms"), tmp_path)
+
+
+def test_arguments_that_are_not_there(legs):
+    assert "'xyz'" in refused(LEGS, legs, arguments={"xyz": "4"})
+    assert "count" in refused(LEGS, legs, arguments={"xyz": "4"})
+    text = refused(LEGS.replace('<xacro:arg name="count" default="2"/>', ""), legs)
+    assert "the argument 'count' has no value" in text
+    assert text.startswith("r.xacro:")
+
+
+def test_libraries_are_refused_by_name(tmp_path):
+    assert "is a library" in refused(LEG.replace("<robot", '<?xml version="1.0"?><robot'), tmp_path)
+    assert "does not expand to URDF" in refused(f'<?xml version="1.0"?><sdf {NAMESPACE}/>', tmp_path)
+
+
+def test_files_that_may_be_missing(tmp_path):
+    text = f'<link name="a">{MASS}</link><xacro:include filename="none.xacro" optional="true"/>'
+    assert imported(text, tmp_path).data["model"]["bodies"].keys() == {"a"}
+    assert "none.xacro" in refused(text.replace(' optional="true"', ""), tmp_path)
+    assert "leaves the project folder" in refused(text.replace("none.xacro", "../../etc/passwd"), tmp_path)
+
+
+def test_warnings_of_xacro_are_told(tmp_path):
+    text = f'<link name="a">{MASS}</link><xacro:property name="pi" value="3"/>'
+    result = imported(text, tmp_path)
+    (told,) = [account for account in result.accounts if account.what == "xacro"]
+    assert told.fate is Fate.UNUSED
+    assert told.location.line == 3
+
+
+HOSTILE = {
+    "power": ('<link name="${9**9**9}"/>', "computing time"),
+    "text": ("<link name=\"${'a'*10**10}\"/>", "memory"),
+    "loop": ('<link name="${python.sum(python.range(10**12))}"/>', "computing time"),
+    "passwd": ("<link name=\"${load_yaml('/etc/passwd')}\"/>", "leaves the project folder"),
+    "passwd by a file URL": ("<link name=\"${load_yaml('file:///etc/passwd')}\"/>", "leaves the project folder"),
+    "passwd by a package": ("<link name=\"${load_yaml('package://../../etc/passwd')}\"/>", "not the name of a package"),
+    "include": ('<xacro:include filename="/etc/passwd"/>', "leaves the project folder"),
+    "include above": ('<xacro:include filename="a/../../../../../../../etc/passwd"/>', "leaves the project folder"),
+    "pattern": ('<xacro:include filename="/etc/*"/>', "no pattern"),
+    "environment": ('<link name="$(env HOME)"/>', "the environment is not read"),
+    "eval": ("<link name=\"$(eval open('/etc/passwd').read())\"/>", "is not evaluated"),
+    "dirname": ('<link name="$(dirname)"/>', "is not evaluated"),
+    "dunder": ('<link name="${().__class__}"/>', "two underscores"),
+    "dunder within": ('<link name="${[x.__class__ for x in [1]]}"/>', "two underscores"),
+    "import": ("<link name=\"${__import__('os')}\"/>", "two underscores"),
+    "open": ("<link name=\"${open('/etc/passwd')}\"/>", "not defined"),
+    "endless macro": (
+        '<xacro:macro name="m" params="n"><xacro:m n="${n+1}"/></xacro:macro><xacro:m n="0"/>',
+        "without an end",
+    ),
+    "circle": (
+        '<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/><link name="${a}"/>',
+        "circular",
+    ),
+    "itself": ('<xacro:include filename="r.xacro"/>', "without an end"),
+    "DOCTYPE": (
+        f'<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "b">]><robot name="r" {NAMESPACE}><link name="&a;"/></robot>',
+        "document type",
+    ),
+    "not XML": ('<?xml version="1.0"?><robot', "r.xacro:1"),
+    "nothing": ('<?xml version="1.0"?>', "r.xacro:1"),
+    "unknown macro": ("<xacro:leg/>", "unknown macro"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_end_as_errors_with_their_places(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "CPU_SECONDS", 1)
+    content, said = HOSTILE[name]
+    read = []
+    listening = [True]
+    sys.addaudithook(lambda event, details: read.append(str(details[0])) if listening and event == "open" else None)
+    text = refused(content, tmp_path)
+    listening.clear()
+    assert said in text
+    assert "r.xacro:" in text
+    assert not [file for file in read if "passwd" in file]
+
+
+def test_doubling_macros_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "CPU_SECONDS", 1)
+    macros = '<xacro:macro name="m0" params=""><link name="a"/></xacro:macro>'
+    for number in range(40):
+        macros += f'<xacro:macro name="m{number + 1}" params=""><xacro:m{number}/><xacro:m{number}/></xacro:macro>'
+    text = refused(macros + "<xacro:m40/>", tmp_path)
+    assert "computing time" in text or "memory" in text
+
+
+TRIES = """
+import ctypes, os, socket, subprocess, sys
+from simspec.imports.xacro import child
+hook = sys.argv[1] == "hook"
+if not hook:
+    child.sys = type("S", (), {"addaudithook": staticmethod(lambda hook: None)})
+child.close_doors(5)
+def attempt(function):
+    try:
+        function()
+    except BaseException as error:
+        return type(error).__name__
+    return "done"
+library = ctypes.CDLL(None) if not hook else None
+tries = {
+    "open": lambda: open("/etc/passwd"),
+    "os.open": lambda: os.open("/etc/passwd", os.O_RDONLY),
+    "socket": lambda: socket.socket(),
+    "subprocess": lambda: subprocess.run(["/bin/cat", "/etc/passwd"], check=True),
+    "listdir": lambda: os.listdir("/etc"),
+}
+if hook:
+    tries["system"] = lambda: os.system("true")
+    tries["remove"] = lambda: os.remove("/nothing")
+    tries["fork"] = lambda: os.fork()
+import json
+sys.stdout.write(json.dumps({name: attempt(function) for name, function in tries.items()}))
+"""
+
+
+@pytest.mark.parametrize("wall", ["hook", "kernel"])
+def test_either_wall_alone_keeps_the_process_from_opening_anything(wall):
+    done = subprocess.run([sys.executable, "-c", TRIES, wall], capture_output=True, text=True, check=True)
+    answers = json.loads(done.stdout)
+    assert len(answers) >= 5
+    assert "done" not in answers.values()
+    if wall == "hook":
+        assert set(answers.values()) == {"Refused"}
+
+
+def test_the_process_has_no_environment(tmp_path, monkeypatch):
+    monkeypatch.setenv("SIMSPEC_SECRET", "hidden")
+    result = imported(f'<link name="$(optenv SIMSPEC_SECRET shown)">{MASS}</link>', tmp_path)
+    assert result.data["model"]["bodies"].keys() == {"shown"}
