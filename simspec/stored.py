@@ -77,6 +77,15 @@ class CacheEntry(Stored):
     figures: list[dict[str, Any]]
 
 
+class MeshEntry(Stored):
+    """An entry of the cache of meshes. ``made``: JSON, kept as text, whose hash costs less than that of what it says."""
+
+    simspec_mesh: int
+    key: str
+    sha256: str
+    made: str
+
+
 class StoredTable(Stored):
     """One table of a saved run: the hash of its file, and its rows."""
 

@@ -22,6 +22,7 @@ ORDER = (
     "resources",
     "language",
     "world",
+    "meshes",
     "dynamics",
     "control",
     "resolve",
@@ -124,6 +125,7 @@ WRITERS = {
     "engines/kit/record_files.py": "in an engine's process: rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/mujoco/model_compiler.py": "its answer, into the pipe to who asked",
+    "meshes/child.py": "in the process that reads meshes: answers, through a pipe",
     "mapped.py": "large arrays, in temporary files that have no name",
 }
 

@@ -7,10 +7,11 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field
 
+from simspec.language.mesh import Mesh
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, UnitQuaternion, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import PRIMITIVE_SHAPES
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
@@ -105,7 +106,7 @@ class Plane(Strict):
 class Shape(Strict):
     """One collision and/or visual shape of a body."""
 
-    ONE_OF: ClassVar[tuple[str, ...]] = PRIMITIVE_SHAPES
+    ONE_OF: ClassVar[tuple[str, ...]] = SHAPE_KINDS
 
     name: Maybe[NameOf] = Field(
         ABSENT, description="Name; default `<body>_<index>`, with a number appended if that name is taken"
@@ -116,6 +117,7 @@ class Shape(Strict):
     capsule: Maybe[Capsule] = Field(ABSENT, description="A capsule along z")
     ellipsoid: Maybe[Ellipsoid] = Field(ABSENT, description="An ellipsoid")
     plane: Maybe[Plane] = Field(ABSENT, description="An infinite plane, written `plane: {}`")
+    mesh: Maybe[Mesh] = Field(ABSENT, description="A solid from a file of triangles")
     pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame"
     )

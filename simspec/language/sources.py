@@ -12,8 +12,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.language.document import Document, read
+from simspec.language.document import Document, Key, read
 from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
+from simspec.language.mesh import SUFFIXES as MESHES
+from simspec.language.mesh import named_files
 from simspec.language.models import File, Import
 from simspec.language.problems import of_validation
 from simspec.language.strict import show
@@ -36,6 +38,8 @@ class Source:
     uses: dict[str, Source] = field(default_factory=dict)
     table: Path | None = None
     """The file of `trajectory.file`, found and allowed."""
+    meshes: dict[str, Path] = field(default_factory=dict)
+    """The files of `mesh.file`, found and allowed, by the texts that name them."""
     imported: Imported | None = None
     """What an importer made of a file of another language; None for a spec."""
 
@@ -130,11 +134,26 @@ class Collector:
         table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
         if isinstance(table, str):
             source.table = self._place(source, ("trajectory", "file"), table)
+        self._meshes(source)
 
-    def _problem(self, source: Source, path: tuple[str, ...], message: str, **more: Any) -> None:
+    def _meshes(self, source: Source) -> None:
+        """The files of meshes; those that an importer has found are found."""
+        if source.imported is not None:
+            source.meshes.update(source.imported.files)
+        missing: set[str] = set()
+        for path, text in named_files(source.document.data):
+            if text in source.meshes or text in missing:
+                continue
+            place = self._place(source, path, text)
+            if place is None:
+                missing.add(text)
+            else:
+                source.meshes[text] = place
+
+    def _problem(self, source: Source, path: tuple[Key, ...], message: str, **more: Any) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
-    def _place(self, source: Source, path: tuple[str, ...], text: str) -> Path | None:
+    def _place(self, source: Source, path: tuple[Key, ...], text: str) -> Path | None:
         """The file that a path of a spec means, where it may be read."""
         if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
             return None  # reported where it is read
@@ -233,7 +252,7 @@ def _near_file(target: Path) -> str | None:
     from simspec.language.strict import near
 
     try:
-        ends = (*NAMEABLE, *suffixes())
+        ends = (*NAMEABLE, *MESHES, *suffixes())
         names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.lower().endswith(ends))
     except OSError:
         return None

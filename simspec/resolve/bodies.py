@@ -14,6 +14,7 @@ from simspec.language.models import Use
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.resolve.body_trees import Tree, resolved_trees
+from simspec.resolve.meshes import Meshes, read_meshes, too_many
 from simspec.resolve.poses import layout, orientation, pose
 from simspec.world import frames
 from simspec.world.types import Body, Joint, Pose, Vector3
@@ -24,11 +25,12 @@ DEFAULT_MATERIAL = "default"
 
 @dataclass
 class Expansion:
-    """The bodies of the world, the pairs that model files exclude (full names), and what was wrong."""
+    """The bodies of the world, the pairs that model files exclude (full names), what was wrong, and the meshes of the spec."""
 
     bodies: tuple[Body, ...] = ()
     excluded: list[tuple[str, str]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
+    meshes: Meshes = field(default_factory=dict)
 
 
 @dataclass
@@ -41,11 +43,13 @@ class _Instance:
 
 
 def expand(source: Source) -> Expansion:
-    """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children."""
-    expansion = Expansion()
+    """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children. Raises
+    SpecError where a mesh cannot be read."""
+    expansion = Expansion(meshes=read_meshes(source))
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, expansion)), expansion)
-    instances = [*_loose(source, only), *models, *_own_model(source, only, expansion)]
+    instances = [*_loose(source, only, expansion), *models, *_own_model(source, only, expansion)]
+    expansion.problems += too_many(source, tuple(body for instance in instances for body in instance.bodies))
     if not expansion.problems:
         _check_names(instances, expansion)
     expansion.bodies = tuple(body for instance in instances for body in instance.bodies)
@@ -147,11 +151,11 @@ def elements(array: Array | None) -> list[tuple[str, Pose]]:
     return [(f"_{index:0{digits}d}", place) for index, place in enumerate(poses)]
 
 
-def _loose(source: Source, only: str | None) -> Iterator[_Instance]:
+def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
     bodies = trees.loose(source)
     if bodies is None:
         return
-    for tree in resolved_trees(bodies, only):
+    for tree in resolved_trees(bodies, only, expansion.meshes):
         root = tree.bodies[0].name
         array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
@@ -164,7 +168,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
-        tree = _positioned(next(resolved_trees(bodies, only)), use)
+        tree = _positioned(next(resolved_trees(bodies, only, expansion.meshes)), use)
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
@@ -188,7 +192,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     bodies = trees.model_of(source)
     if bodies is None:
         return
-    tree = next(resolved_trees(bodies, only))
+    tree = next(resolved_trees(bodies, only, expansion.meshes))
     path = (*bodies.path, tree.bodies[0].name)
     yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from simspec.language import trees
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.models import Body as SpecBody
-from simspec.language.shapes import Shape as SpecShape
 from simspec.language.strict import required
 from simspec.language.trees import Bodies
-from simspec.language.vocabulary import SHAPE_KINDS
+from simspec.resolve.meshes import Meshes, fills
 from simspec.resolve.poses import direction, orientation, pose
+from simspec.resolve.shapes import PIECE, Resolved, resolved_shape
 from simspec.world import frames, mass
-from simspec.world.shapes import SHAPES
-from simspec.world.types import Body, Inertial, Joint, Pose, Shape, Vector3
+from simspec.world.types import Body, Inertial, Joint, Pose, Vector3
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Tree:
     velocity: tuple[Vector3, Vector3]
 
 
-def resolved_trees(bodies: Bodies, only: str | None) -> Iterator[Tree]:
+def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator[Tree]:
     """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none."""
     own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
     only = next(iter(own)) if len(own) == 1 else only
@@ -45,8 +44,10 @@ def resolved_trees(bodies: Bodies, only: str | None) -> Iterator[Tree]:
             current, named, root = [], set(), spec
         if spec.joint is not None and spec.joint.name is not None:
             named.add(spec.joint.name)
-        named.update(shape.name for shape in spec.shapes if shape.name is not None)
-        current.append(_body(name, spec, bodies, only, shape_names))
+        body = _body(name, spec, bodies, only, shape_names, meshes)
+        given = {shape.name for shape in spec.shapes if shape.name is not None}
+        named.update(shape.name for shape in body.shapes if shape.name.partition(PIECE)[0] in given)
+        current.append(body)
     if root is not None:
         yield _tree(current, named, root)
 
@@ -60,37 +61,21 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> Tree:
     return Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
 
 
-def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str]) -> Body:
-    shapes = tuple(
-        _shape(trees.unused(f"{name}_{index}", taken), shape, only) for index, shape in enumerate(spec.shapes)
-    )
-    joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
-    return Body(name, "", _inertial(spec, shapes), joint, shapes, spec.collision_group)
-
-
-def _shape(name: str, spec: SpecShape, only: str | None) -> Shape:
-    kind = next(kind for kind in SHAPE_KINDS if getattr(spec, kind) is not None)
-    solid = getattr(spec, kind)
-    values = solid.__dict__.values()
-    size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
-    material = spec.material or (only if spec.collision else None) or ""
-    red, green, blue, *opacity = spec.colour
-    colour = (red, green, blue, opacity[0] if opacity else 1.0)
-    return Shape(spec.name or name, kind, size, pose(spec.pose), material, spec.collision, spec.visual, colour)
-
-
-def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
-    solid = [
-        (written, shape) for written, shape in zip(spec.shapes, shapes, strict=True) if not SHAPES[shape.kind].endless
+def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], meshes: Meshes) -> Body:
+    resolved = [
+        resolved_shape(trees.unused(f"{name}_{index}", taken), shape, only, bodies.source, meshes)
+        for index, shape in enumerate(spec.shapes)
     ]
-    dense = [(written.density, shape) for written, shape in solid if written.density]
+    # further pieces of a mesh stand behind, so that the shapes before them have the indices that they have in the file
+    shapes = (*(shape.shapes[0] for shape in resolved), *(piece for shape in resolved for piece in shape.shapes[1:]))
+    joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
+    return Body(name, "", _inertial(spec, resolved), joint, shapes, spec.collision_group)
+
+
+def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> Inertial:
+    dense = [(shape.written.density, shape) for shape in shapes if shape.written.density]
     if dense:
-        return mass.combined(
-            [
-                mass.part(shape.kind, shape.size, shape.pose, density * SHAPES[shape.kind].volume(shape.size))
-                for density, shape in dense
-            ]
-        )
+        return mass.combined([fill.part(density * fill.volume) for density, shape in dense for fill in shape.fill()])
     if spec.inertia is not None:
         centre = spec.centre_of_mass or (0.0, 0.0, 0.0)
         if spec.inertia.tensor is not None:
@@ -102,18 +87,13 @@ def _inertial(spec: SpecBody, shapes: Sequence[Shape]) -> Inertial:
         return Inertial(required(spec.mass), centre, mass.turned(principal, orientation(spec.inertia)))
     if not spec.mass:
         return Inertial(0.0)
-    filled = [shape for _, shape in solid if shape.collision] or [shape for _, shape in solid]
+    filled = [fill for shape in shapes if fills(spec, shape.written) for fill in shape.fill()]
     if not filled:
         return Inertial(spec.mass)
-    volumes = [SHAPES[shape.kind].volume(shape.size) for shape in filled]
     total = 0.0
-    for volume in volumes:
-        total += volume
-    parts = [
-        mass.part(shape.kind, shape.size, shape.pose, spec.mass * (volume / total))
-        for shape, volume in zip(filled, volumes, strict=True)
-    ]
-    return mass.combined(parts, spec.mass)
+    for fill in filled:
+        total += fill.volume
+    return mass.combined([fill.part(spec.mass * (fill.volume / total)) for fill in filled], spec.mass)
 
 
 def _joint(name: str, kind: str, spec: SpecBody) -> Joint:

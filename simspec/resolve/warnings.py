@@ -13,12 +13,14 @@ from simspec.language.document import Key
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
 from simspec.language.losses import of_physics, problems
+from simspec.language.mesh import HULL
 from simspec.language.models import File
 from simspec.language.problems import in_order
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
+from simspec.resolve.meshes import fills, mesh_shapes, read_meshes
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
@@ -34,6 +36,10 @@ LARGEST_PLACE = 1e4
 """m from the world's origin: doubles keep 1e-12 m there, but contact margins and single precision do not."""
 DENSITIES = (10.0, 25_000.0)
 """kg/m³: foam has 15, osmium 22,590. A bare `7.85` meant g/cm³."""
+LARGEST_HULL = 1.25
+"""Volume of a hull over that of its mesh: a link with bores and rounded corners stays below."""
+LARGEST_LOSS = 0.01
+"""Distance of a whole hull from one of fewer vertices, of its radius."""
 MASSES = (1e-9, 1e6)
 """kg of a moving body."""
 STRONGEST_GRAVITY = 100.0
@@ -51,6 +57,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
         *_time(spec, world),
         *_sizes(spec, world),
         *_squeeze(spec, world),
+        *_meshes(spec),
         *_overlaps(spec, world),
     ]
     grouped: dict[tuple[str, Location | str], list[Problem]] = {}
@@ -203,6 +210,28 @@ def _written_densities(spec: Spec) -> Iterator[tuple[str, Location | None, float
                 if density and not DENSITIES[0] <= density <= DENSITIES[1]:
                     path = (*bodies.path, name, "shapes", index, "density")
                     yield ".".join(map(str, path)), bodies.source.document.locate(path), density
+
+
+def _meshes(spec: Spec) -> Warned:
+    """What a hull adds to a mesh, what it loses by fewer vertices, and solids that may be counted twice."""
+    meshes = read_meshes(spec.source) if any(True for _ in mesh_shapes(spec.source)) else {}
+    for shape in mesh_shapes(spec.source):
+        made = meshes[shape.file, shape.options]
+        if shape.shape.collision and made.enclosed is not None and len(made.parts) == 1:
+            ratio = made.hull_volume / made.enclosed.volume
+            if ratio > LARGEST_HULL:
+                message = f"the convex hull has {ratio:.3g} times the volume of the mesh, and is what touches"
+                yield "hull", shape.problem(message, "as: pieces; or several shapes")
+        for part in made.parts:
+            share = part.error / SHAPES["mesh"].outer_radius(part.size)
+            if share > LARGEST_LOSS:
+                kept = f"{len(part.size) // 3} of {part.vertices:,} vertices"
+                message = f"with {kept} the hull is up to {1e3 * part.error:.3g} mm smaller"
+                yield "vertices", shape.problem(message, "more max_vertices")
+        filled = made.enclosed is not None and shape.mesh.mass_from != HULL and fills(shape.body, shape.shape)
+        if filled and made.surfaces > 1:
+            message = f"the mass is that of {made.surfaces} closed surfaces: where they overlap, it counts twice"
+            yield "surfaces", shape.problem(message, "mass_from: hull; or the body's mass with inertia")
 
 
 # --- squeeze, overlap --------------------------------------------------------------------------------------------------

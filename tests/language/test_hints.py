@@ -63,7 +63,7 @@ BODY = {"mass": 1, "shapes": [{"sphere": {"radius": 0.1}}]}
         ({"joint": {"type": "continuous", "axis": [0, 0, 1]}}, "type: hinge, without limits"),
         ({"joint": {"type": "floating"}}, "type: free"),
         ({"joint": {"type": "Revolute", "axis": [0, 0, 1]}}, "type: hinge"),
-        ({"shapes": [{"mesh": "a.stl"}]}, "meshes are not supported yet"),
+        ({"shapes": [{"trimesh": "a.stl"}]}, "mesh: {file: ...}"),
         ({"shapes": [{"box": {"half_size": [1, 1, 1]}}]}, "size, twice as much"),
         ({"shapes": [{"box": {"halfSize": [1, 1, 1]}}]}, "size, twice as much"),
         ({"shapes": [{"cylinder": {"radius": 1, "height": 1}}]}, "in simspec: length"),

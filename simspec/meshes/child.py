@@ -1,0 +1,298 @@
+"""The process that reads files of triangles: bounded in time and memory, it opens no files and has no network.
+
+It gets files by its standard input and answers each by its standard output, in order (:mod:`simspec.meshes.reading` has the
+other end): a line of JSON, then bytes. What a file needs beside itself (the buffers of a glTF) comes with it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import sys
+from collections.abc import Iterator, Mapping
+from typing import IO, Any
+
+import numpy as np
+
+CPU_SECONDS = 8
+"""Processor time for one file: the largest allowed take one or two."""
+MEMORY = 800 * 2**20
+"""Bytes of data of this process; 200,000 triangles take 200 MB in the slowest reader."""
+MOST_FACES = 200_000
+FORBIDDEN = ("socket.connect", "socket.bind", "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork")
+
+Read = tuple[np.ndarray, np.ndarray, dict[str, Any]]
+"""Vertices (n, 3), faces (m, 3), and what the file says of itself: ``unit`` (m), ``up``."""
+
+
+class RefusedError(ValueError):
+    """What a file has and is not read."""
+
+
+def main() -> None:
+    """Answer every file of the standard input."""
+    source, answers = os.fdopen(0, "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    import trimesh  # noqa: F401  # before opening is forbidden
+
+    _limit(resource.RLIMIT_DATA, MEMORY)
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_FSIZE, 0)
+    sys.addaudithook(_watch)
+    while line := source.readline():
+        asked = json.loads(line)
+        if "pieces" in asked:
+            vertices = np.frombuffer(source.read(24 * asked["vertices"]), "<f8").reshape(-1, 3)
+            faces = np.frombuffer(source.read(24 * asked["faces"]), "<i8").reshape(-1, 3)
+            _allow_cpu(int(asked["pieces"]))
+            _answer_pieces(answers, vertices, faces)
+            continue
+        content = source.read(asked["size"])
+        beside = {name: source.read(size) for name, size in asked["beside"].items()}
+        _allow_cpu(CPU_SECONDS)
+        _answer(answers, asked["suffix"], content, beside)
+
+
+def _limit(what: int, most: int) -> None:
+    soft, hard = resource.getrlimit(what)
+    del soft
+    allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    try:
+        resource.setrlimit(what, (allowed, hard))
+    except (OSError, ValueError):
+        return  # a system without this limit: the deadline of the other end is left
+
+
+def _allow_cpu(seconds: int) -> None:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _limit(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime) + 1 + seconds)
+
+
+def _watch(event: str, arguments: tuple[Any, ...]) -> None:
+    """Refuse what reading triangles does not need: files other than Python's own modules, connections, programs."""
+    if event in FORBIDDEN:
+        raise PermissionError(f"{event} is not allowed here")
+    if event == "open" and isinstance(arguments[0], (str, bytes)):
+        path = os.path.realpath(os.fsdecode(arguments[0]))
+        roots = [os.path.realpath(entry) for entry in sys.path if entry]
+        if not any(path.startswith(os.path.join(root, "")) for root in roots):
+            raise PermissionError("no file is opened here")
+
+
+def _answer(answers: IO[bytes], suffix: str, content: bytes, beside: Mapping[str, bytes]) -> None:
+    try:
+        vertices, faces, said = READERS[suffix](content, beside)
+        _check(vertices, faces)
+        head: dict[str, Any] = {"vertices": len(vertices), "faces": len(faces), **said}
+        body = np.ascontiguousarray(vertices, "<f8").tobytes() + np.ascontiguousarray(faces, "<i8").tobytes()
+    except RefusedError as error:
+        head, body = {"error": str(error)}, b""
+    except MemoryError:
+        head, body = {"error": "reading it takes more memory than is allowed"}, b""
+    except RecursionError:
+        head, body = {"error": "its parts are nested too deeply"}, b""
+    # libraries raise anything for a damaged file; it is told, not passed over
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        head, body = {"error": f"damaged, or not such a file ({text})"}, b""
+    answers.write(json.dumps(head).encode() + b"\n" + body)
+    answers.flush()
+
+
+def _answer_pieces(answers: IO[bytes], vertices: np.ndarray, faces: np.ndarray) -> None:
+    try:
+        import coacd  # type: ignore[import-not-found, unused-ignore]
+
+        made = coacd.run_coacd(coacd.Mesh(vertices, faces), seed=0)
+        points = [np.ascontiguousarray(piece[0], "<f8") for piece in made]
+        head: dict[str, Any] = {"pieces": list(map(len, points))}
+        body = b"".join(piece.tobytes() for piece in points)
+    # as of readers
+    except Exception as error:
+        head, body = {"error": " ".join(f"{type(error).__name__}: {error}".split())[:200]}, b""
+    answers.write(json.dumps(head).encode() + b"\n" + body)
+    answers.flush()
+
+
+def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
+    if len(faces) == 0:
+        raise RefusedError("it has no faces")
+    if len(faces) > MOST_FACES:
+        raise RefusedError(f"it has {len(faces):,} faces, more than the {MOST_FACES:,} that are read")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise RefusedError("a face has a vertex that does not exist")
+    if not np.isfinite(vertices[np.unique(faces)]).all():
+        raise RefusedError("a vertex is not finite")
+
+
+class Beside(Mapping[str, bytes]):
+    """What a file may have of others, as trimesh asks for it."""
+
+    def __init__(self, contents: Mapping[str, bytes] | None = None):
+        self._contents = contents or {}
+
+    def __getitem__(self, name: str) -> bytes:
+        """The content of another file. Raises RefusedError for one that did not come with the request."""
+        if name not in self._contents:
+            raise RefusedError(f"it names another file, {str(name)[:80]!r}, which is not read")
+        return self._contents[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._contents)
+
+    def __len__(self) -> int:
+        return len(self._contents)
+
+
+# --- readers --------------------------------------------------------------------------------------------------------
+
+
+def _stl(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    from trimesh.exchange import stl
+
+    count = int.from_bytes(content[80:84], "little") if len(content) >= 84 else -1
+    text = content[:5].lower() == b"solid"
+    if len(content) == 84 + 50 * count:
+        if count > MOST_FACES:
+            raise RefusedError(f"it has {count:,} faces, more than the {MOST_FACES:,} that are read")
+        made = stl.load_stl_binary(io.BytesIO(content)) if count else {}
+    elif text:
+        made = stl.load_stl_ascii(io.BytesIO(content))
+    else:
+        expected = f"{84 + 50 * count:,} bytes for its {count:,} faces" if count >= 0 else "at least 84 bytes"
+        raise RefusedError(f"{len(content):,} bytes, where a binary STL has {expected}")
+    read = _of_mesh(made)
+    if text and len(content) != 84 + 50 * count:
+        written = content.lower().count(b"endfacet")
+        _demand_all(len(read[1]), written)
+    return read
+
+
+def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    from trimesh import load_scene
+
+    lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    corners = [len(line.split()) - 1 for line in lines if line.lstrip()[:2] in (b"f ", b"f\t")]
+    written = sum(count - 2 for count in corners)
+    if written > MOST_FACES:
+        raise RefusedError(f"it has {written:,} faces, more than the {MOST_FACES:,} that are read")
+    read = _of_scene(load_scene(io.BytesIO(content), "obj", Beside(), skip_materials=True, process=False))
+    _demand_all(len(read[1]), written)
+    return read
+
+
+def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    from trimesh.exchange import ply
+
+    made = ply.load_ply(io.BytesIO(content), skip_materials=True)
+    return _of_mesh(made)
+
+
+def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    from trimesh import load_scene
+
+    from simspec.meshes.files import gltf_header
+
+    header = gltf_header(content)
+    needed = sorted(set(map(str, header.get("extensionsRequired", []))) - HARMLESS)
+    if needed:
+        raise RefusedError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
+    kind = "glb" if content[:4] == b"glTF" else "gltf"
+    scene = load_scene(io.BytesIO(content), kind, Beside(beside), skip_materials=True, process=False)
+    vertices, faces, _ = _of_scene(scene)
+    return vertices, faces, {"unit": 1.0, "up": "y"}
+
+
+HARMLESS = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_texture_basisu"})
+"""Extensions of glTF that change no place of a vertex, or that the reader has."""
+
+
+def _dae(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    import collada
+
+    for word in (b"<!DOCTYPE", b"<!ENTITY"):
+        if word in content:
+            raise RefusedError(f"{word.decode()} is not read")
+    if b"\0" in content:
+        raise RefusedError("it is not UTF-8")
+    ignored = [collada.common.DaeError]
+    document = collada.Collada(io.BytesIO(content), ignore=ignored, aux_file_loader=_no_file)
+    if document.scene is None:
+        raise RefusedError("it has no scene")
+    wrong = [error for error in document.errors if not _of_appearance(error)]
+    if wrong:
+        raise RefusedError(f"damaged: {' '.join(str(wrong[0]).split())[:200]}")
+    if next(document.scene.objects("controller"), None) is not None:
+        raise RefusedError("it has a skin or a morph, which simspec does not support")
+    vertices: list[np.ndarray] = []
+    faces: list[np.ndarray] = []
+    count = 0
+    for bound in document.scene.objects("geometry"):
+        for primitive in bound.primitives():
+            triangles = primitive.triangleset() if hasattr(primitive, "triangleset") else primitive
+            if not hasattr(triangles, "vertex_index") or triangles.vertex_index is None or len(triangles) == 0:
+                continue
+            if triangles.vertex_index.ndim != 2 or triangles.vertex_index.shape[1] != 3:
+                continue  # lines
+            vertices.append(np.asarray(triangles.vertex, np.float64))
+            faces.append(np.asarray(triangles.vertex_index, np.int64) + count)
+            count += len(triangles.vertex)
+    if not faces:
+        raise RefusedError("it has no faces")
+    asset = document.assetInfo
+    up = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}[asset.upaxis] if asset.upaxis is not None else "y"
+    unit = 1.0 if asset.unitmeter is None else float(asset.unitmeter)
+    return np.concatenate(vertices), np.concatenate(faces), {"unit": unit, "up": up}
+
+
+def _of_appearance(error: Exception) -> bool:
+    """Whether what a reader could not read is a material or a picture, which changes no place of a vertex."""
+    text = str(error).lower()
+    return any(word in text for word in ("material", "image", "effect", "texture", "sampler", "surface", "shader"))
+
+
+def _no_file(name: str) -> bytes:
+    raise RefusedError("it names another file")
+
+
+def _of_mesh(made: Mapping[str, Any]) -> Read:
+    """What trimesh's readers of one mesh give."""
+    if "vertices" not in made or "faces" not in made:
+        raise RefusedError("it has no faces")
+    return np.asarray(made["vertices"], np.float64), np.asarray(made["faces"], np.int64).reshape(-1, 3), {}
+
+
+def _of_scene(scene: Any) -> Read:
+    """The meshes of a scene, where it places them."""
+    vertices: list[np.ndarray] = []
+    faces: list[np.ndarray] = []
+    count = total = 0
+    for node in scene.graph.nodes_geometry:
+        place, name = scene.graph[node]
+        mesh, place = scene.geometry[name], np.asarray(place, np.float64)
+        if not hasattr(mesh, "faces") or len(mesh.faces) == 0:
+            continue  # lines, points
+        total += len(mesh.faces)
+        if total > MOST_FACES:
+            raise RefusedError(f"it has more than the {MOST_FACES:,} faces that are read")
+        own = np.asarray(mesh.vertices, np.float64)
+        vertices.append(own @ place[:3, :3].T + place[:3, 3])
+        mirrored = np.linalg.det(place[:3, :3]) < 0.0
+        faces.append(np.asarray(mesh.faces, np.int64)[:, :: -1 if mirrored else 1] + count)
+        count += len(own)
+    if not faces:
+        raise RefusedError("it has no faces")
+    return np.concatenate(vertices), np.concatenate(faces), {}
+
+
+def _demand_all(read: int, written: int) -> None:
+    if read != written:
+        raise RefusedError(f"{written:,} triangles are written in it, and {read:,} can be read")
+
+
+READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".gltf": _gltf, ".glb": _gltf, ".dae": _dae}
+
+if __name__ == "__main__":
+    main()

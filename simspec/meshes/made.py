@@ -1,0 +1,107 @@
+"""What a world takes from a file of triangles: convex solids with their frames, and the solid that the surface encloses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.meshes.closed import Enclosed, enclosed, merged
+from simspec.meshes.files import MeshError
+from simspec.meshes.reading import Surface
+from simspec.meshes.reduced import reduced
+from simspec.world.hull import FlatError, centred, corners, hull, size_of
+from simspec.world.solid import Points, Solid
+from simspec.world.types import Pose
+
+FURTHEST = 1e5
+"""m from the origin of the shape's frame: what is further is in another unit."""
+SAME = 1e-9
+"""Share by which two volumes of one solid may differ by round-off."""
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class MeshOptions:
+    """How a file is taken. ``unit`` (m) and ``up`` None: as the file says, else ``up`` of its language, and metres."""
+
+    unit: float | None = None
+    up: str | None = None
+    scale: Triple = (1.0, 1.0, 1.0)
+    pieces: bool = False
+    max_vertices: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Convex:
+    """A convex solid: ``size`` as a world's shape has it, ``pose`` of its frame in the mesh's frame, the largest distance (m)
+    from the hull of which it has only some of the vertices, and how many that has."""
+
+    size: tuple[float, ...]
+    pose: Pose
+    error: float
+    vertices: int
+
+
+@dataclass(frozen=True, slots=True)
+class MadeMesh:
+    """What was made of a file: its ``parts``, of the volume ``hull_volume`` (m³) the hull of all; the solid that its surface
+    encloses, None where ``open_because`` says why that is not closed, and of how many closed ``surfaces`` it is made."""
+
+    parts: tuple[Convex, ...]
+    hull_volume: float
+    enclosed: Solid | None
+    open_because: str = ""
+    surfaces: int = 1
+
+
+def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh:
+    """What a world takes from ``surface``. Raises MeshError where no solid can be made of it."""
+    vertices, triangles = merged(_placed(surface, options), surface.triangles)
+    if _mirrored(options):
+        triangles = triangles[:, ::-1]
+    if len(vertices) and not np.abs(vertices).max() < FURTHEST:
+        raise MeshError(f"it reaches further than {FURTHEST:g} m: `unit` and `scale` say how large it is")
+    try:
+        outer = vertices[corners(vertices)]
+        volume = hull(outer).solid.volume
+        closed = enclosed(vertices, triangles)
+        if closed.solid is not None and closed.solid.volume > volume * (1.0 + SAME):
+            closed = Enclosed(None, "it encloses more than its hull: parts of it overlap")
+        groups = [outer]
+        if options.pieces:
+            from simspec.meshes.pieces import pieces
+
+            groups = [points[corners(points)] for points in pieces(vertices, triangles)]
+        parts = tuple(_convex(points, options.max_vertices, most_vertices) for points in groups)
+    except FlatError as error:
+        raise MeshError(f"it has no volume: {error}") from None
+    except ValueError as error:
+        raise MeshError(f"no solid can be made of it: {error}") from None
+    return MadeMesh(parts, volume, closed.solid, closed.why, closed.surfaces)
+
+
+def _convex(points: Points, most: int | None, allowed: int) -> Convex:
+    if most is None and len(points) > allowed:
+        raise MeshError(
+            f"its hull has {len(points):,} vertices, more than {allowed:,}; `max_vertices: 64` leaves the best"
+        )
+    kept, error = (points, 0.0) if most is None else reduced(points, most)
+    pose, local = centred(kept)
+    return Convex(size_of(local), pose, error, len(points))
+
+
+def _placed(surface: Surface, options: MeshOptions) -> Points:
+    """The vertices in m, in the shape's axes: unit, then the axis that is up (as COLLADA defines x, y and z up), then scale."""
+    unit = options.unit if options.unit is not None else surface.unit if surface.unit is not None else 1.0
+    if not (math.isfinite(unit) and unit > 0.0):
+        raise MeshError(f"its unit is {unit:g} m")
+    x, y, z = (surface.vertices[:, k] for k in range(3))
+    axes = {"x": (-y, -z, x), "y": (x, -z, y), "z": (x, y, z)}[options.up or surface.up or "z"]
+    return np.stack([axis * unit * factor for axis, factor in zip(axes, options.scale, strict=True)], axis=1)
+
+
+def _mirrored(options: MeshOptions) -> bool:
+    x, y, z = options.scale
+    return x * y * z < 0.0

@@ -1,0 +1,148 @@
+"""Triangles of files, asked of a process of its own (:mod:`simspec.meshes.child`), which a damaged or hostile file may end."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.meshes.files import MeshError, MeshFile
+from simspec.world.solid import Points, Triangles
+
+START_SECONDS, FILE_SECONDS = 60.0, 60.0
+"""Deadline of the process, for its start and for each file, where the process does not end itself: it does so after 8 s of
+processor time for one file, and machines are busy."""
+BATCH = 32
+"""Files for one process."""
+BATCH_BYTES = 128 * 2**20
+BUSY = 5.0
+"""Times the processor time of a decomposition that its process may take."""
+NEEDED = ("trimesh", "collada")
+INSTALL = "pip install 'simspec[meshes]'"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of a file, in its own unit and axes; ``unit`` (m) and ``up`` where the file says them."""
+
+    vertices: Points
+    triangles: Triangles
+    unit: float | None = None
+    up: str | None = None
+
+
+def read_surfaces(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
+    """What each file holds, or why it is not read, in order."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        return [MeshError(f"reading meshes needs packages that are not installed: {INSTALL}") for _ in files]
+    answers: list[Surface | MeshError] = []
+    while len(answers) < len(files):
+        answers += _read(_next_batch(files[len(answers) :]))
+    return answers
+
+
+def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
+    total = 0
+    for count, file in enumerate(files[:BATCH]):
+        total += len(file.content) + sum(map(len, file.beside.values()))
+        if count and total > BATCH_BYTES:
+            return files[:count]
+    return files[:BATCH]
+
+
+def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
+    """The answers that one process gives; at least one, the last of which may be that it ended."""
+    output, why = _process(b"".join(_request(file) for file in files), START_SECONDS + FILE_SECONDS * len(files))
+    answers = _answers(output, len(files))
+    if len(answers) < len(files):
+        answers.append(MeshError(f"reading it {why}"))
+    return answers
+
+
+def _process(asked: bytes, seconds: float) -> tuple[bytes, str]:
+    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with."""
+    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "LANG", "HOME", "SYSTEMROOT")}
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "simspec.meshes.child"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        cwd="/",  # the working folder is on the path of python -m, and may have a json.py
+        env={**environment, **one_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
+        start_new_session=True,
+    )
+    late = False
+    try:
+        output, _ = process.communicate(asked, seconds)
+    except subprocess.TimeoutExpired:
+        late = True
+        process.kill()
+        output, _ = process.communicate()
+    finally:
+        if process.poll() is None:  # an interrupt
+            process.kill()
+            process.wait()
+    late = late or process.returncode == -signal.SIGXCPU
+    return output, "takes too long" if late else "ends the process that does it"
+
+
+def split(vertices: Points, triangles: Triangles, seconds: float) -> list[Points]:
+    """The corners (n, 3) of convex pieces that are nearly the solid within triangles, by CoACD. Raises MeshError."""
+    head = {"pieces": seconds, "vertices": len(vertices), "faces": len(triangles)}
+    asked = json.dumps(head).encode() + b"\n" + _bytes(vertices, "<f8") + _bytes(triangles, "<i8")
+    output, why = _process(asked, START_SECONDS + BUSY * seconds)
+    stream = io.BytesIO(output)
+    line = stream.readline()
+    if not line.endswith(b"\n"):
+        raise MeshError(f"finding convex pieces {why}; a file of fewer faces may help, or `as: hull`")
+    answer = json.loads(line)
+    if "error" in answer:
+        raise MeshError(f"no convex pieces can be found: {answer['error']}")
+    return [np.frombuffer(stream.read(24 * count), "<f8").reshape(-1, 3) for count in answer["pieces"]]
+
+
+def _bytes(values: NDArray[Any], kind: str) -> bytes:
+    return np.ascontiguousarray(values, kind).tobytes()
+
+
+def _request(file: MeshFile) -> bytes:
+    head = {
+        "suffix": file.suffix,
+        "size": len(file.content),
+        "beside": {name: len(content) for name, content in file.beside.items()},
+    }
+    return json.dumps(head).encode() + b"\n" + file.content + b"".join(file.beside.values())
+
+
+def _answers(output: bytes, most: int) -> list[Surface | MeshError]:
+    """The whole answers in an output."""
+    stream = io.BytesIO(output)
+    answers: list[Surface | MeshError] = []
+    while len(answers) < most:
+        line = stream.readline()
+        if not line.endswith(b"\n"):
+            break
+        head = json.loads(line)
+        if "error" in head:
+            answers.append(MeshError(head["error"]))
+            continue
+        places, corners = stream.read(24 * head["vertices"]), stream.read(24 * head["faces"])
+        if len(corners) < 24 * head["faces"]:
+            break
+        vertices = np.frombuffer(places, "<f8").reshape(-1, 3)
+        answers.append(
+            Surface(vertices, np.frombuffer(corners, "<i8").reshape(-1, 3), head.get("unit"), head.get("up"))
+        )
+    return answers

@@ -1,0 +1,310 @@
+"""What a world takes from triangles: hulls, what their surface encloses, fewer vertices, pieces; and what is remembered."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from simspec.meshes import cache
+from simspec.meshes import load as loading
+from simspec.meshes.closed import enclosed, merged
+from simspec.meshes.files import MeshError, MeshFile
+from simspec.meshes.load import load
+from simspec.meshes.made import MeshOptions, made
+from simspec.meshes.reading import Surface
+from simspec.meshes.reduced import reduced
+from simspec.world import frames
+from simspec.world.hull import corners, hull, vertices_of
+from simspec.world.shapes import SHAPES
+from tests.meshes.solids import BOX_FACES, box, l_profile, stl
+
+HULL = MeshOptions()
+
+
+def directions(count: int = 2000) -> np.ndarray:
+    drawn = np.random.default_rng(5).normal(size=(count, 3))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+def test_a_box_is_the_box_of_the_language():
+    points, faces = box(0.2, 0.3, 0.5)
+    mesh = made(Surface(points, faces), HULL, 4096)
+    (part,) = mesh.parts
+    assert part.pose.quaternion == (1.0, 0.0, 0.0, 0.0)
+    assert part.pose.position == pytest.approx((0.1, 0.15, 0.25), rel=1e-15)
+    n = directions()
+    row, other = SHAPES["mesh"], SHAPES["box"]
+    np.testing.assert_allclose(row.support(part.size, n), other.support((0.2, 0.3, 0.5), n), rtol=1e-14)
+    assert mesh.hull_volume == mesh.enclosed.volume == pytest.approx(0.03, rel=1e-15)
+    assert mesh.enclosed.moments == pytest.approx(
+        [0.03 * moment for moment in other.moments((0.2, 0.3, 0.5), 1.0)], rel=1e-14
+    )
+
+
+def test_unit_axes_and_mirrors_are_baked_in():
+    """The L of volume 3 in mm, its y turned up, mirrored and stretched: as the same done by hand."""
+    points, faces = l_profile()
+    scale = (1.0, -2.0, 0.5)
+    mesh = made(Surface(points, faces, 1.0, "z"), MeshOptions(0.001, "y", scale), 4096)
+    x, y, z = points.T * 0.001
+    moved = np.stack([x * scale[0], -z * scale[1], y * scale[2]], 1)
+    assert mesh.enclosed.volume == pytest.approx(3e-9, rel=1e-14)
+    assert mesh.hull_volume == pytest.approx(hull(moved[corners(moved)]).solid.volume, rel=1e-14)
+    n = directions()
+    (part,) = mesh.parts
+    turn = np.array(frames.matrix(part.pose.quaternion))
+    reach = SHAPES["mesh"].support(part.size, n @ turn) + n @ np.array(part.pose.position)
+    np.testing.assert_allclose(reach, (moved @ n.T).max(axis=0), atol=1e-17)
+
+
+def test_what_a_surface_encloses_is_exact_also_where_it_is_not_convex():
+    points, faces = l_profile()
+    other = trimesh.Trimesh(points, faces, process=False)
+    own = enclosed(*merged(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))).solid
+    assert own.volume == pytest.approx(other.volume, rel=1e-14)
+    tensor = frames.turn_inertia(own.frame.quaternion, (*own.moments, 0.0, 0.0, 0.0))
+    xx, yy, zz, xy, xz, yz = tensor
+    np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], other.moment_inertia, rtol=1e-13, atol=1e-14)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(["torus", "capsule", "annulus", "icosahedron"]),
+    place=st.tuples(*(st.floats(-3.0, 3.0) for _ in range(3))),
+    stretch=st.tuples(*(st.floats(0.05, 5.0) for _ in range(3))),
+)
+def test_masses_are_those_of_another_reader(seed, kind, place, stretch):
+    mesh = {
+        "torus": lambda: trimesh.creation.torus(1.0, 0.3, 12, 8),
+        "capsule": lambda: trimesh.creation.capsule(1.0, 0.3, count=[8, 8]),
+        "annulus": lambda: trimesh.creation.annulus(0.3, 1.0, 0.5, sections=9),
+        "icosahedron": trimesh.creation.icosahedron,
+    }[kind]()
+    mesh.apply_transform(trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3)))
+    mesh.apply_scale(stretch)
+    mesh.apply_translation(place)
+    points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    own = enclosed(*merged(points, faces))
+    assert own.solid is not None, own.why
+    other = trimesh.Trimesh(points - own.solid.frame.position, faces, process=False)
+    extent = float(np.ptp(points, axis=0).max())
+    assert own.solid.volume == pytest.approx(other.volume, rel=1e-12)
+    assert np.abs(other.center_mass).max() <= 1e-12 * (extent + np.abs(points).max())
+    xx, yy, zz, xy, xz, yz = frames.turn_inertia(own.solid.frame.quaternion, (*own.solid.moments, 0.0, 0.0, 0.0))
+    tensor = other.moment_inertia
+    np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], tensor, atol=1e-12 * np.abs(tensor).max())
+    assert made(Surface(points, faces), HULL, 4096).hull_volume >= own.solid.volume * (1.0 - 1e-12)
+
+
+def changed(**what: object) -> tuple[np.ndarray, np.ndarray]:
+    points, faces = box(1.0, 1.0, 1.0)
+    faces = faces.copy()
+    if "without" in what:
+        faces = np.delete(faces, what["without"], axis=0)
+    if "turned" in what:
+        faces[what["turned"]] = faces[what["turned"], ::-1]
+    if "again" in what:
+        faces = np.concatenate([faces, faces[what["again"]]])
+    return points, faces
+
+
+@pytest.mark.parametrize(
+    ("surface", "why"),
+    [
+        (changed(without=[3]), "it has 3 open edges"),
+        (changed(without=[0, 1]), "it has 4 open edges"),
+        (changed(turned=[3]), "its faces are wound inconsistently"),
+        (changed(turned=range(12)), "its faces are wound inwards"),
+        (changed(again=[3]), "more than two faces"),
+        (changed(again=range(12)), "18 of its edges have more than two faces"),
+    ],
+)
+def test_what_is_not_closed_has_a_hull_and_no_mass(surface, why):
+    mesh = made(Surface(*surface), HULL, 4096)
+    assert mesh.enclosed is None
+    assert why in mesh.open_because
+    assert mesh.hull_volume == pytest.approx(1.0, rel=1e-14)
+
+
+def test_a_hollow_is_taken_away_and_two_solids_are_counted():
+    points, faces = box(1.0, 1.0, 1.0)
+    hollow = np.concatenate([points, 0.25 + 0.5 * points])
+    mesh = made(Surface(hollow, np.concatenate([faces, faces[:, ::-1] + 8])), HULL, 4096)
+    assert mesh.enclosed.volume == pytest.approx(1 - 1 / 8, rel=1e-14)
+    two = np.concatenate([points, points + np.array([3.0, 0.0, 0.0])])
+    mesh = made(Surface(two, np.concatenate([faces, faces + 8])), HULL, 4096)
+    assert (mesh.surfaces, mesh.enclosed.volume) == (2, pytest.approx(2.0, rel=1e-14))
+    over = np.concatenate([points, points + np.array([0.1, 0.0, 0.0])])
+    mesh = made(Surface(over, np.concatenate([faces, faces + 8])), HULL, 4096)
+    assert "more than its hull" in mesh.open_because
+
+
+def test_corners_without_faces_and_faces_without_area_change_nothing():
+    points, faces = l_profile()
+    more = np.concatenate([points, [[9.0, 9.0, 9.0]]])
+    surface = Surface(more, np.concatenate([faces, [[0, 0, 1], [5, 5, 5]]]))
+    assert made(surface, HULL, 4096) == made(Surface(points, faces), HULL, 4096)
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "why"),
+    [
+        (box(1.0, 1.0, 1e-20)[0], HULL, "no volume"),
+        (box(1e200, 1e200, 1e200)[0], HULL, "further than"),
+        (box(1.0, 1.0, 1.0)[0], MeshOptions(scale=(1e9, 1.0, 1.0)), "further than"),
+        (box(1.0, 1.0, 1.0)[0], MeshOptions(unit=1e-120), "no solid|no volume"),
+        (box(1.0, 1.0, 1.0)[0][:1].repeat(8, axis=0), HULL, "no volume"),
+    ],
+)
+def test_what_no_solid_can_be_made_of(points, options, why):
+    with pytest.raises(MeshError) as caught:
+        made(Surface(points, BOX_FACES), options, 4096)
+    assert any(part in str(caught.value) for part in why.split("|"))
+
+
+def test_a_hull_of_too_many_vertices_asks_for_fewer():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    with pytest.raises(MeshError, match="642 vertices, more than 500; `max_vertices: 64`"):
+        made(surface, HULL, 500)
+    (part,) = made(surface, MeshOptions(max_vertices=64), 500).parts
+    assert len(part.size) == 3 * 64
+    assert part.vertices == 642
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(20, 300), most=st.integers(4, 64))
+def test_fewer_vertices_are_within_the_told_distance_and_the_same_again(seed, count, most):
+    points = np.random.default_rng(seed).normal(size=(count, 3)) * (1.0, 0.5, 2.0)
+    vertices = points[corners(points)]
+    kept, error = reduced(vertices, most)
+    again, same = reduced(vertices.copy(), most)
+    assert np.array_equal(kept, again)
+    assert error == same
+    assert len(kept) <= max(most, 4)
+    whole = {tuple(row) for row in vertices.tolist()}
+    assert {tuple(row) for row in kept.tolist()} <= whole
+    n = directions(500)
+    assert ((vertices @ n.T).max(axis=0) - (kept @ n.T).max(axis=0)).max() <= error + 1e-12
+    other = trimesh.Trimesh(kept, hull(kept).triangles, process=False)
+    _, apart, _ = trimesh.proximity.closest_point(other, vertices)
+    assert error == pytest.approx(apart.max(), abs=1e-9)
+    if len(vertices) <= most:
+        assert error == 0.0
+        assert len(kept) == len(vertices)
+
+
+def test_more_vertices_lose_less():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    vertices = np.asarray(ball.vertices)
+    errors = [reduced(vertices, most)[1] for most in (8, 16, 32, 64, 128, 642)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[3] < 0.1
+    assert errors[-1] == 0.0
+
+
+def test_pieces_fill_what_is_not_convex():
+    points, faces = l_profile()
+    if find_spec("coacd") is None:
+        with pytest.raises(MeshError, match=r"pip install 'simspec\[convex\]'"):
+            made(Surface(points, faces), MeshOptions(pieces=True), 4096)
+        return
+    mesh = made(Surface(points, faces), MeshOptions(pieces=True), 4096)
+    assert len(mesh.parts) == 2
+    volumes = [SHAPES["mesh"].volume(part.size) for part in mesh.parts]
+    assert sum(volumes) == pytest.approx(3.0, rel=0.01)
+    assert mesh.hull_volume == pytest.approx(3.5, rel=1e-14)
+    assert made(Surface(points, faces), MeshOptions(pieces=True), 4096) == mesh
+
+
+# --- the cache --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A cache folder of the test's own, and a process that remembers nothing."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(loading, "_remembered", {})
+    return tmp_path / "cache" / "simspec" / "meshes"
+
+
+def forget(monkeypatch):
+    monkeypatch.setattr(loading, "_remembered", {})
+
+
+def test_a_mesh_is_made_once(tmp_path, folder, monkeypatch):
+    path = tmp_path / "l.stl"
+    path.write_bytes(stl(*l_profile()))
+    wanted = [(path, HULL), (path, MeshOptions(unit=0.1))]
+    first = load(wanted, 4096)
+    assert len(list(folder.iterdir())) == 2
+    forget(monkeypatch)
+    monkeypatch.setattr(loading, "read_surfaces", lambda files: [1 / 0 for _ in files])
+    assert load(wanted, 4096) == first
+    with pytest.raises(ZeroDivisionError):
+        load([(path, MeshOptions(unit=0.2))], 4096)
+    path.write_bytes(stl(*box(1, 1, 1)))
+    with pytest.raises(ZeroDivisionError):
+        load(wanted, 4096)
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "renamed", "nothing", "another"])
+def test_a_damaged_entry_is_made_anew(tmp_path, folder, monkeypatch, damage):
+    path = tmp_path / "l.stl"
+    path.write_bytes(stl(*l_profile()))
+    first = load([(path, HULL)], 4096)
+    (entry,) = folder.iterdir()
+    text = entry.read_text()
+    values = json.loads(text)
+    entry.write_text(
+        {
+            "cut": text[:-20],
+            "changed": text.replace("3.5", "3.6", 1),
+            "renamed": json.dumps({**values, "key": "0" * 64}),
+            "nothing": "",
+            "another": json.dumps({**values, "simspec_mesh": 2}),
+        }[damage]
+    )
+    forget(monkeypatch)
+    assert load([(path, HULL)], 4096) == first
+    assert entry.read_text() == text or damage == "changed"
+
+
+def test_without_a_folder_it_is_only_slower(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    forget(monkeypatch)
+    path = tmp_path / "l.stl"
+    path.write_bytes(stl(*l_profile()))
+    (mesh,) = load([(path, HULL)], 4096).values()
+    assert mesh.hull_volume == pytest.approx(3.5)
+    assert cache.read("0" * 64) is None
+
+
+def test_the_key_holds_all_that_matters(tmp_path):
+    file = MeshFile(tmp_path / "a.stl", b"x")
+    keys = {
+        cache.key(file, HULL),
+        cache.key(MeshFile(tmp_path / "a.obj", b"x"), HULL),
+        cache.key(MeshFile(tmp_path / "a.stl", b"y"), HULL),
+        cache.key(MeshFile(tmp_path / "a.stl", b"x", {"b": b"1"}), HULL),
+        cache.key(MeshFile(tmp_path / "a.stl", b"x", {"b": b"2"}), HULL),
+        *(cache.key(file, MeshOptions(**one)) for one in ({"unit": 1.0}, {"up": "y"}, {"scale": (1.0, 1.0, -1.0)})),
+        *(cache.key(file, MeshOptions(**one)) for one in ({"pieces": True}, {"max_vertices": 5})),
+    }
+    assert len(keys) == 10
+    assert cache.key(MeshFile(tmp_path / "elsewhere" / "b.stl", b"x"), HULL) in keys
+
+
+def test_vertices_of_parts_are_in_the_frame_of_their_mass():
+    points, faces = l_profile()
+    (part,) = made(Surface(points, faces), HULL, 4096).parts
+    own = hull(vertices_of(part.size)).solid
+    assert np.abs(own.frame.position).max() < 1e-15
+    assert own.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)
