@@ -18,8 +18,10 @@ from simspec.control.native import natives
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
+from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed
 from simspec.world.kinematics import rigid_groups
+from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
 from simspec.world.types import Body, Hardness, HeldValue, Inertial, Joint, PairContact, ReadBack, Shape, Surface, World
 
@@ -35,17 +37,26 @@ JOINT_NUMBERS = (
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 """Level and name of the check of ``ReadBack.inventory``."""
+HULL = "shape hull"
+"""Name of the check of meshes, whose tolerance an engine may declare."""
 
 
 def compare(
-    world: World, read_back: ReadBack, rules: Rules, layers: bool, text: bool = False, accepted_cone: str | None = None
+    world: World,
+    read_back: ReadBack,
+    rules: Rules,
+    layers: bool,
+    text: bool = False,
+    accepted_cone: str | None = None,
+    hull_precision: float = 0.0,
 ) -> list[Check]:
-    """Compare ``read_back`` with ``world``; ``rules`` and ``layers`` are the engine's (see ``engines/kit/contract.py``).
+    """Compare ``read_back`` with ``world``; ``rules``, ``layers`` and ``hull_precision`` are the engine's (see
+    ``engines/kit/contract.py``).
 
     ``text`` = an independent reading of the files: everything is level L0. ``accepted_cone``: a friction cone that the spec
     accepts in place of the world's.
     """
-    return _Comparison(world, read_back, rules, layers, text, accepted_cone).run()
+    return _Comparison(world, read_back, rules, layers, text, accepted_cone, hull_precision).run()
 
 
 def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, HeldValue]) -> list[Check]:
@@ -70,12 +81,20 @@ def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, Hel
 
 class _Comparison:
     def __init__(
-        self, world: World, read_back: ReadBack, rules: Rules, layers: bool, text: bool, accepted_cone: str | None
+        self,
+        world: World,
+        read_back: ReadBack,
+        rules: Rules,
+        layers: bool,
+        text: bool,
+        accepted_cone: str | None,
+        hull_precision: float,
     ):
         self.world, self.read_back, self.rules, self.accepted_cone = world, read_back, rules, accepted_cone
         self.plan = contact_plan(world, rules, layers)
         self.tally = Tally()
         self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
+        self.hull_tolerance = self.tolerance if text else max(self.tolerance, hull_precision)
         self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
         self.surfaces: dict[tuple[str, int], dict[Surface, str]] = {}
         """Of each material in each layer the different numbers that shapes hold, each with one place."""
@@ -269,8 +288,11 @@ class _Comparison:
             self.note("geometry", "shape type", None, where, f"{len(extra)} more than the world has ({extra[0].kind})")
 
     def shape(self, shape: Shape, other: Shape, at: str) -> None:
-        largest = max(map(abs, shape.size), default=1.0)
-        self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
+        if SHAPES[shape.kind].points:
+            self.hull(shape, other, f"{at}.size")
+        else:
+            largest = max(shape.size, default=1.0)
+            self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
         away, turned = pose_difference(shape, other)
         reach = max(1.0, math.sqrt(sum(x * x for x in shape.pose.position)))
         self.note("geometry", "shape position", away / reach, f"{at}.pose", f"{other.pose.position}")
@@ -283,6 +305,13 @@ class _Comparison:
         if self.tally.equal(self.levels["geometry"], "copies of a shape", len(layers), len(other.surfaces), at):
             for layer, surface in zip(layers, other.surfaces, strict=True):
                 self.surfaces.setdefault((shape.material, layer), {}).setdefault(surface, at)
+
+    def hull(self, shape: Shape, other: Shape, at: str) -> None:
+        """Two hulls as solids: engines order and drop vertices as they like."""
+        wrong = SHAPES[other.kind].wrong_size(other.size)
+        deviation = None if wrong is not None else hull_distance(shape.size, other.size)
+        detail = wrong or f"{len(other.size) // 3} vertices, should be the hull of {len(shape.size) // 3}"
+        self.tally.add(self.levels["geometry"], HULL, self.hull_tolerance, deviation, at, detail)
 
     def pairs(self) -> None:
         """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rules, against the world's;

@@ -59,8 +59,17 @@ def _is_number(value: object) -> TypeGuard[float]:
 def unlikeness(shape: Shape, other: Shape) -> float:
     """How little two shapes of one kind resemble each other, to match shapes without names."""
     away, turned = pose_difference(shape, other)
-    sizes = distance(shape.size, other.size) if len(shape.size) == len(other.size) else math.inf
+    if SHAPES[shape.kind].points:
+        sizes = distance(_bounds(shape.size), _bounds(other.size))
+    else:
+        sizes = distance(shape.size, other.size) if len(shape.size) == len(other.size) else math.inf
     return away + turned + sizes + (0.0 if shape.name == other.name else 1e-6)
+
+
+def _bounds(points: Sequence[float]) -> tuple[float, ...]:
+    """The least and the largest x, y and z of points."""
+    columns = [points[axis::3] or (math.inf,) for axis in range(3)]
+    return (*map(min, columns), *map(max, columns))
 
 
 def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:

@@ -259,7 +259,14 @@ def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) ->
     """What the engine says it holds against the world: levels L1, L2 and L4."""
     cone, options = world.contact.friction_cone, world.options(engine.NAME)
     accepted = engine.ACCEPTED_CONES.get(cone) if f"contact.cone.{cone}" in options.accept else None
-    checks = compare(world, read_back, engine.RULES, engine.LAYERS, accepted_cone=accepted)
+    checks = compare(
+        world,
+        read_back,
+        engine.RULES,
+        engine.LAYERS,
+        accepted_cone=accepted,
+        hull_precision=engine.HULL_PRECISION,
+    )
     if Capability.INVENTORY in engine.LACKS:
         return checks
     return checks + inventory_checks(engine.expected_inventory(world, read_back.neutral), read_back.inventory)

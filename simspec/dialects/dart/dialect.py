@@ -32,7 +32,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.skel import tree
 from simspec.formats.skel.document import Document
-from simspec.formats.skel.from_world import GEOMETRY, coordinates, file_name, zero_poses
+from simspec.formats.skel.from_world import KINDS, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
@@ -86,7 +86,7 @@ class DartDialect(Dialect):
             *(Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
-        **shape_kinds("DART", ("plane", *GEOMETRY)),
+        **shape_kinds("DART", KINDS),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
         Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
         Feature.LIMIT_EFFORT: via_api(_SIDECAR),

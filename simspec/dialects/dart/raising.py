@@ -46,6 +46,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
     DART, and where document and sidecar do not fit together."""
     for complaint in skel.strangers(document):
         raise ValueError(complaint)
+    _check_meshes(document)
     elements = {body.name: body for body in _distinct(document)}
     places = {name: _needed(body.item, body.pose, "transformation") for name, body in elements.items()}
     welded = {copy.node: OWN.get(copy.body, copy.body) for copy in sidecar.copies}
@@ -69,7 +70,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
         own_nodes = {node: elements[node] for node in (name, *nodes.get(name, ()))}
         inertial = _needed(elements[name].item, elements[name].inertial, "inertia")
         bodies[entry.name] = Body(
-            entry.name, model, inertial, joint, _shapes(own_nodes, name, shapes.get(entry.name, ()))
+            entry.name, model, inertial, joint, _shapes(own_nodes, name, shapes.get(entry.name, ()), document.meshes)
         )
     _complete_joints(bodies, sidecar)
     physics = document.item
@@ -216,7 +217,20 @@ def _complete_joints(bodies: dict[str, Body], sidecar: DartSidecar) -> None:
 # --- shapes -------------------------------------------------------------------------------------------------------
 
 
-def _shapes(nodes: Mapping[str, skel.Body], own: str, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
+def _check_meshes(document: skel.Document) -> None:
+    """Raise ValueError where no shape names a mesh that is there."""
+    bodies = (body for skeleton in document.skeletons for body in skeleton.bodies)
+    named = {shape.file for body in bodies for shape in (*body.visual, *body.collision)}
+    if unused := document.meshes.keys() - named:
+        raise ValueError(f"no shape is the mesh of {', '.join(sorted(unused))}")
+
+
+def _shapes(
+    nodes: Mapping[str, skel.Body],
+    own: str,
+    entries: Sequence[ShapeEntry],
+    meshes: Mapping[str, tuple[float, ...]],
+) -> tuple[Shape, ...]:
     """The shapes of a body in the order of the sidecar, which says which of them are visual and on which nodes they are
     solid. ``nodes`` are the body's, ``own`` the name of the one that has the visual shapes."""
     solid = {name: list(node.collision) for name, node in nodes.items()}
@@ -228,13 +242,13 @@ def _shapes(nodes: Mapping[str, skel.Body], own: str, entries: Sequence[ShapeEnt
         for copy in entry.surfaces:
             if not solid.get(copy.node):
                 raise ValueError(f"node {copy.node!r} has too few collision shapes for {name!r}")
-            read.append(_shape(name, solid[copy.node].pop(0)))
+            read.append(_shape(name, solid[copy.node].pop(0), meshes))
         if entry.visual:
             if not visual:
                 raise ValueError(f"body {own!r} has too few visual shapes for {name!r}")
             element = visual.pop(0)
             red, green, blue, opacity = _needed(element.item, element.item.numbers("color", 4), "color")
-            read.append(replace(_shape(name, element), colour=(red, green, blue, opacity)))
+            read.append(replace(_shape(name, element, meshes), colour=(red, green, blue, opacity)))
         if not read:
             raise ValueError(f"shape {name!r} is neither visual nor collision")
         if any((part.kind, part.size, part.pose) != (read[0].kind, read[0].size, read[0].pose) for part in read):
@@ -247,8 +261,14 @@ def _shapes(nodes: Mapping[str, skel.Body], own: str, entries: Sequence[ShapeEnt
     return tuple(shapes)
 
 
-def _shape(name: str, shape: skel.Shape) -> Shape:
+def _shape(name: str, shape: skel.Shape, meshes: Mapping[str, tuple[float, ...]]) -> Shape:
     pose = _needed(shape.item, shape.pose, "transformation")
+    if shape.kind == "mesh":
+        if shape.file not in meshes or shape.values != {"scale": (1.0, 1.0, 1.0)}:
+            raise shape.item.refused(
+                f"the mesh {str(shape.file)[:60]!r} is missing, or is scaled, which is not read here"
+            )
+        return Shape(name, "mesh", meshes[shape.file], pose)
     if shape.kind == "plane":
         if shape.values != PLANE:
             raise shape.item.refused("is a plane that is not the x-y plane of its own frame")

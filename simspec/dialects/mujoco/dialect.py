@@ -38,7 +38,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.filter import collision_masks
-from simspec.formats.mjcf.from_world import CONES, SIZES, depth_first, keyframe
+from simspec.formats.mjcf.from_world import CONES, KINDS, depth_first, keyframe, meshes_of
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
@@ -99,7 +99,7 @@ class MujocoDialect(Dialect):
             Feature.CONTROL,
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
-        **shape_kinds("MuJoCo", ("plane", *SIZES)),
+        **shape_kinds("MuJoCo", KINDS),
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
@@ -144,6 +144,7 @@ class MujocoDialect(Dialect):
             ),
             tuple(actuators(world)),
             (keyframe(KEYFRAME, [body.joint for body, _ in order]),),
+            meshes_of(world),
         )
         in_force = dataclasses.replace(target, settings=_in_force(world, target))
         return Lowered(

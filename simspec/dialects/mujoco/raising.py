@@ -50,6 +50,10 @@ HALVED: Final[Mapping[str, tuple[bool, ...]]] = {
 CONE_NAMES: Final = {"elliptic": "elliptic", "pyramidal": "pyramid-inscribed"}
 GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
 FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
+IN_MESH: Final = {"name", "file", "inertia"}
+"""The attributes of a mesh. Others would scale, move or cut it."""
+MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
+"""Attributes of the compiler that change which file a name means."""
 IN_BODIES: Final = {"inertial", "joint", "geom", "body"}
 Meaning = TypeVar("Meaning")
 
@@ -124,6 +128,30 @@ class _Raising:
         self._position, self._velocity = keys[0].numbers("qpos"), keys[0].numbers("qvel")
         self._nq = self._nv = 0
         self._law = CommonLaw.of(self.timestep, sidecar.settings)
+        self._meshes = self._read_meshes()
+
+    def _read_meshes(self) -> dict[str, tuple[float, ...]]:
+        """The vertices of every mesh by its name."""
+        document = self._document
+        if document.section("asset") and (moved := MESH_FOLDERS & document.compiler.own.keys()):
+            raise document.compiler.refused(f"{min(moved)} is not read")
+        meshes: dict[str, tuple[float, ...]] = {}
+        files = set()
+        for item in document.section("asset"):
+            if item.tag != "mesh" or item.values.keys() != IN_MESH or item.element.children:
+                raise item.refused(
+                    f"is not read, but for meshes that have {', '.join(sorted(IN_MESH))} and nothing else"
+                )
+            name, file = item.text("name"), item.text("file")
+            if name in meshes or file not in document.meshes:
+                raise item.refused(f"a second mesh of its name, or without its file {file[:60]!r}")
+            if item.text("inertia") != "convex":
+                raise item.refused("inertia should be convex")
+            meshes[name] = document.meshes[file]
+            files.add(file)
+        if unused := document.meshes.keys() - files:
+            raise ValueError(f"{document.file}: no mesh has the files {sorted(unused)}")
+        return meshes
 
     def bodies(self) -> dict[str, Body]:
         """Every body by name, in the file's frames."""
@@ -212,7 +240,11 @@ class _Raising:
     def _shape(self, geom: Item) -> Shape:
         kind = geom.text("type")
         size: tuple[float, ...] = ()
-        if kind != "plane":
+        if ("mesh" in geom.values) != (kind == "mesh"):
+            raise geom.refused("a mesh is named by what is none, or not named")
+        if kind == "mesh":
+            size = self._hull(geom)
+        elif kind != "plane":
             if kind not in HALVED:
                 raise geom.refused(f"type is {kind[:60]!r}, which is not read")
             halved = HALVED[kind]
@@ -234,6 +266,12 @@ class _Raising:
             (red, green, blue, alpha),
             surfaces,
         )
+
+    def _hull(self, geom: Item) -> tuple[float, ...]:
+        name = geom.text("mesh")
+        if name not in self._meshes:
+            raise geom.refused(f"there is no mesh {name[:60]!r}")
+        return self._meshes[name]
 
     @staticmethod
     def _surface(item: Item, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:

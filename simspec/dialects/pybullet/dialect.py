@@ -29,7 +29,7 @@ from simspec.dialects.pybullet.trees import instance_of, robot_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.from_world import GEOMETRY, Files
+from simspec.formats.urdf.from_world import KINDS, Files
 from simspec.support.declarations import (
     EXACT,
     GATHERED,
@@ -85,7 +85,7 @@ class PybulletDialect(Dialect):
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
         Feature.TREE_SIZE: never("PyBullet supports at most 127 links besides the base in one tree"),
         Feature.TREE_DEPTH: never("PyBullet supports at most 127 links besides the base in one tree"),
-        **shape_kinds("PyBullet", (*GEOMETRY, *OWN_GEOMETRIES)),
+        **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES)),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_VISUAL: EXACT,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
@@ -15,7 +16,15 @@ from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, Pybull
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
-from simspec.formats.urdf.to_world import DEFAULT_AXIS, check_empty, inertial_of, pose_of, shapes_of, size_of
+from simspec.formats.urdf.to_world import (
+    DEFAULT_AXIS,
+    check_empty,
+    check_meshes,
+    inertial_of,
+    pose_of,
+    shapes_of,
+    size_of,
+)
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import (
@@ -62,7 +71,8 @@ Layers = list[tuple[int, tuple[Shape, ...]]]
 def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
     """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
     does not write."""
-    files = {name: _File.of(robot) for name, robot in document.robots.items()}
+    check_meshes(document)
+    files = {name: _File.of(robot, document.meshes) for name, robot in document.robots.items()}
     first: dict[str, Instance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
@@ -88,21 +98,22 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """One file: its links, the joint above each, and what each link holds of contact."""
+    """One file: its links, the joint above each, and what each link holds of contact; the meshes of its folder."""
 
     links: tuple[Link, ...]
     joints: Mapping[str, JointRead]
     surface: Mapping[str, Surface]
+    meshes: Mapping[str, tuple[float, ...]]
 
     @staticmethod
-    def of(robot: Robot) -> _File:
+    def of(robot: Robot, meshes: Mapping[str, tuple[float, ...]]) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
         for stranger in strangers(robot, WRITTEN):
             if stranger.name is not None or not _is_own(stranger.node, stranger.path):
                 what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
                 raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
-        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface)
+        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes)
 
 
 def _is_own(node: Node, path: str) -> bool:
@@ -134,7 +145,7 @@ def _surface(contact: Node) -> Surface:
     return Surface(sliding, spinning, rolling, restitution, spring)
 
 
-def _geometry(geometry: Node) -> tuple[str, tuple[float, ...]]:
+def _geometry(geometry: Node, meshes: Mapping[str, tuple[float, ...]]) -> tuple[str, tuple[float, ...]]:
     if geometry.tag == "capsule":
         return "capsule", (geometry.need_number("radius"), geometry.need_number("length"))
     if geometry.tag == "plane":
@@ -143,12 +154,13 @@ def _geometry(geometry: Node) -> tuple[str, tuple[float, ...]]:
                 f"normal={geometry.word('normal')!r} of a plane, only the z axis of its own frame is supported"
             )
         return "plane", ()
-    return size_of(geometry)
+    return size_of(geometry, meshes)
 
 
-def _shapes(link: Link, surface: Surface, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
+def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
     """The shapes of a link, in the order of ``names``."""
-    shapes = shapes_of(link, _geometry, lambda size: size[1] == NOTHING)
+    surface = file.surface[link.name]
+    shapes = shapes_of(link, partial(_geometry, meshes=file.meshes), lambda size: size[1] == NOTHING)
     if set(shapes) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
     held = {
@@ -216,7 +228,7 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
             velocity = (*velocity[:3], *frames.rotate(position[3:7], velocity[3:]))  # type: ignore[arg-type]
         name, names_in_file = instance.bodies[place], first.shapes[place]
         carried = copies.get(name, [])
-        own_shapes = _shapes(link, file.surface[link.name], names_in_file, copied=bool(carried))
+        own_shapes = _shapes(file, link, names_in_file, copied=bool(carried))
         whole = {shape.name: shape for shape in _with_copies(own_shapes, instance.layers[place], carried)}
         if set(whole) != set(names_in_file):
             raise ValueError(f"body {name!r} has the shapes {sorted(whole)}, the sidecar names {sorted(names_in_file)}")
@@ -256,7 +268,7 @@ def _copies(file: _File, carriers: Sequence[Link], first: Instance, instance: In
             raise joint.node.error(f"link {link.name!r} is not welded onto the body of its shapes, {in_file.body!r}")
         if inertial_of(link.inertial).mass:
             raise link.node.error(f"link {link.name!r} only carries shapes, and has a mass")
-        shapes = _shapes(link, file.surface[link.name], in_file.shapes)
+        shapes = _shapes(file, link, in_file.shapes)
         copies.setdefault(own.body, []).append((own.layer, shapes))
     return copies
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
@@ -11,7 +12,15 @@ from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapeP
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
 from simspec.formats.urdf.document import Joint as JointRead
-from simspec.formats.urdf.to_world import DEFAULT_AXIS, check_empty, inertial_of, pose_of, shapes_of
+from simspec.formats.urdf.to_world import (
+    DEFAULT_AXIS,
+    check_empty,
+    check_meshes,
+    inertial_of,
+    pose_of,
+    shapes_of,
+    size_of,
+)
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import (
@@ -43,6 +52,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         for stranger in strangers(robot, WRITTEN):
             what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
             raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
+    check_meshes(document)
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
     beside = {entry.shape: entry for entry in sidecar.beside}
     first: dict[str, Instance] = {}
@@ -51,7 +61,8 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         if instance.file not in document.robots:
             raise ValueError(f"the file {instance.file!r} is missing")
         pattern = first.setdefault(instance.file, instance)
-        for body in _Tree(document.robots[instance.file], pattern, instance, surfaces, beside).bodies():
+        tree = _Tree(document.robots[instance.file], document.meshes, pattern, instance, surfaces, beside)
+        for body in tree.bodies():
             bodies[body.name] = body
     if unused := document.robots.keys() - first.keys():
         raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
@@ -83,6 +94,7 @@ class _Tree:
     def __init__(
         self,
         robot: Robot,
+        meshes: Mapping[str, tuple[float, ...]],
         first: Instance,
         instance: Instance,
         surfaces: Mapping[str, Surface],
@@ -97,7 +109,7 @@ class _Tree:
             raise ValueError(f"{instance.file}: two instances have other links")
         if not instance.free:
             check_empty(robot.links[0])
-        self._links, self._first, self._instance = own, first, instance
+        self._links, self._first, self._instance, self._meshes = own, first, instance, meshes
         self._joints = {joint.child: joint for joint in robot.joints}
         self._own_name = dict(zip(first.bodies, instance.bodies, strict=True))
         self._surfaces, self._beside = surfaces, beside
@@ -137,7 +149,7 @@ class _Tree:
 
     def _shapes(self, place: int, link: Link) -> tuple[Shape, ...]:
         """The shapes of a body, in the sidecar's order: of the file, or of the sidecar itself."""
-        in_file = shapes_of(link)
+        in_file = shapes_of(link, partial(size_of, meshes=self._meshes))
         names, own = self._first.shapes[place], self._instance.shapes[place]
         materials = self._instance.materials[place]
         whole = []

@@ -172,6 +172,7 @@ class Dart(SimulatedEngine[Simulation]):
         ),
         Feature.SHAPE_CAPSULE: _shape("capsule", f"with detector dart, on planes with ode; {_DETECTORS}"),
         Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
+        Feature.SHAPE_MESH: _shape("mesh", f"seen, and in contacts that are accepted; {_DETECTORS}"),
         Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART treats it as zero"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,11 @@ SHAPE_KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
 }
 """DART's shape types, and what gives the size of each."""
 
+MESH = "MeshShape"
+"""DART's type of a mesh. It does not tell the vertices: they are those of the file that it names, which must have the box that it
+tells of its own."""
+BOX_TOLERANCE = 1e-6
+"""Share of a mesh's extent by which that box may be off: DART keeps single precision."""
 COPY_TOLERANCE = 1e-12
 """How far a node may be from the one it is welded to: the tolerance of text, proof level L0. DART computes the weld's place
 from the two nodes' own, to the last bit."""
@@ -137,15 +143,31 @@ def _joint(sim: Simulation, joint: Any, index: int, q: np.ndarray, v: np.ndarray
     )
 
 
-def _shape(node: Any) -> Shape:
+def _mesh(sim: Simulation, held: Any) -> tuple[float, ...]:
+    """The vertices of a mesh, scaled as DART scales them."""
+    name = Path(held.getMeshPath()).relative_to(sim.folder).as_posix()
+    vertices = np.array(sim.meshes[name]).reshape(-1, 3) * np.ravel(held.getScale())
+    box = held.getBoundingBox()
+    low, high = np.ravel(box.getMin()), np.ravel(box.getMax())
+    apart = max(np.abs(low - vertices.min(axis=0)).max(), np.abs(high - vertices.max(axis=0)).max())
+    if apart > BOX_TOLERANCE * np.abs(vertices).max():
+        raise EngineError(NAME, f"holds another mesh than {name!r}: its box is {apart:g} m off")
+    return tuple(vertices.ravel().tolist())
+
+
+def _shape(sim: Simulation, node: Any) -> Shape:
     held = node.getShape()
-    if held.getType() not in SHAPE_KINDS:
+    if held.getType() == MESH:
+        kind, size = "mesh", _mesh(sim, held)
+    elif held.getType() in SHAPE_KINDS:
+        kind, size_of = SHAPE_KINDS[held.getType()]
+        size = size_of(held)
+    else:
         raise EngineError(NAME, f"holds the shape {node.getName()!r} as {held.getType()}, unknown here")
-    kind, size_of = SHAPE_KINDS[held.getType()]
     pose = _pose(node.getRelativeTransform())
     if kind == "plane" and (_vector(held.getNormal()) != (0.0, 0.0, 1.0) or held.getOffset() != 0.0):
         raise EngineError(NAME, f"the plane {node.getName()!r} is not the x-y plane of its frame")
-    shape = Shape("", kind, size_of(held), pose, collision=False, visual=False)
+    shape = Shape("", kind, size, pose, collision=False, visual=False)
     if node.hasVisualAspect():
         colour = node.getVisualAspect().getRGBA().tolist()
         shape = dataclasses.replace(shape, visual=True, colour=tuple(colour))
@@ -168,8 +190,8 @@ def _shapes(sim: Simulation, index: int, given: list[tuple[int, ShapeEntry]]) ->
         place = _place_on(node, own)
         for one in collision_nodes(node):
             number, _ = sim.nodes.copy(one)
-            copies.setdefault(number, []).append(_moved(_shape(one), place))
-    seen = [_shape(one) for one in shape_nodes(own) if one.hasVisualAspect()]
+            copies.setdefault(number, []).append(_moved(_shape(sim, one), place))
+    seen = [_shape(sim, one) for one in shape_nodes(own) if one.hasVisualAspect()]
     if len(seen) != sum(entry.visual for _, entry in given):
         return (*(shape for held in copies.values() for shape in held), *seen)
     found: list[Shape] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
 from simspec.engines.kit.captured import captured
 from simspec.errors import EngineError
+from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.skel.format import WORLD
 from simspec.formats.skel.reading import without_visual_shapes
 from simspec.world.rotations import exponential_of, multiply_of
@@ -26,6 +28,10 @@ option that it returns is a copy)."""
 
 MOST_DETECTED = 1_000_000
 """Contacts that one detection outside a step may find: a probe brings many pairs together at once."""
+
+MESH_NAME = re.compile(r"<file_name>([^<]*)</file_name>")
+NOT_IN_URI = {"#", "?"}
+"""Letters of a path by which DART does not find a file: it makes a URI of the path, and does not escape them (measured)."""
 
 ZERO_MASS = "A negative or zero mass [0]"
 """DART warns of bodies without mass, which simspec has only where they cannot move: that is no news."""
@@ -54,7 +60,9 @@ class Simulation:
         self.log: list[str] = []
         self.apart: list[tuple[str, str]] = []
         """The pairs of nodes that DART was told to keep from touching; it does not tell them again."""
-        self._folder, self._blind = folder, False
+        self.folder, self._blind = folder, False
+        self.meshes: Mapping[str, tuple[float, ...]] = {}
+        """The vertices (flat, m) of the files of meshes, by relative path."""
         self.world = self._read(folder / WORLD, pictures)
         self._check_detector()
         with captured(sys.stderr, self.log, (ZERO_MASS,)):
@@ -87,21 +95,38 @@ class Simulation:
         text = path.read_text(encoding="utf-8")
         if not pictures:
             text, self._blind = without_visual_shapes(text)
+        named = set(MESH_NAME.findall(text))
+        if named:
+            self._read_meshes(path.parent, named)
+        base = self.dartpy.common.Uri.createFromPath(str(path)) if named else self.dartpy.common.Uri()
         try:
             with captured(sys.stderr, self.log, (ZERO_MASS,)):
-                world = self.dartpy.utils.SkelParser.readWorldXML(text)
+                world = self.dartpy.utils.SkelParser.readWorldXML(text, base)
         except (RuntimeError, ValueError) as error:
             raise EngineError(NAME, f"refuses {WORLD}: {error}") from error
         if world is None:
             raise EngineError(NAME, f"refuses {WORLD}: {' '.join(self.log) or 'no reason given'}")
         return world
 
+    def _read_meshes(self, folder: Path, named: set[str]) -> None:
+        """The meshes that a file names. DART takes whatever surface it finds for a solid, and crashes where it finds none
+        (measured)."""
+        unfit = sorted(NOT_IN_URI & set(str(folder)))
+        if unfit:
+            raise EngineError(NAME, f"does not support meshes in a folder whose path contains {' or '.join(unfit)}")
+        try:
+            self.meshes = read_meshes(folder)
+        except ValueError as error:
+            raise EngineError(NAME, str(error)) from error
+        if missing := sorted(named - self.meshes.keys()):
+            raise EngineError(NAME, f"{WORLD} names the mesh {missing[0][:60]!r}, which is missing")
+
     def whole(self) -> Simulation:
         """The files as they are, visual-only shapes included, in their initial state; what DART says of those goes into the
         log."""
         if not self._blind:
             return self
-        found = Simulation(self._folder, self.sidecar, pictures=True)
+        found = Simulation(self.folder, self.sidecar, pictures=True)
         self.log.extend(line for line in found.log if line not in self.log)
         return found
 

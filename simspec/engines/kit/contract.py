@@ -57,6 +57,9 @@ class Engine:
     """Moving bodies of a contact probe in one world, where a step's time grows faster than their number; None: all."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
     """Speed (m/s, rad/s) of a joint with dry friction that its solver may leave or miss, whatever the friction is."""
+    HULL_PRECISION: ClassVar[float] = 0.0
+    """Share of its extent by which a convex hull that it holds may differ from the vertices that it was told, where it keeps
+    fewer digits of them; measured. 0: it keeps doubles."""
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {}
     """The friction cone that it may hold in place of another, where the spec accepts that (``accept: [contact.cone.X]``)."""
     UNREADABLE: ClassVar[Mapping[str, str]] = {}

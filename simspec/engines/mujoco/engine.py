@@ -21,7 +21,7 @@ from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
-from simspec.formats.mjcf.from_world import SIZES
+from simspec.formats.mjcf.from_world import KINDS
 from simspec.support.declarations import (
     NO_CONSTRAINTS_YET,
     Level,
@@ -73,7 +73,7 @@ class MuJoCo(MujocoSimulation):
             *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
-        **shape_kinds("MuJoCo", ("plane", *SIZES)),
+        **shape_kinds("MuJoCo", KINDS),
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
             "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",

@@ -165,6 +165,7 @@ class _Expected:
             "nactuator": servos,
             "nout": servos,
             "nkey": 1,
+            "nmesh": len(self._hulls),
             "nuser_jnt": 2,
         }
         own = {name: value for name, value in self.neutral.items() if name.startswith("count.")}
@@ -230,10 +231,17 @@ class _Expected:
     def _directions(held: Surface | PairContact) -> int:
         return 6 if held.rolling_friction else 4 if held.torsional_friction else 3 if held.friction else 1
 
+    @functools.cached_property
+    def _hulls(self) -> list[tuple[float, ...]]:
+        """The distinct meshes, in the order in which the file has them."""
+        shapes = (shape for body in self.world.bodies for shape in body.shapes)
+        return list(dict.fromkeys(shape.size for shape in shapes if shape.kind == "mesh"))
+
     def _geom(self, shape: Any) -> dict[str, Any]:
+        mesh = {f"geom.{shape.name}.dataid": self._hulls.index(shape.size)} if shape.kind == "mesh" else {}
         held = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
         solref, solimp = self._reference(held, 1.0, False, self.settings)
-        return {
+        return mesh | {
             f"geom.{shape.name}.condim": self._directions(held),
             f"geom.{shape.name}.friction": (
                 held.friction or 0.0,

@@ -37,7 +37,7 @@ UNREADABLE = {
 
 JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
 """MuJoCo's mjtJoint numbers."""
-SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
 """MuJoCo's mjtGeom numbers."""
 HALVED = {
     "sphere": (False,),
@@ -176,10 +176,15 @@ class _ReadBack:
     def _shape(self, geom: int) -> Shape:
         model = self._model
         kind = SHAPE_KINDS[int(model.geom_type[geom])]
-        size = tuple(
-            2.0 * value if halved else value
-            for value, halved in zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
-        )
+        pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
+        if kind == "mesh":
+            size, place = self._hull(int(model.geom_dataid[geom]))
+            pose = frames.compose(pose, frames.inverse(place))
+        else:
+            size = tuple(
+                2.0 * value if halved else value
+                for value, halved in zip(model.geom_size[geom].tolist(), HALVED[kind], strict=False)
+            )
         collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
         surfaces: tuple[Surface, ...] = ()
         if collides:
@@ -192,13 +197,27 @@ class _ReadBack:
             self._names["GEOM"][geom],
             kind,
             size,
-            _pose(model.geom_pos[geom], model.geom_quat[geom]),
+            pose,
             "",
             collides,
             int(model.geom_group[geom]) in VISIBLE_GROUPS,
             (red, green, blue, alpha),
             surfaces,
         )
+
+    def _hull(self, mesh: int) -> tuple[tuple[float, ...], Pose]:
+        """The vertices that contact is computed with, in the frame of the file, and where in that frame MuJoCo has put the
+        mesh's: its centre of mass and principal axes. Of a mesh that nothing touches there is no hull: all vertices count."""
+        model = self._model
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
+        if model.mesh_graphadr[mesh] >= 0:
+            graph = model.mesh_graph[int(model.mesh_graphadr[mesh]) :]
+            corners = int(graph[0])
+            vertices = vertices[graph[2 + corners : 2 + 2 * corners]]
+        place = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])
+        in_file = vertices @ np.array(frames.matrix(place.quaternion)).T + place.position
+        return tuple(in_file.ravel().tolist()), place
 
     def _servos(self) -> tuple[HeldServo, ...]:
         """The actuators, of which each must be a position or velocity controller of one joint."""

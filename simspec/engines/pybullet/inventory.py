@@ -7,13 +7,13 @@ solver's numbers, the collision masks and flags of every link), and the calls ma
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from simspec.engines.kit.expected_filter import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.engines.pybullet.bullet_file import Block, plain, read_blocks
+from simspec.engines.pybullet.bullet_file import Block, plain
+from simspec.engines.pybullet.dump import COLLIDER, colliders, dump, dump_of
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import Tree
 from simspec.engines.pybullet.turns import told_turn
@@ -22,34 +22,6 @@ from simspec.scratch import scratch_folder
 from simspec.world import frames
 from simspec.world.types import HeldValue
 
-COLLIDER: Mapping[str, str] = {
-    "contactProcessingThreshold": "",
-    "anisotropicFriction": "",
-    "hitFraction": "",
-    "ccdSweptSphereRadius": "",
-    "ccdMotionThreshold": "",
-    "hasAnisotropicFriction": "",
-    "collisionFlags": "",
-    "internalType": "",
-    "checkCollideWith": "",
-    "collisionFilterGroup": "in apart.LINK",
-    "collisionFilterMask": "in apart.LINK",
-    "friction": "a surface of the read-back, from getDynamicsInfo",
-    "rollingFriction": "a surface of the read-back, from getDynamicsInfo",
-    "restitution": "a surface of the read-back, from getDynamicsInfo",
-    "contactStiffness": "a surface of the read-back, from getDynamicsInfo",
-    "contactDamping": "a surface of the read-back, from getDynamicsInfo",
-    "worldTransform": "state, compared by poses",
-    "interpolationWorldTransform": "state of the last step",
-    "interpolationLinearVelocity": "state of the last step",
-    "interpolationAngularVelocity": "state of the last step",
-    "deactivationTime": "state",
-    "activationState1": "state; whether a body may sleep is in the calls",
-    "islandTag1": "state",
-    "companionId": "state",
-    "uniqueId": "a label",
-}
-"""Members of a collider in the dump: "" = in the inventory, else why not."""
 WORLD: Mapping[str, str] = {
     "solverInfo.timeStep": "of the last step; the timestep is a field of the read-back",
     "gravity": "a field of the read-back",
@@ -84,7 +56,6 @@ OF_THE_READ_BACK: Mapping[str | None, set[str]] = {"fixed": set(), "ball": {"dam
 """Which of these are fields of the read-back, by the kind of joint; of other kinds all are."""
 ROUND = {8, 10}
 """Bullet's numbers of spheres and capsules, whose margin is their radius."""
-STATE = frozenset(name for name, why in COLLIDER.items() if why.startswith("state"))
 UNCOUNTED = {"SHAP", "ARAY", "CONT", "CHAR", "MBDY", "MBLC"}
 """Blocks of the dump that are not counted: parts of others, contacts of the moment, and what has entries of its own."""
 NEUTRAL = """<robot name="neutral">
@@ -118,11 +89,11 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
-    blocks = _dump(sim)
+    blocks = dump(sim)
     found.update(_world(blocks))
     masks = {}
     margins = _Margins(blocks)
-    for key, shape, collider in _colliders(sim, blocks):
+    for key, shape, collider in colliders(sim, blocks):
         if key not in names:
             raise EngineError("pybullet", f"holds a link {key} that the sidecar does not name")
         if not p.getCollisionShapeData(*key, physicsClientId=client):
@@ -146,8 +117,8 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
         with scratch_folder("bullet") as place:
             (place / "neutral.urdf").write_text(NEUTRAL, encoding="utf-8")
             uid = p.loadURDF(str(place / "neutral.urdf"), physicsClientId=client)
-            found = _world(_dump_of(p, client, place))
-            blocks = _dump_of(p, client, place)
+            found = _world(dump_of(p, client, place))
+            blocks = dump_of(p, client, place)
         for block in (block for block in blocks if block.code == "MBLC"):
             for row in block.rows:
                 kind = "base" if int(row["m_link"]) < 0 else "link"
@@ -177,20 +148,6 @@ def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
     return found
 
 
-def _dump(sim: Simulation) -> list[Block]:
-    with scratch_folder("bullet") as place:
-        return _dump_of(sim.bullet, sim.client, place)
-
-
-def _dump_of(bullet: Any, client: int, folder: Path) -> list[Block]:
-    path = folder / "world.bullet"
-    bullet.saveBullet(str(path), physicsClientId=client)
-    try:
-        return read_blocks(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise EngineError("pybullet", f"its dump of the world cannot be read: {error}") from error
-
-
 def _world(blocks: Iterable[Block]) -> dict[str, HeldValue]:
     """The solver's numbers, and how many things there are of each kind."""
     found: dict[str, HeldValue] = {}
@@ -202,22 +159,6 @@ def _world(blocks: Iterable[Block]) -> dict[str, HeldValue]:
         if block.code not in UNCOUNTED:
             found[f"count.{block.code}"] = int(found.get(f"count.{block.code}", 0)) + len(block.rows)  # type: ignore[arg-type]
     return found
-
-
-def _colliders(sim: Simulation, blocks: list[Block]) -> Iterator[tuple[tuple[int, int], int, dict[str, Any]]]:
-    """Every collider of the dump: the id of its tree and its link, the address of its shape, and its members."""
-    bodies = [block.address for block in blocks if block.code == "MBDY"]
-    if len(bodies) != len(sim.trees):
-        raise EngineError("pybullet", f"holds {len(bodies)} bodies of links, {len(sim.trees)} were loaded")
-    tree_of = {address: tree.uid for address, tree in zip(bodies, sim.trees, strict=True)}
-    for block in blocks:
-        if block.code == "MBLC":
-            for row in block.rows:
-                uid = tree_of.get(int(row["m_multiBody"]))
-                if uid is None:
-                    raise EngineError("pybullet", "holds a collider of no body")
-                held = row["m_colObjData"]
-                yield (uid, int(row["m_link"])), int(held["m_collisionShape"]), plain(held, STATE)
 
 
 class _Margins:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.carriers import own_solid
+from simspec.engines.pybullet.dump import colliders, dump
 from simspec.engines.pybullet.efforts import Efforts
+from simspec.engines.pybullet.meshes import Hulls, Points, alike
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
 from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
+from simspec.formats.kit.mesh_reading import read_triangles
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface
 
-SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 6: "plane", 7: "capsule"}
+SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
 
 UP = (0.0, 0.0, 1.0)
 """Normal of a plane in its own frame; the world has no other, and turns the frame."""
 
+HeldHulls = Mapping[tuple[int, int], Sequence[Points]]
 SAME_SHAPE = 1e-9
 """Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
 printed from one, so that only round-off (1e-15) can stand between them."""
@@ -34,6 +38,7 @@ printed from one, so that only round-off (1e-15) can stand between them."""
 def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     """The model and its present state as PyBullet holds them."""
     q, v = sim.get_state()
+    hulls = _held_hulls(sim)
     bodies: dict[int, Body] = {}
     for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         frames_in_tree = _inertial_frames(sim, tree)
@@ -56,7 +61,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
                 instance.model,
                 Inertial(float(sim.mass[link.index]), centre, tensor(moments, link.turn)),
                 joint,
-                _body_shapes(sim, tree, instance, position, visuals.get(link.link, [])),
+                _body_shapes(sim, tree, instance, position, visuals.get(link.link, []), hulls),
             )
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
@@ -147,19 +152,38 @@ def _size(kind: str, dimensions: tuple[float, ...]) -> tuple[float, ...]:
     return (dimensions[1], dimensions[0])  # cylinder and capsule: PyBullet has the length first
 
 
+def _held_hulls(sim: Simulation) -> HeldHulls:
+    """The hulls that PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order."""
+    shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _told(sim, tree, link))
+    if not any(_kind(shape[2]) == "mesh" for shape in shapes):
+        return {}
+    blocks = dump(sim)
+    held = Hulls(blocks)
+    return {key: held.of(address) for key, address, _ in colliders(sim, blocks)}
+
+
+def _links(sim: Simulation, tree: Tree) -> range:
+    return range(-1, sim.bullet.getNumJoints(tree.uid, physicsClientId=sim.client))
+
+
+def _told(sim: Simulation, tree: Tree, link: int) -> Sequence[Any]:
+    told: Sequence[Any] = sim.bullet.getCollisionShapeData(tree.uid, link, physicsClientId=sim.client)
+    return told
+
+
 def _body_shapes(
-    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape]
+    sim: Simulation, tree: Tree, instance: Instance, position: int, visuals: list[Shape], hulls: HeldHulls
 ) -> tuple[Shape, ...]:
     """The shapes of a body: those of its own link, and those that links of their own carry, each once with a surface for
     every copy, in the order of layers."""
     names, visual_only = instance.shapes[position], instance.visual_only[position]
     carried = [
-        (copy.layer, copy.shapes, _solid(sim, tree, link))
+        (copy.layer, copy.shapes, _solid(sim, tree, link, hulls))
         for (link, _), copy in zip(tree.copies, instance.copies, strict=True)
         if copy.body == instance.bodies[position]
     ]
     others = {name for _, some, _ in carried for name in some}
-    own = _solid(sim, tree, tree.links[position].link)
+    own = _solid(sim, tree, tree.links[position].link, hulls)
     solid = [name for index, name in enumerate(names) if index not in visual_only]
     layer = instance.layers[position] if carried else 0
     copies = [(layer, own_solid(instance, position), own), *carried]
@@ -179,19 +203,23 @@ def _body_shapes(
     return _named(tuple(shapes), names, visual_only)
 
 
-def _solid(sim: Simulation, tree: Tree, link: int) -> list[Shape]:
+def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Shape]:
     """The collision shapes of one link, without names, with the link's surface."""
     p, client = sim.bullet, sim.client
     info = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
     inertial = Pose(tuple(info[3]), told_turn(info[4]))
     surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
-    for entry in p.getCollisionShapeData(tree.uid, link, physicsClientId=client):
+    left = list(hulls.get((tree.uid, link), ()))
+    for entry in _told(sim, tree, link):
         kind = _kind(entry[2])
+        if kind == "mesh" and not left:
+            raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")
+        size = tuple(left.pop(0).ravel().tolist()) if kind == "mesh" else _size(kind, entry[3])
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
         pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
-        found.append(Shape("", kind, _size(kind, entry[3]), pose, visual=False, surfaces=(surface,)))
+        found.append(Shape("", kind, size, pose, visual=False, surfaces=(surface,)))
     return found
 
 
@@ -239,7 +267,7 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
         kind = _kind(entry[2])
         pose = Pose(tuple(entry[5]), told_turn(entry[6]))
-        size = _size(kind, entry[3])
+        size = _seen_mesh(sim, entry) if kind == "mesh" else _size(kind, entry[3])
         if kind != "plane" and not any(size):
             continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes
         shape = Shape("", kind, size, pose, collision=False, colour=tuple(entry[7]))
@@ -247,11 +275,24 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     return found
 
 
+def _seen_mesh(sim: Simulation, entry: Any) -> tuple[float, ...]:
+    """The vertices in the file that PyBullet names, as it scales them: of what is only seen it tells nothing else."""
+    file = f"{entry[4].decode().removesuffix('.stl')}.obj"
+    try:
+        vertices, _ = read_triangles(sim.folder, file)
+    except (ValueError, FileNotFoundError) as error:
+        raise EngineError("pybullet", f"shows the mesh {entry[4]!r}: {error}") from error
+    return tuple((vertices * np.array(entry[3])).ravel().tolist())
+
+
 def _same(one: Shape, other: Shape) -> bool:
-    return one.kind == other.kind and bool(
+    if one.kind != other.kind or (one.kind == "mesh" and not alike(one.size, other.size)):
+        return False
+    sizes = ((), ()) if one.kind == "mesh" else (one.size, other.size)
+    return bool(
         np.allclose(
-            (*one.size, *one.pose.position, *np.abs(one.pose.quaternion)),
-            (*other.size, *other.pose.position, *np.abs(other.pose.quaternion)),
+            (*sizes[0], *one.pose.position, *np.abs(one.pose.quaternion)),
+            (*sizes[1], *other.pose.position, *np.abs(other.pose.quaternion)),
             rtol=SAME_SHAPE,
             atol=SAME_SHAPE,
         )

@@ -13,6 +13,7 @@ from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.captured import captured
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
+from simspec.engines.pybullet.meshes import with_stl
 from simspec.engines.pybullet.sleeping import Sleepers
 from simspec.engines.pybullet.trees import Loader, rub
 from simspec.engines.pybullet.turns import told_turn
@@ -75,8 +76,10 @@ class Simulation:
         self.offsets = np.array([body.frame_offset for body in sidecar.bodies], dtype=float).reshape(-1, 3)
         self._lay_out()
         self._set_parameters(sidecar)
-        loader = Loader(self.bullet, self.client, self.settings, self.names, self.kinds, self._q, self._v)
-        self.trees = tuple(loader.load(folder, instance) for instance in sidecar.instances)
+        self.folder = folder
+        with with_stl(folder) as place:
+            loader = Loader(self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v)
+            self.trees = tuple(map(loader.load, sidecar.instances))
         self.carriers = carriers(self.trees, sidecar.instances)
         self.unit = {link: number for number, link in enumerate(self.carriers)}
         self.body_index = {link: body for link, (body, _) in self.carriers.items()}

@@ -47,7 +47,7 @@ class Tree:
 
 
 class Loader:
-    """Loads trees into a client.
+    """Loads trees into a client, from ``folder``.
 
     ``names``, ``kinds``, ``q``, ``v``: of the world's bodies, with their slices of the coordinates.
     """
@@ -56,20 +56,21 @@ class Loader:
         self,
         bullet: Any,
         client: int,
+        folder: Path,
         settings: Mapping[str, Any],
         names: Sequence[str],
         kinds: Sequence[str],
         q: Sequence[slice],
         v: Sequence[slice],
     ):
-        self.bullet, self.client, self.settings = bullet, client, settings
+        self.bullet, self.client, self.folder, self.settings = bullet, client, folder, settings
         self.kinds, self._q, self._v = kinds, q, v
         self.place = {name: index for index, name in enumerate(names)}
         self._file_links: dict[str, list[str]] = {}
 
-    def load(self, folder: Path, instance: Instance) -> Tree:
+    def load(self, instance: Instance) -> Tree:
         """One tree. Raises EngineError where PyBullet refuses the file or holds another tree than the sidecar says."""
-        p, path = self.bullet, folder / instance.file
+        p, path = self.bullet, self.folder / instance.file
         if not path.is_file():
             raise EngineError("pybullet", f"the file {instance.file!r} is missing")
         base = instance.base

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from simspec.formats.kit.text import finite_numbers
 from simspec.formats.kit.xml_elements import Element
@@ -120,6 +120,8 @@ class Document:
     """Classes that are asked for and are not here: only where there are includes."""
     unknown: tuple[Element, ...]
     """Elements of names that the language, as known here, does not have there; they stay in ``root`` and in their place."""
+    meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
 
     def section(self, name: str) -> tuple[Item, ...]:
         """What stands in a section; nothing where it is not there."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.mesh_reading import read_meshes
+from simspec.formats.kit.meshes import mesh_files
 from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.mjcf.document import Document
@@ -28,13 +31,14 @@ class Mjcf(Format):
     SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: Any) -> dict[str, str]:
-        """``model.xml`` of a Model (``tree.py``). Raises ValueError for numbers that are not finite, and for
-        bodies that are not listed depth first."""
+        """``model.xml`` of a Model (``tree.py``), and the files of its meshes. Raises ValueError for numbers that are not
+        finite, and for bodies that are not listed depth first."""
         if not isinstance(tree, Model):
             raise TypeError(f"{type(tree).__name__} is not a Model of MJCF")
         flags = tuple((name, "enable" if on else "disable") for name, on in tree.flags)
         template = environment().get_template("mjcf/model.xml.j2")
-        return {MODEL: template.render(model=tree, flags=flags, events=_events(tree.bodies))}
+        text = template.render(model=tree, flags=flags, events=_events(tree.bodies))
+        return {MODEL: text, **mesh_files(mesh.vertices for mesh in tree.meshes)}
 
     def plain(self, world: World) -> Plain:
         """``model.xml`` in the language's own words. Raises UnsupportedError for joints that the language refuses."""
@@ -42,11 +46,12 @@ class Mjcf(Format):
         return Plain(self.write(model), losses(world, SUPPORT, more))
 
     def read(self, folder: Path) -> Document:
-        """The document of ``model.xml`` in ``folder``; files that it includes are not read.
+        """The document of ``model.xml`` in ``folder``, with the files of meshes below it; files that it includes are not read.
 
-        Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no MJCF.
+        Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no MJCF,
+        or a mesh is no convex hull.
         """
-        return read_document(folder / MODEL)
+        return dataclasses.replace(read_document(folder / MODEL), meshes=read_meshes(folder))
 
 
 def _events(bodies: tuple[Body, ...]) -> Iterator[tuple[str, Body | None]]:

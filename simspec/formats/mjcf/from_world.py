@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from simspec.formats.kit.meshes import hulls_of, mesh_file, mesh_name
 from simspec.formats.kit.passes import principal_axes
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.names import file_name
-from simspec.formats.mjcf.tree import Inertial, Key, Value
+from simspec.formats.mjcf.tree import Attributes, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
@@ -29,6 +30,11 @@ SIZES: Final[Mapping[str, tuple[float, ...]]] = {
     "ellipsoid": (1.0, 1.0, 1.0),
 }
 """What each number of ``Shape.size`` is multiplied with: MJCF has half lengths."""
+KINDS: Final = ("plane", *SIZES, "mesh")
+"""The kinds of shapes that the language has."""
+MESH: Final[Attributes] = (("inertia", "convex"),)
+"""Of every mesh. Masses are stated of bodies: this gives the frame that the vertices are moved to, by the one method that does
+not depend on how round-off to single precision turns a face."""
 PLANE_SIZE: Final = (0.0, 0.0, 1.0)
 """Infinite in x and y; the third number is the spacing of a viewer's grid."""
 
@@ -65,10 +71,17 @@ def inertial_of(body: Body) -> Inertial | None:
     return Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
 
 
+def meshes_of(world: World) -> tuple[Mesh, ...]:
+    """The meshes of a world, each distinct hull once."""
+    return tuple(Mesh(mesh_name(hull), mesh_file(hull), hull, MESH) for hull in hulls_of(world))
+
+
 def size_of(shape: Shape) -> tuple[float, ...]:
-    """The numbers of ``size``."""
+    """The numbers of ``size``; none of a mesh."""
     if shape.kind == "plane":
         return PLANE_SIZE
+    if shape.kind == "mesh":
+        return ()
     return tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
 
 
@@ -91,8 +104,9 @@ def body_of(
 
 def geom_of(shape: Shape, class_name: str, more: tree.Attributes) -> tree.Geom:
     """A shape of the class ``class_name``, with further attributes."""
+    mesh = mesh_name(shape.size) if shape.kind == "mesh" else ""
     return tree.Geom(
-        shape.name, shape.kind, size_of(shape), shape.pose.position, shape.pose.quaternion, class_name, more
+        shape.name, shape.kind, size_of(shape), shape.pose.position, shape.pose.quaternion, class_name, more, mesh
     )
 
 

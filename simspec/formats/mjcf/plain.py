@@ -19,13 +19,14 @@ from simspec.formats.mjcf.filter import Kind, collision_masks
 from simspec.formats.mjcf.from_world import (
     CONES,
     GROUPS,
-    SIZES,
+    KINDS,
     body_of,
     depth_first,
     dimensions,
     geom_of,
     joint_attributes,
     keyframe,
+    meshes_of,
 )
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
@@ -68,7 +69,7 @@ SUPPORT: Final[Table] = {
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
         *(Feature.GRAVITY, Feature.TIMESTEP),
     ),
-    **shape_kinds("MJCF", ("plane", *SIZES)),
+    **shape_kinds("MJCF", KINDS),
     Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
     Feature.INITIAL_POSITION: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
     Feature.INITIAL_VELOCITY: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
@@ -124,6 +125,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         ),
         actuators=tuple(_actuators(world)),
         keys=(keyframe(KEYFRAME, [body.joint for body, _ in order]),),
+        meshes=meshes_of(world),
     )
     return model, tuple(_more(world, unlike_rule if too_many else []))
 

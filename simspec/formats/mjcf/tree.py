@@ -35,8 +35,19 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class Mesh:
+    """A convex hull: its name, its ``vertices`` (flat, m) as they stand in a file of their own, called ``file``."""
+
+    name: str
+    file: str
+    vertices: tuple[float, ...]
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Geom:
-    """A shape. ``class_name``: the class of defaults that it takes; empty: its body's."""
+    """A shape. ``class_name``: the class of defaults that it takes; empty: its body's. ``mesh``: the mesh that it is, which has
+    no ``size``."""
 
     name: str
     type: str
@@ -45,6 +56,7 @@ class Geom:
     orientation: Quaternion
     class_name: str = ""
     more: Attributes = ()
+    mesh: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,3 +133,4 @@ class Model:
     excludes: tuple[Exclude, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     keys: tuple[Key, ...] = ()
+    meshes: tuple[Mesh, ...] = ()

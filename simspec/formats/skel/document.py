@@ -7,7 +7,7 @@ stands in the file; :func:`strangers` finds all that is not of the language as i
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from simspec.formats.kit.text import finite_numbers
@@ -32,6 +32,7 @@ _LEAVES = (
         "init_pos",
         "init_vel",
     ),
+    *("file_name", "scale"),
 )
 LANGUAGE: Final[Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]] = {
     "skel": (("version",), {"world": ONCE}),
@@ -49,13 +50,14 @@ LANGUAGE: Final[Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]] = {
     "moment_of_inertia": ((), dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), ONCE)),
     "visualization_shape": _SHAPE,
     "collision_shape": _SHAPE,
-    "geometry": ((), dict.fromkeys(("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane"), ONCE)),
+    "geometry": ((), dict.fromkeys(("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "mesh"), ONCE)),
     "sphere": ((), {"radius": ONCE}),
     "box": ((), {"size": ONCE}),
     "cylinder": ((), {"radius": ONCE, "height": ONCE}),
     "capsule": ((), {"radius": ONCE, "height": ONCE}),
     "ellipsoid": ((), {"size": ONCE}),
     "plane": ((), {"normal": ONCE, "offset": ONCE}),
+    "mesh": ((), {"file_name": ONCE, "scale": ONCE}),
     "joint": (
         ("type", "name"),
         dict.fromkeys(("transformation", "parent", "child", "axis", "init_pos", "init_vel"), ONCE),
@@ -130,13 +132,15 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A shape with its pose in the body; ``kind`` is the tag of its geometry, ``values`` the numbers in that by their tags."""
+    """A shape with its pose in the body; ``kind`` is the tag of its geometry, ``values`` the numbers in that by their tags,
+    ``file`` the name of a mesh's file, None of others."""
 
     item: Item
     kind: str
     values: Mapping[str, tuple[float, ...]]
     pose: Pose | None
     colour: tuple[float, ...] | None
+    file: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +206,8 @@ class Document:
     gravity: Vector3 | None
     collision_detector: str | None
     skeletons: tuple[Skeleton, ...]
+    meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
 
 
 def strangers(document: Document) -> Iterator[str]:

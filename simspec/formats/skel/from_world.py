@@ -28,6 +28,10 @@ GEOMETRY: Final[Mapping[str, tuple[tuple[tuple[str, slice], ...], float]]] = {
 }
 """For each kind of shape which part of its size goes into which element, and what it is multiplied with: an ellipsoid's size
 are its diameters."""
+KINDS: Final = ("plane", *GEOMETRY, "mesh")
+"""The kinds of shapes that the language has."""
+UNSCALED: Final = (1.0, 1.0, 1.0)
+"""Of a mesh."""
 PLANE: Final = (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,)))
 RESERVED: Final = {"world": "world."}
 """A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""

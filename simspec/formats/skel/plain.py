@@ -8,7 +8,7 @@ from typing import Final
 
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.skel import tree
-from simspec.formats.skel.from_world import GEOMETRY, RESERVED, coordinates, file_name, zero_poses
+from simspec.formats.skel.from_world import KINDS, RESERVED, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Level, Support, Table, alike, approximate, exactly, never, shape_kinds
 from simspec.support.features import Feature
@@ -29,7 +29,7 @@ SUPPORT: Final[Table] = {
         *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
         *(Feature.GRAVITY, Feature.TIMESTEP),
     ),
-    **shape_kinds(".skel", ("plane", *GEOMETRY)),
+    **shape_kinds(".skel", KINDS),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.LIMIT_POSITION: approximate("the limits, but not that they are enforced"),
     Feature.LIMIT_VELOCITY: never(".skel has limits of velocity that are enforced, and no ratings"),

@@ -14,6 +14,7 @@ from simspec.formats.skel.document import Axis, Body, Document, Item, Joint, Sha
 from simspec.world import frames
 from simspec.world.types import Inertial, Pose, Quaternion, Vector3
 
+FILE_NAME = "file_name"
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
@@ -96,8 +97,10 @@ def _shape(item: Item) -> Shape:
     if geometry is None or len(geometry.element.children) != 1:
         raise item.refused("has no single geometry")
     kind = Item(item.file, geometry.element.children[0])
-    values = {child.tag: kind.numbers(child.tag) or () for child in kind.element.children}
-    return Shape(item, kind.element.tag, values, _pose(item), item.numbers("color"))
+    file = kind.text(FILE_NAME) if kind.element.tag == "mesh" else None
+    tags = (child.tag for child in kind.element.children if file is None or child.tag != FILE_NAME)
+    values = {tag: kind.numbers(tag) or () for tag in tags}
+    return Shape(item, kind.element.tag, values, _pose(item), item.numbers("color"), file)
 
 
 def _joint(item: Item) -> Joint:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from simspec.world.types import Vector3
@@ -230,9 +230,10 @@ class Robot:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """All URDF files of a folder, by name."""
+    """All URDF files of a folder, by name; ``meshes``: the vertices (flat, m) of the files of convex hulls, by path."""
 
     robots: Mapping[str, Robot]
+    meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

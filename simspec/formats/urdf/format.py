@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.mesh_reading import read_meshes
+from simspec.formats.kit.meshes import mesh_files
 from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.urdf.document import Document
@@ -25,8 +29,10 @@ class Urdf(Format):
     SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: Robots) -> dict[str, str]:
+        """A file for each robot, and the files of their meshes."""
         template = environment().get_template("urdf/model.urdf.j2")
-        return {name: template.render(robot=robot, inertia=INERTIA) for name, robot in tree.items()}
+        robots = {name: template.render(robot=robot, inertia=INERTIA) for name, robot in tree.items()}
+        return {**robots, **mesh_files(_hulls(tree))}
 
     def plain(self, world: World) -> Plain:
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
@@ -34,6 +40,15 @@ class Urdf(Format):
         return Plain({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
 
     def read(self, folder: Path) -> Document:
+        """All robots of a folder, with the files of meshes below it. Raises ValueError, which names the place."""
         from simspec.formats.urdf.reading import read_folder
 
-        return read_folder(folder)
+        return dataclasses.replace(read_folder(folder), meshes=read_meshes(folder))
+
+
+def _hulls(robots: Robots) -> Iterator[tuple[float, ...]]:
+    for robot in robots.values():
+        for link in robot.links:
+            for shape in (*link.visuals, *link.collisions):
+                if shape.geometry.mesh:
+                    yield shape.geometry.mesh

@@ -6,6 +6,7 @@ import re
 from collections.abc import Hashable, Mapping
 from typing import Final
 
+from simspec.formats.kit.meshes import mesh_file
 from simspec.formats.kit.passes import principal_axes
 from simspec.formats.urdf.tree import (
     Attributes,
@@ -27,7 +28,9 @@ GEOMETRY: Final[Mapping[str, tuple[str, tuple[tuple[str, slice], ...]]]] = {
     "box": ("box", (("size", slice(0, 3)),)),
     "cylinder": ("cylinder", (("radius", slice(0, 1)), ("length", slice(1, 2)))),
 }
-"""For each shape kind of the language the element, and which part of ``Shape.size`` goes into which attribute."""
+"""For each kind of shape with a few sizes the element, and which part of ``Shape.size`` goes into which attribute."""
+KINDS: Final = (*GEOMETRY, "mesh")
+"""The kinds of shapes that the language has."""
 
 
 UNLIMITED: Final = 1e9
@@ -54,6 +57,8 @@ def full_inertial(inertial: WorldInertial) -> Inertial:
 
 def geometry_of(shape: Shape) -> Geometry:
     """The geometry of a shape that the language has. Raises KeyError for others."""
+    if shape.kind == "mesh":
+        return Geometry("mesh", (("filename", mesh_file(shape.size)),), shape.size)
     tag, parts = GEOMETRY[shape.kind]
     attributes: Attributes = tuple((name, shape.size[part]) for name, part in parts)
     return Geometry(tag, attributes)

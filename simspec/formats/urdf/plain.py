@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.kit.text import json_text
-from simspec.formats.urdf.from_world import GEOMETRY, UNLIMITED, Files
+from simspec.formats.urdf.from_world import KINDS, UNLIMITED, Files
 from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
 from simspec.language.vocabulary import TREE_JOINTS
@@ -47,7 +47,7 @@ SUPPORT: Final[Table] = {
         "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
     ),
     Feature.BALL_DAMPING: approximate("the same damping at each of three hinges"),
-    **shape_kinds("URDF", GEOMETRY),
+    **shape_kinds("URDF", KINDS),
     Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),

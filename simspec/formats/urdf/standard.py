@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator
 from typing import Final
 
 from simspec.formats.urdf.from_world import (
+    KINDS,
     UNLIMITED,
     WORLD_LINK,
     collision_of,
@@ -30,7 +31,7 @@ from simspec.world.types import Body, Inertial, Pose, Shape, Vector3
 PLANE_EDGE: Final = 200.0
 """Metres: length and width of the box that stands for a plane; its top is in the plane."""
 PLANE_DEPTH: Final = 1.0
-LANGUAGE_KINDS: Final = ("sphere", "box", "cylinder")
+LANGUAGE_KINDS: Final = KINDS
 """The kinds of shapes that the language has."""
 NOT_PUT: Final = tuple(kind for kind in SHAPE_KINDS if kind not in (*LANGUAGE_KINDS, "plane", "capsule"))
 """The kinds for which nothing stands."""

@@ -6,9 +6,10 @@ What is absent has the value that the language gives it: no turn, no way, the ax
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
-from simspec.formats.urdf.document import Inertial, Link, Node, Origin, Shape
+from simspec.formats.urdf.document import Document, Inertial, Link, Node, Origin, Shape
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose, Vector3
@@ -42,8 +43,14 @@ def check_empty(link: Link) -> None:
         raise link.node.error(f"link {link.name!r} stands for the world, and has a mass or shapes")
 
 
-def size_of(geometry: Node) -> Size:
-    """The kind and size of a geometry of the language, but a mesh. Raises ValueError for others."""
+def size_of(geometry: Node, meshes: Mapping[str, tuple[float, ...]] = MappingProxyType({})) -> Size:
+    """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls by the name of their file; other
+    meshes are not read. Raises ValueError for others."""
+    if geometry.tag == "mesh":
+        name = geometry.word("filename")
+        if name not in meshes or "scale" in geometry.attributes:
+            raise geometry.error(f"the mesh {name[:60]!r} is missing, or is scaled, which is not read here")
+        return "mesh", meshes[name]
     if geometry.tag == "box":
         geometry.word("size")
         return "box", geometry.numbers("size", 3) or ()
@@ -52,6 +59,19 @@ def size_of(geometry: Node) -> Size:
     if geometry.tag == "cylinder":
         return "cylinder", (geometry.need_number("radius"), geometry.need_number("length"))
     raise geometry.error(f"a <{geometry.tag[:60]}> is not read here")
+
+
+def check_meshes(document: Document) -> None:
+    """Raise ValueError where no shape names a mesh that is there."""
+    shapes = (
+        shape
+        for robot in document.robots.values()
+        for link in robot.links
+        for shape in (*link.visuals, *link.collisions)
+    )
+    named = {shape.geometry.attributes.get("filename") for shape in shapes}
+    if unused := document.meshes.keys() - named:
+        raise ValueError(f"no shape is the mesh of {', '.join(sorted(unused))}")
 
 
 def shapes_of(

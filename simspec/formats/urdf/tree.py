@@ -55,10 +55,12 @@ class Inertial:
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """The element in a ``geometry``: one of ``GEOMETRIES``, or a dialect's own."""
+    """The element in a ``geometry``: one of ``GEOMETRIES``, or a dialect's own. ``mesh``: the vertices (flat, m) of the convex
+    hull in the file that it names."""
 
     tag: str
     attributes: Attributes
+    mesh: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

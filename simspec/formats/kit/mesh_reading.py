@@ -1,0 +1,119 @@
+"""Files of convex hulls as they stand: Wavefront OBJ, read by neither the writer nor an engine, and held to be what a hull is.
+
+Read are comments, ``o``, ``v`` and triangles of ``f``; everything else is refused: readers differ in what they make of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simspec.errors import SpecError
+from simspec.outputs.reading import files_below, read_bytes
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+SUFFIX: Final = ".obj"
+LARGEST_FILE: Final = 16 * 2**20
+"""Bytes of one file; that of 100,000 vertices has 12 million."""
+MOST_VERTICES: Final = 20_000
+"""Of one hull."""
+BENT: Final = 1e-9
+"""Share of a hull's extent by which a vertex may stand out of the plane of the triangle beside it."""
+ROUND_OFF: Final = 1e-14
+"""Of a product of two edges, relative to the extent squared: it decides over the plane of a sliver."""
+
+
+def read_meshes(folder: Path) -> dict[str, tuple[float, ...]]:
+    """The vertices (flat, m) of every OBJ file below a folder, by its path relative to it.
+
+    Raises ValueError, which names file and line, where one is no closed convex surface with its faces counterclockwise from
+    outside.
+    """
+    try:
+        names = [name for name in files_below(folder) if name.endswith(SUFFIX)]
+    except SpecError as error:
+        raise ValueError(str(error)) from None
+    return {name: tuple(read_triangles(folder, name)[0].ravel().tolist()) for name in names}
+
+
+def read_triangles(folder: Path, name: str) -> tuple[Array, Indices]:
+    """The vertices (n, 3) of one OBJ file of a folder, and its triangles (m, 3), indices of these. Raises FileNotFoundError,
+    and ValueError as :func:`read_meshes`."""
+    try:
+        return triangles(read_bytes(folder / name, LARGEST_FILE, folder), name)
+    except SpecError as error:
+        raise ValueError(str(error)) from None
+
+
+def triangles(content: bytes, file: str) -> tuple[Array, Indices]:
+    """The same of the file's content; ``file``: its name in errors."""
+    vertices, faces = _parsed(content, file)
+    fault = _fault(vertices, faces)
+    if fault:
+        raise ValueError(f"{file}: {fault}")
+    return vertices, faces
+
+
+def _parsed(content: bytes, file: str) -> tuple[Array, Indices]:
+    try:
+        lines = content.decode("ascii").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file}: not ASCII at byte {error.start}") from None
+    objects = 0
+    rows: Mapping[str, list[list[str]]] = {"v": [], "f": []}
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if words[0] == "o":
+            objects += 1
+        elif words[0] in rows and len(words) == 4:
+            rows[words[0]].append(words[1:])
+        else:
+            raise ValueError(f"{file}:{number}: {line[:60]!r} is no vertex of three numbers and no triangle")
+    if objects != 1:
+        raise ValueError(f"{file}: {objects} objects, should be one")
+    try:
+        vertices = np.array(rows["v"], dtype=float).reshape(-1, 3)
+        faces = np.array(rows["f"], dtype=np.int64).reshape(-1, 3) - 1
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{file}: {error}") from None
+    return vertices, faces
+
+
+def _fault(vertices: Array, faces: Indices) -> str:
+    """What is wrong with a hull; "" nothing."""
+    count = len(vertices)
+    if not 4 <= count <= MOST_VERTICES:
+        return f"{count} vertices, should be 4 to {MOST_VERTICES:,}"
+    if not np.isfinite(vertices).all():
+        return "a vertex is not finite"
+    if len(faces) != 2 * count - 4:
+        return f"{len(faces)} triangles of {count} vertices, a closed surface has {2 * count - 4}"
+    if faces.min() < 0 or faces.max() >= count or len(np.unique(faces)) != count:
+        return "triangles do not use exactly the vertices that there are"
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    there, back = edges[:, 0] * count + edges[:, 1], edges[:, 1] * count + edges[:, 0]
+    order, order_back = np.argsort(there), np.argsort(back)
+    if (np.diff(there[order]) == 0).any() or not np.array_equal(there[order], back[order_back]):
+        return "the surface is not closed, or its triangles are not all turned the same way"
+    beyond = np.empty(len(edges), dtype=np.int64)  # of each triangle's edges the corner of the triangle across
+    beyond[order] = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])[order_back]
+    if _bent(vertices, faces, beyond.reshape(3, -1)):
+        return "the surface is not convex, or its triangles are not counterclockwise from outside"
+    return ""
+
+
+def _bent(vertices: Array, faces: Indices, beyond: Indices) -> bool:
+    """Whether a closed surface bends inwards at some edge. One that does at none, and is a sphere by its counts, is convex."""
+    extent = float(np.ptp(vertices, axis=0).max())
+    first, second, third = (vertices[faces[:, corner]] for corner in range(3))
+    normals = np.cross(second - first, third - first)
+    allowed = extent * (BENT * np.linalg.norm(normals, axis=1) + ROUND_OFF * extent * extent)
+    return any((np.sum(normals * (vertices[across] - first), axis=1) > allowed).any() for across in beyond)

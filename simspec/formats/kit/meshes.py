@@ -1,0 +1,52 @@
+"""Convex hulls as files: Wavefront OBJ with full doubles, one object each. Hulls of the same vertices share one file."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Iterable, Iterator
+from typing import Final
+
+from simspec.formats.kit.text import environment, numbers
+from simspec.world.types import Shape, World
+
+MESHES: Final = "meshes"
+"""The folder of the files, beside those that name them."""
+SUFFIX: Final = ".obj"
+DIGITS: Final = 16
+"""Hexadecimal digits of the name: 64 bits of the SHA-256 of the vertices."""
+
+Vertices = tuple[float, ...]
+"""Of a hull, flat: x y z (m) of each vertex."""
+
+
+@functools.lru_cache(maxsize=4096)
+def mesh_name(vertices: Vertices) -> str:
+    """The name of a hull, by its vertices."""
+    return hashlib.sha256(numbers(vertices).encode()).hexdigest()[:DIGITS]
+
+
+def mesh_file(vertices: Vertices) -> str:
+    """The file of a hull, relative to those that name it."""
+    return f"{MESHES}/{mesh_name(vertices)}{SUFFIX}"
+
+
+def mesh_files(hulls: Iterable[Vertices]) -> dict[str, str]:
+    """The files of hulls as {relative path: text}."""
+    return {mesh_file(vertices): mesh_text(vertices) for vertices in dict.fromkeys(hulls)}
+
+
+def hulls_of(world: World) -> Iterator[Vertices]:
+    """The vertices of every mesh of a world, each distinct hull once, in its order."""
+    shapes: Iterator[Shape] = (shape for body in world.bodies for shape in body.shapes)
+    yield from dict.fromkeys(shape.size for shape in shapes if shape.kind == "mesh")
+
+
+@functools.lru_cache(maxsize=256)
+def mesh_text(vertices: Vertices) -> str:
+    """A hull as OBJ: triangles, counterclockwise from outside. Raises FlatError for points that are no solid."""
+    from simspec.world.hull import faces
+
+    triangles = (faces(vertices) + 1).tolist()  # OBJ counts from 1
+    points = [vertices[start : start + 3] for start in range(0, len(vertices), 3)]
+    return environment().get_template("obj/hull.obj.j2").render(vertices=points, faces=triangles)
