@@ -29,6 +29,7 @@ from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import Solid, gap, solids, transform
 from simspec.support.features import Feature
 from simspec.world import frames
+from simspec.world.hull import centred, corners, size_of
 from simspec.world.types import (
     Body,
     Contact,
@@ -51,6 +52,8 @@ OVERLAPS = (1e-4, 1e-3, 1e-2)
 GAPS = (1e-4, 1e-3)
 ALLOWED = 0.5
 """Of the smaller shape's inner radius: no overlap is deeper."""
+POINTS = 40
+"""Vertices of a hull."""
 PLACES = 2.0
 """m from the origin, along each axis."""
 EXACT = 1e-6
@@ -69,7 +72,16 @@ def _size(kind: str, draw: np.random.Generator) -> tuple[float, ...]:
         "capsule": (one, 2.0 * two),
         "ellipsoid": (one, two, three),
         "plane": (),
+        "mesh": _hull((one, two, three), draw),
     }[kind]
+
+
+def _hull(half: Sequence[float], draw: np.random.Generator) -> tuple[float, ...]:
+    """The convex hull of points on an ellipsoid."""
+    points = draw.normal(size=(POINTS, 3))
+    points *= np.array(half) / np.linalg.norm(points, axis=1, keepdims=True)
+    _, vertices = centred(points[corners(points)])
+    return size_of(vertices)
 
 
 def _world(kinds: tuple[str, str], detector: str, sizes: Sequence[tuple[float, ...]]) -> World:

@@ -7,7 +7,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TypedDict, Unpack
 
+import numpy as np
+
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.hull import centred, size_of
 from simspec.world.types import (
     Body,
     Contact,
@@ -248,6 +251,40 @@ def rolling(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-rolling", contact=contact, engines=options)
 
 
+WEDGE = (
+    *((-0.06, -0.05, -0.04), (0.07, -0.05, -0.04), (-0.06, 0.06, -0.04), (0.07, 0.06, -0.04)),
+    *((-0.05, 0.0, 0.08), (0.04, 0.01, 0.07)),
+)
+GEM = (
+    *((0.06, 0.0, 0.01), (-0.05, 0.01, 0.0), (0.0, 0.07, -0.01), (0.01, -0.06, 0.0)),
+    *((0.0, 0.01, 0.09), (0.01, 0.0, -0.05)),
+)
+"""Points without symmetries (m)."""
+
+
+def meshes(engine: str) -> World:
+    """A floor, a stone and a toy of two hulls, one of which is the stone's; stones and toys do not touch each other."""
+    wedge, gem = (size_of(centred(np.array(points))[1]) for points in (WEDGE, GEM))
+    turned = Pose((0.01, 0.02, 0.0), (0.8, 0.0, 0.6, 0.0))
+    shapes = {
+        "stone": (Shape("stone_0", "mesh", wedge, turned, "rubber"),),
+        "toy": (
+            Shape("toy_0", "mesh", wedge, Pose((0.1, 0.0, 0.0)), "rubber"),
+            Shape("toy_1", "mesh", gem, turned, "rubber"),
+        ),
+    }
+    floor = bouncing(engine).bodies[0]
+
+    def free(name: str, x: float) -> Body:
+        joint = Joint(f"{name}_joint", "free", position=(x, 0.0, 0.5, *FREE), velocity=STILL)
+        return Body(name, name, Inertial(0.8, (0.01, 0.0, 0.0), TENSOR), joint, shapes[name], "parts")
+
+    contact = _contact(ignored_groups=(("parts", "parts"),))
+    options = _options(engine, "contact.cone.elliptic", "contact.friction.impact", "shape.mesh")
+    bodies = (floor, free("stone", 0.0), free("toy", 0.6))
+    return World("self-test-meshes", bodies, contact, PHYSICS, engines=options)
+
+
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
     "core": core,
@@ -257,6 +294,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "bouncing": bouncing,
     "surfaces": surfaces,
     "rolling": rolling,
+    "meshes": meshes,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
 

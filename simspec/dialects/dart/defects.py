@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import Plant, floats, nudged, one, scaled, sidecar, turned_axis, xml
+from simspec.dialects.kit.mesh_defects import FILES, reordered
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
 
@@ -141,6 +142,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _text(f"{LOWER}/collision_shape/transformation", nudged),
     "shape orientation": _text(f"{LOWER}/collision_shape/transformation", lambda text: nudged(text, 4)),
     "shape not solid": sidecar(_not_solid),
+    **FILES,
+    "mesh, margin": "DART has no margin of its own around shapes, and no file has a number for one",
+    "meshes in another order": reordered(WORLD, "<file_name>([^<]*)</file_name>"),
     "friction": _surface("friction"),
     "restitution": _surface("restitution"),
     "excluded pair dropped": sidecar(_drop_exclude),

@@ -24,6 +24,8 @@ _ROUNDED = "edges and corners are rounded by a tenth of the smallest half-size"
 """Bullet's margin, in pairs without a way of their own: a cylinder on its edge at 45° is found (√2 − 1) margins late
 (measured to 1e-11 m, ``tests/engines/dart/test_contact.py``)."""
 _NO_CAPSULE = "capsules are taken for spheres of 0.1 m"
+_HULL = "hulls come to rest up to"
+_TWO_HULLS = "an overlap of 1 mm of two meshes is told as 69 mm or none, and a stack of three collapses"
 
 UNSOUND: Mapping[str, Pairs] = {
     "dart": {
@@ -39,6 +41,11 @@ UNSOUND: Mapping[str, Pairs] = {
         ("capsule", "ellipsoid"): "33 of 40 contacts missed",
         ("cylinder", "ellipsoid"): "33 of 40 contacts missed",
         ("ellipsoid", "ellipsoid"): "38 of 40 contacts missed",
+        **dict.fromkeys((("box", "mesh"), ("mesh", "plane"), ("mesh", "sphere")), f"{_HULL} 20 mm deep"),
+        ("capsule", "mesh"): f"{_HULL} 20 mm deep",
+        ("cylinder", "mesh"): f"59 of 1000 contacts of 1 mm missed; {_HULL} 20 mm deep",
+        ("ellipsoid", "mesh"): "28 of 100 contacts of 1 mm missed",
+        ("mesh", "mesh"): _TWO_HULLS,
     },
     "ode": {
         ("box", "capsule"): f"{_ONE} 53 mm",
@@ -55,6 +62,12 @@ UNSOUND: Mapping[str, Pairs] = {
             ),
             "ellipsoids are taken for spheres of 0.01 m",
         ),
+        ("box", "mesh"): f"{_HULL} 0.7 mm deep",
+        ("capsule", "mesh"): f"94 of 1000 contacts of 1 mm missed; {_HULL} 0.7 mm deep",
+        ("cylinder", "mesh"): f"17 of 1000 contacts of 10 mm missed; {_HULL} 0.7 mm deep",
+        ("ellipsoid", "mesh"): "ellipsoids are taken for spheres of 0.01 m",
+        **dict.fromkeys((("mesh", "plane"), ("mesh", "sphere")), f"{_HULL} 0.7 mm deep"),
+        ("mesh", "mesh"): _TWO_HULLS,
     },
     "fcl": {
         ("box", "plane"): f"{_ONE} 68 mm",
@@ -72,6 +85,12 @@ UNSOUND: Mapping[str, Pairs] = {
             ),
             _NO_CAPSULE,
         ),
+        ("capsule", "mesh"): _NO_CAPSULE,
+        **dict.fromkeys(
+            (("box", "mesh"), ("cylinder", "mesh"), ("ellipsoid", "mesh"), ("mesh", "plane"), ("mesh", "sphere")),
+            f"{_HULL} 15 mm deep",
+        ),
+        ("mesh", "mesh"): _TWO_HULLS,
     },
     "bullet": {
         ("box", "sphere"): f"{_ROUNDED}: 31 of 100 contacts of 1 mm missed",
@@ -92,9 +111,17 @@ UNSOUND: Mapping[str, Pairs] = {
             ),
             "10 to 17 mm too deep",
         ),
+        ("box", "mesh"): f"{_ROUNDED}: 93 of 100 contacts of 1 mm missed; {_HULL} 10 mm deep",
+        ("cylinder", "mesh"): f"{_ROUNDED}: 89 of 100 contacts of 1 mm missed; {_HULL} 10 mm deep",
+        ("ellipsoid", "mesh"): "gaps of 1 mm are taken for contacts",
+        **dict.fromkeys((("capsule", "mesh"), ("mesh", "plane"), ("mesh", "sphere")), f"{_HULL} 10 mm deep"),
+        ("mesh", "mesh"): _TWO_HULLS,
     },
 }
 """Of each detector the pairs of shapes that it gets wrong, and how."""
+
+REFUSED: frozenset[tuple[str, str]] = frozenset({("mesh", "mesh")})
+"""Pairs that no detector has even nearly: whoever accepts the kind is refused them all the same."""
 
 SOUND: Mapping[str, tuple[tuple[str, str], ...]] = {
     "dart": (
@@ -245,21 +272,37 @@ def problems(world: World, detector: str, engine: str) -> list[Problem]:
     accepted = _accepted(world, engine)
     found = []
     for pair, flaw in flaws(detector, meeting_kinds(world)).items():
-        if accepted.isdisjoint(pair):
+        if pair in REFUSED:
+            found.append(_unsupported(world, pair, flaw, engine))
+        elif accepted.isdisjoint(pair):
             kind = _rarer(pair)
-            at = next(
-                f"bodies.{body.name}.shapes.{index}"
-                for body in world.bodies
-                for index, shape in enumerate(body.shapes)
-                if shape.collision and shape.kind == kind
-            )
             found.append(
                 Problem(
                     f"{engine} supports contact between {pair[0]} and {pair[1]} only approximately, with its collision "
                     f"detector {detector}: {flaw}",
-                    at,
+                    _first(world, kind),
                     found=f"shapes of kinds {pair[0]} and {pair[1]} that may touch",
                     hint=f"accept it by name: engines.{engine}.accept: [shape.{kind}]; or use other shapes",
                 )
             )
     return found
+
+
+def _unsupported(world: World, pair: tuple[str, str], flaw: str, engine: str) -> Problem:
+    one, other = pair
+    return Problem(
+        f"{engine} does not support contact between {one} and {other}: {flaw}",
+        _first(world, one),
+        found=f"shapes of kinds {one} and {other} that may touch",
+        hint="keep them apart by collision groups or contact.exclude, use other shapes, or run without this engine",
+    )
+
+
+def _first(world: World, kind: str) -> str:
+    """The place of the first collision shape of a kind."""
+    return next(
+        f"bodies.{body.name}.shapes.{index}"
+        for body in world.bodies
+        for index, shape in enumerate(body.shapes)
+        if shape.collision and shape.kind == kind
+    )

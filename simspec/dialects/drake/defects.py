@@ -164,6 +164,20 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _number("lower", "shapes", 0, "pose", "position", 0),
     "shape orientation": _orientation("lower", "shapes", 0, "pose"),
     "shape not solid": _world(_not_solid),
+    **dict.fromkeys(
+        (
+            *(
+                "mesh, a vertex",
+                "mesh, scale",
+                "mesh, mirrored",
+                "mesh of another shape",
+                "mesh missing",
+                "mesh, margin",
+            ),
+            "meshes in another order",
+        ),
+        "simspec gives Drake no meshes",
+    ),
     "friction": _number("ball", "shapes", 0, "copies", 0, "friction", by=-STEP),
     "restitution": _number("ball", "shapes", 0, "copies", 0, "restitution", by=-STEP),
     "pair value": _world(_pair_value),

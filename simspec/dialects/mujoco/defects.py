@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import Plant, flipped_product, floats, nudged, one, scaled, turned_axis, xml
+from simspec.dialects.kit.mesh_defects import FILES, reordered
 from simspec.formats.kit.text import numbers
 from simspec.formats.mjcf.format import MODEL
 
@@ -139,6 +140,14 @@ def _ghost_touches(root: Element) -> None:
         ghost.set(name, rubber.attrib[name])
 
 
+def _mesh_margin(root: Element) -> None:
+    for geom in root.iter("geom"):
+        if geom.get("type") == "mesh":
+            geom.set("margin", "0.001")
+    for pair in one(root, "contact").findall("pair"):
+        pair.set("margin", "0.001")
+
+
 DEFECTS: Mapping[str, Plant | str] = {
     "mass": _attribute(INERTIAL, "mass", scaled),
     "centre of mass": _attribute(INERTIAL, "pos", nudged),
@@ -168,6 +177,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _attribute(".//geom[@name='lower_0']", "pos", nudged),
     "shape orientation": _attribute(".//geom[@name='lower_0']", "quat", lambda text: nudged(text, 1)),
     "shape not solid": xml(MODEL, _not_solid),
+    **FILES,
+    "mesh, margin": xml(MODEL, _mesh_margin),
+    "meshes in another order": reordered(MODEL, ' mesh="([^"]*)"'),
     "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
     "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
     "excluded pair dropped": xml(MODEL, _drop_exclude),

@@ -96,6 +96,10 @@ def _softer(content: dict[str, Any]) -> None:
     content["settings"]["contact_erp"] /= 10.0
 
 
+def _margin(content: dict[str, Any]) -> None:
+    content["settings"]["collision_margin"] = 1e-3  # which is PyBullet's own
+
+
 def _gravity(content: dict[str, Any]) -> None:
     content["gravity"][2] += 1e-3
 
@@ -114,6 +118,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "position limit dropped": xml(ARM, _not_limited),
     "ball damping": attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
     "ball spring": sidecar_number("springs", "stiffness"),
+    "mesh, margin": sidecar(_margin),
     "friction": attribute("link/contact/lateral_friction", "value", scaled, BALL),
     "restitution": attribute("link/contact/restitution", "value", scaled, BALL),
     "excluded pair dropped": sidecar(_drop_exclude),

@@ -17,6 +17,7 @@ from simspec.dialects.kit.defects import (
     turned_axis,
     xml,
 )
+from simspec.dialects.kit.mesh_defects import FILES, reordered
 from simspec.formats.kit.text import numbers
 
 ARM, BALL, CUBE = "base.urdf", "ball.urdf", "cube.urdf"
@@ -168,6 +169,8 @@ LANGUAGE: Mapping[str, Plant] = {
     "shape position": attribute("link[@name='lower']/collision/origin", "xyz", nudged),
     "shape orientation": attribute("link[@name='lower']/collision/origin", "rpy", nudged),
     "shape not solid": xml(CUBE, not_solid),
+    **FILES,
+    "meshes in another order": reordered("toy.urdf", '<mesh filename="([^"]*)"'),
 }
 """Defects of every dialect whose files are URDF."""
 
@@ -175,6 +178,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **LANGUAGE,
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
+    "mesh, margin": "plain URDF has no margins",
     "ball damping": NO_BALL,
     "ball spring": NO_BALL,
     "friction": _surface("friction", 1.001),

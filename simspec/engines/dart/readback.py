@@ -30,8 +30,8 @@ SHAPE_KINDS: Mapping[str, tuple[str, Callable[[Any], tuple[float, ...]]]] = {
 """DART's shape types, and what gives the size of each."""
 
 MESH = "MeshShape"
-"""DART's type of a mesh. It does not tell the vertices: they are those of the file that it names, which must have the box that it
-tells of its own."""
+"""DART's type of a mesh. It does not tell the vertices: they are those of the file that it names, which must have the box that
+it tells of its own."""
 BOX_TOLERANCE = 1e-6
 """Share of a mesh's extent by which that box may be off: DART keeps single precision."""
 COPY_TOLERANCE = 1e-12

@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.parts import parts
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
@@ -36,6 +37,7 @@ from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.pybullet.inventory import inventory, neutral
+from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
 from simspec.engines.pybullet.settings import SETTINGS
@@ -51,6 +53,7 @@ from simspec.support.declarations import (
     Table,
     approximate,
     never,
+    not_here,
     outside,
     shape_kinds,
     via_api,
@@ -60,6 +63,10 @@ from simspec.world.types import Body, HeldValue, ReadBack, World
 
 _NO_LINKS = "PyBullet supports at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
+_MESH_MARGIN = (
+    "PyBullet keeps a margin of 1 mm around hulls on links other than the base of a tree: meshes that touch are supported on "
+    "free bodies and on fixed ones without mass, in one material and layer"
+)
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 
@@ -76,6 +83,20 @@ def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
     return None
 
 
+def _meshes_held(world: World) -> Refinement | None:
+    """Not supported where a mesh that touches is not on the base of its tree, where PyBullet keeps 1 mm around it."""
+    plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
+    for body in world.bodies:
+        own, *carried = parts(body, plan) or (None,)
+        root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
+        on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
+        for part in (*carried, *(() if own is None or on_base else (own,))):
+            for shape in part.shapes:
+                if shape.kind == "mesh":
+                    return not_here(f"{_MESH_MARGIN}; {shape.name!r} is on another link")
+    return None
+
+
 class PyBullet(SimulatedEngine[Simulation]):
     """Bullet's multibody dynamics (Featherstone, semi-implicit Euler) through pybullet."""
 
@@ -87,6 +108,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     RULES: ClassVar[Rules] = Rules("product", "product", "cross", "cross", "same")
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True
+    HULL_PRECISION: ClassVar[float] = KEPT
     LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
@@ -130,6 +152,11 @@ class PyBullet(SimulatedEngine[Simulation]):
         ),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
+        ),
+        Feature.SHAPE_MESH: Support(
+            Level.EXACT,
+            f"the convex hull to {KEPT:g} of its extent: PyBullet computes it with whole numbers; on bases of trees",
+            refine=_meshes_held,
         ),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
 from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
-from simspec.formats.kit.mesh_reading import read_triangles
+from simspec.formats.kit.mesh_reading import SUFFIX, read_triangles
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -277,9 +278,9 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
 
 def _seen_mesh(sim: Simulation, entry: Any) -> tuple[float, ...]:
     """The vertices in the file that PyBullet names, as it scales them: of what is only seen it tells nothing else."""
-    file = f"{entry[4].decode().removesuffix('.stl')}.obj"
     try:
-        vertices, _ = read_triangles(sim.folder, file)
+        told = Path(entry[4].decode()).relative_to(sim.loaded_from)
+        vertices, _ = read_triangles(sim.folder, told.with_suffix(SUFFIX).as_posix())
     except (ValueError, FileNotFoundError) as error:
         raise EngineError("pybullet", f"shows the mesh {entry[4]!r}: {error}") from error
     return tuple((vertices * np.array(entry[3])).ravel().tolist())

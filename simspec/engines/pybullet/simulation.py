@@ -78,6 +78,8 @@ class Simulation:
         self._set_parameters(sidecar)
         self.folder = folder
         with with_stl(folder) as place:
+            self.loaded_from = place
+            """The folder by whose name PyBullet knows its files; it is gone when they are loaded."""
             loader = Loader(self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v)
             self.trees = tuple(map(loader.load, sidecar.instances))
         self.carriers = carriers(self.trees, sidecar.instances)

@@ -33,8 +33,8 @@ class Skel(Format):
     SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: World) -> dict[str, str]:
-        """``world.skel``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does not
-        have, and ValueError for numbers that are not finite."""
+        """``world.skel``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does
+        not have, and ValueError for numbers that are not finite."""
         content = {
             "name": tree.name,
             "timestep": tree.timestep,

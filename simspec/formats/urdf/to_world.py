@@ -44,8 +44,8 @@ def check_empty(link: Link) -> None:
 
 
 def size_of(geometry: Node, meshes: Mapping[str, tuple[float, ...]] = MappingProxyType({})) -> Size:
-    """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls by the name of their file; other
-    meshes are not read. Raises ValueError for others."""
+    """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls by the name of their file;
+    other meshes are not read. Raises ValueError for others."""
     if geometry.tag == "mesh":
         name = geometry.word("filename")
         if name not in meshes or "scale" in geometry.attributes:
