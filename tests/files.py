@@ -10,6 +10,7 @@ from typing import Any
 def write(files: Mapping[str, str], folder: Path) -> Path:
     """Write the files into an existing folder, and return it."""
     for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
     return folder
 

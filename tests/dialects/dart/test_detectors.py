@@ -15,7 +15,7 @@ from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUN
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
-from simspec.language.vocabulary import PRIMITIVE_SHAPES
+from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.support.declarations import Level
 from simspec.world import frames
@@ -80,7 +80,7 @@ def test_the_table_names_pairs_as_they_are_looked_up():
     for pairs in (*UNSOUND.values(), *OVERLOOKED.values()):
         for one, other in pairs:
             assert one <= other
-            assert {one, other} <= set(PRIMITIVE_SHAPES)
+            assert {one, other} <= set(SHAPE_KINDS)
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,7 @@ def test_the_detector_is_sound_for_all_that_may_touch(floor, kinds, detector):
 
 
 def test_every_pair_that_can_meet_is_measured():
-    pairs = {(one, other) for one in PRIMITIVE_SHAPES for other in PRIMITIVE_SHAPES if one <= other} - {
-        ("plane", "plane")
-    }
+    pairs = {(one, other) for one in SHAPE_KINDS for other in SHAPE_KINDS if one <= other} - {("plane", "plane")}
     assert set(SOUND) == set(UNSOUND)
     for detector, sound in SOUND.items():
         assert len(set(sound)) == len(sound) == len(pairs) - len(UNSOUND[detector])
