@@ -264,7 +264,7 @@ def _shapes(
 def _shape(name: str, shape: skel.Shape, meshes: Mapping[str, tuple[float, ...]]) -> Shape:
     pose = _needed(shape.item, shape.pose, "transformation")
     if shape.kind == "mesh":
-        if shape.file not in meshes or shape.values != {"scale": (1.0, 1.0, 1.0)}:
+        if shape.file is None or shape.file not in meshes or shape.values != {"scale": (1.0, 1.0, 1.0)}:
             raise shape.item.refused(
                 f"the mesh {str(shape.file)[:60]!r} is missing, or is scaled, which is not read here"
             )

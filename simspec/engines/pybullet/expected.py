@@ -14,7 +14,8 @@ from simspec.contact.meeting import meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
-from simspec.engines.pybullet.inventory import COLLIDER, JOINT_INFO, OF_THE_READ_BACK
+from simspec.engines.pybullet.dump import COLLIDER
+from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees

@@ -49,4 +49,5 @@ def mesh_text(vertices: Vertices) -> str:
 
     triangles = (faces(vertices) + 1).tolist()  # OBJ counts from 1
     points = [vertices[start : start + 3] for start in range(0, len(vertices), 3)]
-    return environment().get_template("obj/hull.obj.j2").render(vertices=points, faces=triangles)
+    text: str = environment().get_template("obj/hull.obj.j2").render(vertices=points, faces=triangles)
+    return text

@@ -49,6 +49,5 @@ class Urdf(Format):
 def _hulls(robots: Robots) -> Iterator[tuple[float, ...]]:
     for robot in robots.values():
         for link in robot.links:
-            for shape in (*link.visuals, *link.collisions):
-                if shape.geometry.mesh:
-                    yield shape.geometry.mesh
+            yield from (visual.geometry.mesh for visual in link.visuals if visual.geometry.mesh)
+            yield from (collision.geometry.mesh for collision in link.collisions if collision.geometry.mesh)
