@@ -47,7 +47,7 @@ ARRAYS = {
     "solimp margin gap fluid adhesion surfacevel",
     "mat": "rgba",
     "mesh": "pos quat scale vertadr vertnum",
-    "pair": "geom1 geom2 dim friction margin gap solref solreffriction",
+    "pair": "geom1 geom2 dim friction margin gap solref solimp solreffriction",
     "exclude": "signature",
     "eq": "type obj1id obj2id objtype active0 data solref solimp",
     "tendon": "adr num limited range stiffness damping frictionloss armature lengthspring actfrclimited",
@@ -89,6 +89,8 @@ def read_request(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 def compiled(spec: Any, model: Any) -> dict[str, Any]:
     """The compiled model as plain data: arrays by name, and for each element its name and its place in the text."""
+    import mujoco
+
     arrays = {}
     for prefix, names in ARRAYS.items():
         for name in names.split():
@@ -97,6 +99,9 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
                 arrays[f"{prefix}_{name}"] = value.tolist()
     for name in ("qpos0", "qpos_spring"):
         arrays[name] = getattr(model, name).tolist()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    arrays |= {"reference_position": data.xpos.tolist(), "reference_quaternion": data.xquat.tolist()}
     options = {}
     for name in OPTIONS.split():
         value = getattr(model.opt, name)
@@ -133,21 +138,31 @@ def _names(model: Any, kind: str, count: int) -> list[str]:
     return [getattr(model, kind)(index).name for index in range(count)]
 
 
-def dynamics(model: Any, states: list[list[list[float]]]) -> list[dict[str, Any]]:
-    """For each state (qpos, qvel): the mass matrix, the bias force, the passive force, and every body's frame in the world."""
+def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str, Any]]:
+    """In ``count`` random states (qpos, qvel): the mass matrix, the bias force, the passive force, and every body's frame in
+    the world. Positions are about the reference (standard deviation ``spread``, rad or m), rotations are any."""
     import mujoco
     import numpy as np
 
     data = mujoco.MjData(model)
+    generator = np.random.default_rng(seed)
     answers = []
-    for positions, velocities in states:
-        data.qpos[:], data.qvel[:] = positions, velocities
+    for _ in range(count):
+        data.qpos[:] = model.qpos0 + spread * generator.normal(size=model.nq)
+        for kind, at in zip(model.jnt_type, model.jnt_qposadr, strict=True):
+            if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+                begin = at + 3 if kind == mujoco.mjtJoint.mjJNT_FREE else at
+                data.qpos[begin : begin + 4] = generator.normal(size=4)
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        data.qvel[:] = generator.normal(size=model.nv)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
         answers.append(
             {
+                "qpos": data.qpos.tolist(),
+                "qvel": data.qvel.tolist(),
                 "mass": mass.tolist(),
                 "bias": data.qfrc_bias.tolist(),
                 "passive": data.qfrc_passive.tolist(),
@@ -168,8 +183,8 @@ def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     spec = mujoco.MjSpec.from_string(main.decode(), include=models, assets=assets)
     model = spec.compile()
     answered: dict[str, Any] = {"version": mujoco.mj_versionString(), "model": compiled(spec, model)}
-    if "states" in asked:
-        answered["dynamics"] = dynamics(model, asked["states"])
+    if "random" in asked and model.nv:
+        answered["dynamics"] = dynamics(model, *asked["random"])
     return answered
 
 

@@ -7,6 +7,7 @@ configuration: q = qpos − ref, so that ranges, springs and all else are given 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -17,9 +18,15 @@ from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
 from simspec.imports.mjcf.features import Features
 from simspec.language.document import Path_
+from simspec.language.models import Body
 from simspec.language.words import clean_name
 
+GROUND: Final = "ground"
+"""The body that has the shapes of the world itself, and is held where a constraint holds the world."""
 KINDS: Final = {FREE: "free", BALL: "ball", SLIDE: "slide", HINGE: "hinge"}
+SEVERAL_JOINTS: Final = "joints" in Body.model_fields
+"""Whether the language has bodies with several joints."""
+IDENTITY: Final = np.array([1.0, 0.0, 0.0, 0.0])
 Vector = NDArray[np.float64]
 
 
@@ -99,43 +106,71 @@ class Bodies:
     renamed: Names = field(default_factory=Names)
     joint_names: Names = field(default_factory=Names)
 
+    constraint_names: Names = field(default_factory=Names)
+    constraint_places: dict[str, Location] = field(default_factory=dict)
+
+    def named(self, number: int) -> str:
+        """The name of a body by its number; of the world, that of the fixed body which stands for it."""
+        if number:
+            return self.names[number]
+        if self.ground is None:
+            self.ground = self.renamed.give("", GROUND)
+            self.data = {self.ground: {"fixed": True}, **self.data}
+            self.places[(self.ground,)] = self.model.root.location
+        return self.ground
+
+    def reference(self, number: int, point: Vector) -> tuple[Vector, Vector]:
+        """Where a point in the spec's frame of a body is in the reference configuration, and that frame's orientation."""
+        turn = self.model["reference_quaternion"][number].astype(float)
+        return self.model["reference_position"][number] + rotated(turn, self.shifts[number] + point), turn
+
+    def leave_start(self, number: int) -> None:
+        """A joint that follows another begins where that one says."""
+        body = self.data[self.names[int(self.model["jnt_bodyid"][number])]]
+        for joint in (body.get("joint", {}), *body.get("joints", ())):
+            if joint.get("name") == self.joints[number]:
+                joint.pop("position", None)
+
     def make(self) -> None:
         """All bodies but the world, without shapes."""
         count = self.model.numbers["nbody"]
         self.shifts[0] = np.zeros(3)
         for number in range(1, count):
             self.names[number] = self.renamed.give(self.model.part("body", number).name, f"body_{number}")
-        given = {name for joint in range(self.model.numbers["njnt"]) if (name := self.model.part("joint", joint).name)}
+        for joint in range(self.model.numbers["njnt"]):
+            if name := self.model.part("joint", joint).name:
+                self.joints[joint] = self.joint_names.give(name, "joint")
         for number in range(1, count):
-            self._body(number, given)
+            self._body(number)
 
-    def _body(self, number: int, given: set[str]) -> None:
+    def _body(self, number: int) -> None:
         model, name = self.model, self.names[number]
         element = model.part("body", number).element
         joints = model.joints_of(number)
-        if len(joints) > 1:
-            raise element.error("several joints on one body are not supported yet", found=f"{len(joints)} joints")
-        shift = np.zeros(3)
+        shift = first = np.zeros(3)
         kind = "fixed"
         if joints:
-            kind = KINDS[int(model["jnt_type"][joints[0]])]
+            kind = KINDS[int(model["jnt_type"][joints[-1]])]
             if kind != "free":
-                shift = model["jnt_pos"][joints[0]].astype(float)
+                first, shift = (model["jnt_pos"][joint].astype(float) for joint in (joints[0], joints[-1]))
         self.shifts[number] = shift
         parent = int(model["body_parentid"][number])
         turn = model["body_quat"][number].astype(float)
-        place = model["body_pos"][number] + rotated(turn, shift) - self.shifts[parent]
+        place = model["body_pos"][number] + rotated(turn, first) - self.shifts[parent]
         body: dict[str, Any] = {}
         where = pose(place, turn)
         joint: dict[str, Any] = {"type": kind}
         if joints:
-            joint = self._joint(joints[0], kind, given)
+            joint = self._joint(joints[0])
         if parent:
             body["parent"] = self.names[parent]
         if parent or kind not in ("fixed", "free"):
             if where:
                 joint = {**{key: joint[key] for key in ("name", "type") if key in joint}, "origin": where, **joint}
-            body["joint"] = joint
+            if len(joints) > 1:
+                body["joints"] = [joint, *self._further(name, joints, element)]
+            else:
+                body["joint"] = joint
         else:
             if kind == "fixed":
                 body["fixed"] = True
@@ -146,7 +181,9 @@ class Bodies:
         self._mass(number, shift, body)
         self.data[name] = body
         self.places[(name,)] = element.location
-        if joints:
+        for index, one in enumerate(joints if len(joints) > 1 else ()):
+            self.places[name, "joints", index] = model.part("joint", one).element.location
+        if len(joints) == 1:
             self.places[name, "joint"] = model.part("joint", joints[0]).element.location
         if int(model["body_mocapid"][number]) >= 0:
             self.features.add("body.mocap", element)
@@ -168,12 +205,31 @@ class Bodies:
 
     # --- joints -------------------------------------------------------------------------------------------------
 
-    def _joint(self, number: int, kind: str, given: set[str]) -> dict[str, Any]:
+    def _further(self, name: str, joints: range, element: Element) -> list[dict[str, Any]]:
+        """The joints of a body after its first, each with its origin in the frame that the one before it moves."""
+        model = self.model
+        if not SEVERAL_JOINTS:
+            raise element.error("several joints on one body are not supported yet", found=f"{len(joints)} joints")
+        further = []
+        for before, number in pairwise(joints):
+            self.joints.setdefault(number, self.joint_names.give("", f"{name}_joint_{number - joints[0]}"))
+            joint = self._joint(number)
+            offset = pose(model["jnt_pos"][number] - model["jnt_pos"][before], IDENTITY)
+            if offset:
+                joint = {"name": joint.pop("name"), "type": joint.pop("type"), "origin": offset, **joint}
+            further.append(joint)
+        return further
+
+    def _joint(self, number: int) -> dict[str, Any]:
         model = self.model
         part = model.part("joint", number)
+        kind = KINDS[int(model["jnt_type"][number])]
         joint: dict[str, Any] = {}
-        if part.name:
-            joint["name"] = self.joints[number] = self.joint_names.give(part.name, "joint")
+        body = int(model["jnt_bodyid"][number])
+        if number not in self.joints and len(model.joints_of(body)) > 1:
+            self.joints[number] = self.joint_names.give("", f"{self.names[body]}_joint_0")
+        if number in self.joints:
+            joint["name"] = self.joints[number]
         joint["type"] = kind
         at = int(model["jnt_dofadr"][number])
         damping = 0.0 if model.disabled("damper") else float(model["dof_damping"][at])

@@ -10,7 +10,7 @@ import functools
 import json
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final, Protocol, runtime_checkable
@@ -66,7 +66,7 @@ class Compiled:
         self.version = str(answer["version"])
         self.numbers: dict[str, int] = model["numbers"]
         self.options: dict[str, Any] = model["options"]
-        self._arrays = {name: np.asarray(value) for name, value in model["arrays"].items()}
+        self._arrays: dict[str, NDArray[Any]] = {name: np.asarray(value) for name, value in model["arrays"].items()}
         self.root = assembly.root
         self.parts: dict[str, dict[int, Part]] = {}
         for kind, rows in model["elements"].items():
@@ -100,8 +100,8 @@ class Compiled:
         return range(first, first + int(self["body_jntnum"][body]))
 
 
-State = tuple[Sequence[float], Sequence[float]]
-"""Positions (nq,) and velocities (nv,) in the compiler's own coordinates."""
+Random = tuple[int, int, float]
+"""How many random states, the seed of their generator, and the spread of positions about the reference (rad, m)."""
 
 
 @functools.cache
@@ -127,14 +127,14 @@ def _compiler(root: Element) -> Compiler:
     raise root.error("MJCF is imported by way of its own compiler, which is not installed", hint=hint)
 
 
-def compile_model(assembly: Assembly, states: Sequence[State] = ()) -> Compiled:
-    """The compiled model; with ``states``, also its dynamics there. Raises SpecError where the compiler refuses it, is not
+def compile_model(assembly: Assembly, states: Random | None = None) -> Compiled:
+    """The compiled model; with ``states``, also its dynamics in some. Raises SpecError where the compiler refuses it, is not
     installed, or takes more time or memory than is allowed."""
     root = assembly.root
     compiler = _compiler(root)
     asked: dict[str, Any] = {"files": [[name, len(content)] for name, content in assembly.texts.items()]}
-    if states:
-        asked["states"] = states
+    if states is not None:
+        asked["random"] = states
     head = json.dumps(asked).encode()
     told = b"".join((struct.pack("<Q", len(head)), head, *assembly.texts.values()))
     try:

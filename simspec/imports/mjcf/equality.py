@@ -14,11 +14,12 @@ from simspec.dynamics.oracle import Oracle
 from simspec.imports.files import Files
 from simspec.imports.mjcf.assembly import assemble
 from simspec.imports.mjcf.bodies import Bodies, Vector, inverse, product, rotated
-from simspec.imports.mjcf.compiled import BALL, FREE, Compiled, State, compile_model
+from simspec.imports.mjcf.compiled import BALL, FREE, compile_model
 from simspec.imports.mjcf.features import Features
 from simspec.imports.mjcf.importer import imported
 from simspec.language.foreign import Imported, ImportOptions
-from simspec.language.load import load
+from simspec.language.load import Spec
+from simspec.world.gathering import told_inertial
 from simspec.world.types import World
 
 SPREAD: Final = 0.7
@@ -49,35 +50,22 @@ def deviations(path: Path, options: ImportOptions, states: int = 3, seed: int = 
     reading, checking and resolving do, ValueError for a model without coordinates."""
     files = Files(path, str(path), options)
     assembly = assemble(files)
-    model = compile_model(assembly)
-    if not model.numbers["nv"]:
+    model = compile_model(assembly, (states, seed, SPREAD))
+    if not model.dynamics:
         raise ValueError("nothing in this model moves")
-    generator = np.random.default_rng(seed)
-    drawn = [_state(model, generator) for _ in range(states)]
-    model = compile_model(assembly, drawn)
     bodies = Bodies(model, Features())
     what = imported(assembly, bodies, files)
-    outside = options.project is None
-    world = load(path, sets=[f"physics.timestep={SHORT}"], allow_outside=outside, options=options).resolve()
+    timed = {**what.data, "physics": {**what.data["physics"], "timestep": SHORT}}
+    world = Spec.from_data(timed, folder=path.parent, allow_outside=options.project is None).resolve()
     worst = np.zeros(4)
-    for state, answer in zip(drawn, model.dynamics, strict=True):
-        worst = np.maximum(worst, _compare(world, bodies, state, answer))
+    for answer in model.dynamics:
+        worst = np.maximum(worst, _compare(world, bodies, answer))
     return Deviations(*(float(value) for value in worst)), what
 
 
-def _state(model: Compiled, generator: np.random.Generator) -> State:
-    positions = model["qpos0"].astype(float) + SPREAD * generator.normal(size=model.numbers["nq"])
-    for kind, at in zip(model["jnt_type"], model["jnt_qposadr"], strict=True):
-        if kind in (FREE, BALL):
-            turn = slice(at + 3, at + 7) if kind == FREE else slice(at, at + 4)
-            positions[turn] = generator.normal(size=4)
-            positions[turn] /= np.linalg.norm(positions[turn])
-    return positions.tolist(), generator.normal(size=model.numbers["nv"]).tolist()
-
-
-def _compare(world: World, bodies: Bodies, state: State, answer: dict[str, Any]) -> Vector:
+def _compare(world: World, bodies: Bodies, answer: dict[str, Any]) -> Vector:
     """Relative deviations of mass matrix, bias force, passive force and places in one state."""
-    q, v, change, extra = _coordinates(world, bodies, state)
+    q, v, change, extra = _coordinates(world, bodies, answer)
     oracle = Oracle(world)
     own_mass = oracle.mass_matrix(q)
     mass = change.T @ own_mass @ change
@@ -96,35 +84,47 @@ def _compare(world: World, bodies: Bodies, state: State, answer: dict[str, Any])
     )
 
 
+def _rows(world: World, bodies: Bodies) -> dict[int, int]:
+    """Rows of the world's bodies that joints move, by the compiler's numbers of the joints."""
+    model = bodies.model
+    named = {body.joint.name.rpartition("/")[2]: row for row, body in enumerate(world.bodies)}
+    rows = {}
+    for number, row in _numbers(world, bodies).items():
+        for joint in model.joints_of(number):
+            rows[joint] = named[bodies.joints[joint]] if joint in bodies.joints else row
+    return rows
+
+
 def _numbers(world: World, bodies: Bodies) -> dict[int, int]:
     """Bodies of the world by the compiler's numbers."""
     rows = {body.name.rpartition("/")[2]: row for row, body in enumerate(world.bodies)}
     return {number: rows[name] for number, name in bodies.names.items()}
 
 
-def _coordinates(world: World, bodies: Bodies, state: State) -> tuple[Vector, Vector, NDArray[np.float64], Vector]:
+def _coordinates(
+    world: World, bodies: Bodies, answer: dict[str, Any]
+) -> tuple[Vector, Vector, NDArray[np.float64], Vector]:
     """A state of the compiler in the world's coordinates (q, v), the matrix C in v = C w of its velocities w, and Ċ w."""
     model, layout = bodies.model, Oracle(world).layout
-    positions, velocities = np.asarray(state[0]), np.asarray(state[1])
+    positions, velocities = np.asarray(answer["qpos"]), np.asarray(answer["qvel"])
     q, extra = np.zeros(layout.nq), np.zeros(layout.nv)
     change = np.zeros((layout.nv, model.numbers["nv"]))
-    for number, row in _numbers(world, bodies).items():
+    for joint, row in _rows(world, bodies).items():
         at_q, at_v = layout.position[row], layout.velocity[row]
-        for joint in model.joints_of(number):
-            kind, from_q, from_v = (int(model[f"jnt_{word}"][joint]) for word in ("type", "qposadr", "dofadr"))
-            if kind == FREE:
-                turn = positions[from_q + 3 : from_q + 7]
-                lever = rotated(turn, np.asarray(world.bodies[row].inertial.centre_of_mass))
-                q[at_q] = np.r_[positions[from_q : from_q + 3] + lever, turn]
-                change[at_v, from_v : from_v + 6] = _at_centre(turn, lever)
-                spin = rotated(turn, velocities[from_v + 3 : from_v + 6])
-                extra[at_v.start : at_v.start + 3] = np.cross(spin, np.cross(spin, lever))
-            elif kind == BALL:
-                q[at_q] = positions[from_q : from_q + 4]
-                change[at_v, from_v : from_v + 3] = np.eye(3)
-            else:
-                q[at_q] = positions[from_q] - model["qpos0"][from_q]
-                change[at_v, from_v] = 1.0
+        kind, from_q, from_v = (int(model[f"jnt_{word}"][joint]) for word in ("type", "qposadr", "dofadr"))
+        if kind == FREE:
+            turn = positions[from_q + 3 : from_q + 7]
+            lever = rotated(turn, np.asarray(told_inertial(world, world.bodies[row]).centre_of_mass))
+            q[at_q] = np.r_[positions[from_q : from_q + 3] + lever, turn]
+            change[at_v, from_v : from_v + 6] = _at_centre(turn, lever)
+            spin = rotated(turn, velocities[from_v + 3 : from_v + 6])
+            extra[at_v.start : at_v.start + 3] = np.cross(spin, np.cross(spin, lever))
+        elif kind == BALL:
+            q[at_q] = positions[from_q : from_q + 4]
+            change[at_v, from_v : from_v + 3] = np.eye(3)
+        else:
+            q[at_q] = positions[from_q] - model["qpos0"][from_q]
+            change[at_v, from_v] = 1.0
     return q, change @ velocities, change, extra
 
 

@@ -56,6 +56,7 @@ COMPILED: Final = {
     "material": _words("name class rgba"),
     "contact": frozenset[str](),
     "exclude": _words("name body1 body2 class"),
+    "pair": _words("name class geom1 geom2 condim friction"),
     "composite": _words("type prefix count offset quat vertex initial curve size"),
 }
 """Elements, and their attributes, that the compiled numbers and the names of the spec carry."""

@@ -71,7 +71,10 @@ FEATURES: Final = {
         "how hard contact is: the spec's is rigid, by the law that all engines follow",
         "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it",
     ),
-    "contact.pair": Feature("pair/*", _PHYSICS, "laws of contact between two shapes are not carried yet"),
+    "contact.pair": Feature(
+        "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined or excluded; the language does not"
+    ),
+    "contact.uneven": Feature("pair/*", _PHYSICS, "friction of a pair is the same in every direction in the language"),
     "contact.static_parent": Feature(
         "*",
         _PHYSICS,
@@ -104,7 +107,13 @@ FEATURES: Final = {
     "option.fluid": Feature(
         "option/density option/viscosity option/wind", _PHYSICS, "a fluid around the bodies is not in the language"
     ),
-    "equality": Feature("equality/*", _PHYSICS, "constraints outside the tree are not carried yet"),
+    "equality": Feature(
+        "equality/*",
+        _PHYSICS,
+        "the language has joints that follow another linearly, and loops that the reference configuration closes",
+    ),
+    "equality.softness": Feature("equality", _INFORMATION, "how hard constraints are: those of the spec are rigid"),
+    "equality.touch": Feature("equality", _PHYSICS, "bodies that a loop joins do not touch each other in the spec"),
     "equality.inactive": Feature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
     "tendon": Feature("tendon/*", _PHYSICS, "springs, dampers and limits of tendons are not in the language"),
     "tendon.passive": Feature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),

@@ -11,15 +11,18 @@ from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
 from simspec.imports.mjcf.bodies import Bodies, numbers
 from simspec.imports.mjcf.compiled import Compiled, compile_model
 from simspec.imports.mjcf.fates import account
+from simspec.imports.mjcf.equalities import add_constraints
 from simspec.imports.mjcf.features import Features
 from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
 from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
-from simspec.language.models import VERSION
+from simspec.language.models import VERSION, File
 from simspec.language.words import clean_name
 
+CONSTRAINTS: Final = "constraints" in File.model_fields
+"""Whether the language has constraints outside the tree."""
 BEGINNING: Final = b"<" + ROOT.encode()
 
 
@@ -47,6 +50,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         raise assembly.root.error("this model has no bodies")
     surfaces = Surfaces(model, features)
     add_shapes(bodies, surfaces)
+    constraints = add_constraints(bodies, surfaces, CONSTRAINTS)
     names = bodies.names if bodies.ground is None else {0: bodies.ground, **bodies.names}
     roots = [name for name, body in bodies.data.items() if "parent" not in body]
     alone = len(roots) == 1 and bool(bodies.names)
@@ -64,8 +68,11 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         at = ("model", "bodies")
     else:
         data["bodies"] = bodies.data
+    if constraints:
+        (data["model"] if alone else data)["constraints"] = constraints
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
+    places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}
     comments = {
         ".".join(map(str, (*at, given))): f"named {name!r} in the file"
         for name, given in bodies.renamed.changed.items()

@@ -10,17 +10,12 @@ def outside_the_tree(bodies: Bodies) -> None:
     model, features = bodies.model, bodies.features
     if model.options["density"] or model.options["viscosity"]:
         features.add("option.fluid", model.root)
-    for number, part in model.parts["equality"].items():
-        active = bool(model["eq_active0"][number]) and not model.disabled("equality", "constraint")
-        features.add("equality" if active else "equality.inactive", part.element)
     for number, part in model.parts["tendon"].items():
         features.add("tendon" if _acts(bodies, number) else "tendon.passive", part.element)
     for number, part in model.parts["actuator"].items():
         features.add("actuator.inertia" if _has_inertia(bodies, number) else "actuator", part.element)
     for part in model.parts["key"].values():
         features.add("key", part.element)
-    for part in model.parts["pair"].values():
-        features.add("contact.pair", part.element)
     if model.numbers["nplugin"]:
         features.add("plugin", model.root)
 

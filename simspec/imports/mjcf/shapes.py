@@ -21,8 +21,6 @@ MAKERS: Final[Mapping[int, Callable[[Sequence[float]], dict[str, Any]]]] = {
 """The word of a shape and its sizes: geoms have half lengths."""
 HIDDEN: Final = 3
 """Groups from this one on are not drawn by default."""
-GROUND: Final = "ground"
-"""The body that has the shapes of the world itself."""
 
 
 def add_shapes(bodies: Bodies, surfaces: Surfaces) -> None:
@@ -38,11 +36,8 @@ def add_shapes(bodies: Bodies, surfaces: Surfaces) -> None:
             shape = {"name": names.give(part.name, "geom"), **shape}
         body = int(model["geom_bodyid"][number])
         if body == 0:
-            if bodies.ground is None:
-                bodies.ground = bodies.renamed.give("", GROUND)
-                bodies.data = {bodies.ground: {"fixed": True}, **bodies.data}
-                bodies.places[(bodies.ground,)] = part.element.location
-            name = bodies.ground
+            name = bodies.named(0)
+            bodies.places.setdefault((name,), part.element.location)
         else:
             name = bodies.names[body]
         shapes = bodies.data[name].setdefault("shapes", [])

@@ -26,13 +26,14 @@ CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
 
 
 class Surface(NamedTuple):
-    """All that the contact of a geom follows from; ``own`` tells one from others that are equal, where a pair names it."""
+    """All that the contact of a geom follows from. ``own``: its number from 1 on where a pair of the file names it, else 0."""
 
     contype: int
     conaffinity: int
     directions: int
     priority: int
     friction: tuple[float, float, float]
+    own: int = 0
 
 
 class Law(NamedTuple):
@@ -48,12 +49,16 @@ def meets(first: Surface, second: Surface) -> bool:
     return bool(first.contype & second.conaffinity or second.contype & first.conaffinity)
 
 
-def law(first: Surface, second: Surface) -> Law:
+def combined(first: Surface, second: Surface) -> Law:
     """The law of two surfaces: the one of higher priority decides; else the larger values, and the more directions."""
     if first.priority != second.priority:
         first = second = max(first, second, key=lambda surface: surface.priority)
     directions = max(first.directions, second.directions)
     sliding, torsional, rolling = (max(pair) for pair in zip(first.friction, second.friction, strict=True))
+    return _law(directions, sliding, torsional, rolling)
+
+
+def _law(directions: int, sliding: float, torsional: float, rolling: float) -> Law:
     return Law(
         sliding if directions >= SLIDING else 0.0,
         torsional if directions >= TORSIONAL else 0.0,
@@ -70,15 +75,18 @@ class Surfaces:
     materials: dict[Surface, str] = field(default_factory=dict)
     _of: dict[int, Surface] = field(default_factory=dict)
     """The surface of each geom that may touch something."""
+    _pairs_of: dict[tuple[int, int], Law] = field(default_factory=dict)
+    """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
     groups: dict[int, str] = field(default_factory=dict)
     """The collision group of bodies that are in another than the default one, by their number."""
 
     def __post_init__(self) -> None:
         model = self.model
         if not model.disabled("contact", "constraint"):
+            self._read_pairs()
             surfaces = {number: self._surface(number) for number in range(model.numbers["ngeom"])}
             solid = set(surfaces.values())
-            touching = {one for one in solid if any(meets(one, other) for other in solid)}
+            touching = {one for one in solid if any(self.meets(one, other) for other in solid)}
             self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
         for surface in self._of.values():
             if surface not in self.materials:
@@ -96,12 +104,60 @@ class Surfaces:
         sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
         words = ("contype", "conaffinity", "condim", "priority")
         contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
-        return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling))
+        own = number + 1 if any(number + 1 in pair for pair in self._pairs_of) else 0
+        return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
+
+    def _read_pairs(self) -> None:
+        """Laws of two geoms, as far as two bodies have them that may touch."""
+        model = self.model
+        weld, parent = model["body_weldid"], model["body_parentid"]
+        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
+        for number, part in model.parts["pair"].items():
+            first, second = sorted(int(model[f"pair_geom{which}"][number]) for which in (1, 2))
+            one, two = (int(model["geom_bodyid"][geom]) for geom in (first, second))
+            if weld[one] == weld[two] == 0:
+                continue  # neither moves
+            joined = weld[one] == weld[two] or int(parent[weld[one]]) == two or int(parent[weld[two]]) == one
+            above = weld[parent[weld[one]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[one] != 0
+            sliding, other, torsional, rolling, rolling_other = (
+                float(value) for value in model["pair_friction"][number]
+            )
+            even = sliding == other and rolling == rolling_other
+            if joined or above or (one, two) in stated or (two, one) in stated or not even:
+                self.features.add("contact.pair" if even else "contact.uneven", part.element)
+                continue
+            if model["pair_margin"][number] or model["pair_gap"][number]:
+                self.features.add("geom.margin", part.element)
+            if (*model["pair_solref"][number], *model["pair_solimp"][number]) != (*SOLREF, *SOLIMP):
+                self.features.add("contact.softness", part.element)
+            directions = int(model["pair_dim"][number])
+            self._pairs_of[first + 1, second + 1] = _law(directions, sliding, torsional, rolling)
+
+    def _stated(self, first: Surface, second: Surface) -> Law | None:
+        return self._pairs_of.get((min(first.own, second.own), max(first.own, second.own)))
+
+    def meets(self, first: Surface, second: Surface) -> bool:
+        """Whether two surfaces touch: where the file gives them a law, or where their bits let them."""
+        return self._stated(first, second) is not None or meets(first, second)
+
+    def law(self, first: Surface, second: Surface) -> Law:
+        """The law of two surfaces: the file's own for them, or what both combine to."""
+        return self._stated(first, second) or combined(first, second)
 
     def material(self, geom: int) -> str | None:
         """The material of a geom; None where it touches nothing."""
         surface = self._of.get(geom)
         return None if surface is None else self.materials[surface]
+
+    def touching(self, one: int, two: int) -> bool:
+        """Whether two bodies, by their numbers, have shapes that may touch."""
+        sides = [
+            {self._of[geom] for geom in self._of if int(self.model["geom_bodyid"][geom]) == body} for body in (one, two)
+        ]
+        stated = {tuple(sorted(divmod(int(signature), 1 << 16))) for signature in self.model["exclude_signature"]}
+        return tuple(sorted((one, two))) not in stated and any(
+            self.meets(first, second) for first in sides[0] for second in sides[1]
+        )
 
     def _features(self) -> None:
         model = self.model
@@ -163,16 +219,16 @@ class Surfaces:
 
     @staticmethod
     def _material(surface: Surface) -> dict[str, float]:
-        own = law(surface, surface)
+        own = combined(surface, surface)
         return {name: value for name, value in own._asdict().items() if value}
 
     def _pairs(self) -> list[dict[str, Any]]:
         """Laws that the larger of two values does not give."""
         pairs = []
         for (first, name), (second, other) in combinations(self.materials.items(), 2):
-            if name == other or not meets(first, second):
+            if name == other or not self.meets(first, second):
                 continue
-            wanted, one, two = law(first, second), law(first, first), law(second, second)
+            wanted, one, two = self.law(first, second), combined(first, first), combined(second, second)
             differing = {
                 key: value
                 for key, value in wanted._asdict().items()
@@ -184,8 +240,18 @@ class Surfaces:
 
     def _groups(self) -> dict[str, Any] | None:
         """Collision groups that say what the bits do; None where the shapes of one body differ in theirs."""
-        if all(meets(one, other) for one in self.materials for other in self.materials):
+        if all(
+            self.meets(one, other)
+            for one in self.materials
+            for other in self.materials
+            if one is not other or not one.own
+        ):
             return {}
+        if any(
+            one.own and other.own and self._stated(one, other) and not meets(one, other)
+            for one, other in combinations(self.materials, 2)
+        ):
+            return None
         bits: dict[int, tuple[int, int]] = {}
         for geom, surface in self._of.items():
             body = int(self.model["geom_bodyid"][geom])
@@ -207,7 +273,7 @@ class Surfaces:
             {"between": [name, other], "collide": False}
             for index, (first, name) in enumerate(items)
             for second, other in items[index:]
-            if not meets(first, second)
+            if not self.meets(first, second)
         ]
 
     def _excluded(self, names: dict[int, str]) -> list[list[str]]:
@@ -244,5 +310,5 @@ class Surfaces:
 
     def _static(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
         """A moving body and a fixed one that it is joined to: the file lets them touch."""
-        if parent and body in solid and any(meets(one, other) for one in solid[body] for other in solid[parent]):
+        if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
             self.features.add("contact.static_parent", self.model.part("body", body).element)

@@ -12,7 +12,7 @@ from simspec.imports.mjcf import equality
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.compiled import compilers
 from simspec.imports.mjcf.features import FEATURES, Feature
-from simspec.imports.mjcf.surfaces import Surface, law
+from simspec.imports.mjcf.surfaces import Surface, combined
 from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
@@ -87,7 +87,7 @@ def surface(friction, directions=3, priority=0, bits=(1, 1)):
     ],
 )
 def test_the_law_of_two_surfaces(first, second, expected):
-    assert law(first, second) == law(second, first) == expected
+    assert combined(first, second) == combined(second, first) == expected
 
 
 def test_bits_are_groups_or_pairs_of_materials(tmp_path):

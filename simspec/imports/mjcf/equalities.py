@@ -1,0 +1,99 @@
+"""Equality constraints of a compiled model as constraints of a spec: joints that follow others, loops closed at a point, welds."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.imports.mjcf.bodies import Bodies, Vector, inverse, numbers, pose, product, rotated
+from simspec.imports.mjcf.compiled import HINGE, SLIDE
+from simspec.imports.mjcf.surfaces import SOLIMP, SOLREF, Surfaces
+
+CONNECT, WELD, JOINT = range(3)
+"""Types of equality constraints; the others are of tendons and of deformable bodies."""
+BODY: Final = 1
+"""The type of object that is a body."""
+FITS: Final = 1e-6
+"""m and rad by which the reference configuration may miss a loop; beyond it the spec's language refuses the loop."""
+
+
+def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str, Any]:
+    """``constraints`` of the spec; what it does not say is a feature. ``known``: whether the language has the word."""
+    model, features = bodies.model, bodies.features
+    constraints: dict[str, Any] = {}
+    following: set[int] = set()
+    for number, part in model.parts["equality"].items():
+        if not bool(model["eq_active0"][number]) or model.disabled("equality", "constraint"):
+            features.add("equality.inactive", part.element)
+            continue
+        made = _made(bodies, number, following) if known else None
+        if made is None:
+            features.add("equality", part.element)
+            continue
+        name = bodies.constraint_names.give(part.name, f"constraint_{len(constraints) + 1}")
+        constraints[name] = made
+        bodies.constraint_places[name] = part.element.location
+        if (*model["eq_solref"][number], *model["eq_solimp"][number]) != (*SOLREF, *SOLIMP):
+            features.add("equality.softness", part.element)
+        if int(model["eq_type"][number]) != JOINT:
+            one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+            if surfaces.touching(one, two):
+                features.add("equality.touch", part.element)
+    return constraints
+
+
+def _made(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | None:
+    """One constraint; None where the language does not say it."""
+    kind = int(bodies.model["eq_type"][number])
+    if kind == JOINT:
+        return _follow(bodies, number, following)
+    if kind in (CONNECT, WELD) and int(bodies.model["eq_objtype"][number]) == BODY:
+        return _loop(bodies, number, kind)
+    return None
+
+
+def _follow(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | None:
+    model = bodies.model
+    follower, leader = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    offset, ratio, *higher = (float(value) for value in model["eq_data"][number][:5])
+    if leader < 0 or ratio == 0.0 or any(higher) or follower in following or follower == leader:
+        return None
+    if any(int(model["jnt_type"][joint]) not in (SLIDE, HINGE) for joint in (follower, leader)):
+        return None
+    following.add(follower)
+    bodies.leave_start(follower)
+    said: dict[str, Any] = {"joint": bodies.joints[follower], "leader": bodies.joints[leader], "ratio": ratio}
+    if offset:
+        said["offset"] = offset
+    return {"follow": said}
+
+
+def _loop(bodies: Bodies, number: int, kind: int) -> dict[str, Any] | None:
+    model = bodies.model
+    one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    if model["body_weldid"][one] == model["body_weldid"][two]:
+        return None  # they are one already, or neither moves
+    data = model["eq_data"][number]
+    first, second = bodies.shifts[one], bodies.shifts[two]
+    if kind == CONNECT:
+        at, other = data[0:3] - first, data[3:6] - second
+        if not _fits(bodies.reference(one, at)[0], bodies.reference(two, other)[0]):
+            return None
+        names = [bodies.named(one), bodies.named(two)]
+        return {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(other)}}
+    turn = data[6:10] / np.linalg.norm(data[6:10])
+    place = data[3:6] - rotated(turn, data[0:3]) + rotated(turn, second) - first
+    held, held_turn = bodies.reference(one, place)
+    actual, actual_turn = bodies.reference(two, np.zeros(3))
+    if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):
+        return None
+    return {"weld": {"bodies": [bodies.named(one), bodies.named(two)], "pose": pose(place, turn)}}
+
+
+def _fits(one: Vector, two: Vector) -> bool:
+    return float(np.abs(one - two).max()) < FITS
+
+
+def _alike(one: Vector, two: Vector) -> bool:
+    return 2.0 * float(np.linalg.norm(product(inverse(one), two)[1:])) < FITS
