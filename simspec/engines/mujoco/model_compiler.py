@@ -61,6 +61,10 @@ NUMBERS = ("nq", "nv", "nu", "nbody", "njnt", "ngeom", "nmocap", "nflex", "nplug
 OPTIONS = "timestep gravity wind density viscosity integrator cone impratio disableactuator"
 
 
+POSTURES, MOST_COORDINATES = 6, 300
+"""Configurations at which the stability of dampers and springs is looked at, and the most coordinates of a model for that."""
+
+
 class ModelCompiler:
     """How importers start this program."""
 
@@ -113,7 +117,8 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
         "numbers": {name: int(getattr(model, name)) for name in NUMBERS},
         "options": options,
         "elements": {kind: _elements(spec, plural) for plural, kind in SECTIONS.items()},
-        "names": {kind: _names(model, kind, count) for kind, count in (("body", model.nbody), ("joint", model.njnt))},
+        "meshes": {int(mesh.id): _mesh(mesh, model) for mesh in spec.meshes},
+        "stable_step": stable_step(model),
     }
 
 
@@ -134,8 +139,57 @@ def _elements(spec: Any, plural: str) -> list[list[Any]]:
     return rows
 
 
-def _names(model: Any, kind: str, count: int) -> list[str]:
-    return [getattr(model, kind)(index).name for index in range(count)]
+def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
+    """A mesh: its file, what is done to the vertices of that, the number of its faces, and how far it extends along the axes
+    that the engine gave it (m)."""
+    first, count = int(model.mesh_vertadr[mesh.id]), int(model.mesh_vertnum[mesh.id])
+    vertices = model.mesh_vert[first : first + count]
+    return {
+        "file": mesh.file,
+        "scale": [float(value) for value in mesh.scale],
+        "refpos": [float(value) for value in mesh.refpos],
+        "refquat": [float(value) for value in mesh.refquat],
+        "faces": int(model.mesh_facenum[mesh.id]),
+        "extent": (vertices.max(axis=0) - vertices.min(axis=0)).tolist(),
+    }
+
+
+def stable_step(model: Any) -> float | None:
+    """The longest timestep (s) at which dampers and springs of joints that are explicit in time do not diverge, at the
+    reference configuration and some others; None where there are none, or more coordinates than is looked at.
+
+    While 2 dt D + dt² K < 4 M no deviation grows; the largest eigenvalues of M⁻¹ D and M⁻¹ K bound it from the safe side.
+    """
+    import mujoco
+    import numpy as np
+
+    damping, stiffness = np.array(model.dof_damping), np.zeros(model.nv)
+    for joint, kind in enumerate(model.jnt_type):
+        count = {0: 0, 1: 3}.get(int(kind), 1)
+        stiffness[model.jnt_dofadr[joint] : model.jnt_dofadr[joint] + count] = model.jnt_stiffness[joint]
+    if not (damping.any() or stiffness.any()) or model.nv > MOST_COORDINATES:
+        return None
+    data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
+    for posture in range(POSTURES):
+        for joint, at in enumerate(model.jnt_qposadr):
+            if posture and model.jnt_type[joint] > 1 and model.jnt_limited[joint]:
+                data.qpos[at] = generator.uniform(*model.jnt_range[joint])
+            elif posture and model.jnt_type[joint] > 1:
+                data.qpos[at] = model.qpos0[at] + generator.normal()
+        mujoco.mj_fwdPosition(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        try:
+            inverse = np.linalg.inv(np.linalg.cholesky(mass))
+        except np.linalg.LinAlgError:
+            return None  # round-off of masses that are far apart: resolving the spec looks at it
+        by_damping, by_stiffness = (
+            max(0.0, float(np.linalg.eigvalsh((inverse * values) @ inverse.T).max())) for values in (damping, stiffness)
+        )
+        # 2 dt d + dt² k = 4
+        step = 4.0 / (by_damping + np.sqrt(by_damping**2 + 4.0 * by_stiffness))
+        shortest = min(shortest, float(step))
+    return shortest
 
 
 def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -106,6 +107,10 @@ class Bodies:
     renamed: Names = field(default_factory=Names)
     joint_names: Names = field(default_factory=Names)
 
+    folder: Path = field(default_factory=Path)
+    """That of the file, from which the spec names others."""
+    files: dict[str, Path] = field(default_factory=dict)
+    """Files that the spec names, by the texts that name them."""
     constraint_names: Names = field(default_factory=Names)
     constraint_places: dict[str, Location] = field(default_factory=dict)
 

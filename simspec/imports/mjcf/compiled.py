@@ -58,6 +58,24 @@ class Part:
     element: Element
 
 
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh: its file (None: it has none), what is done to the file's vertices v, ``scale (R(turn)ᵀ (v − origin))``, the number
+    of faces, and the extent along its own axes (m)."""
+
+    path: Path | None
+    scale: tuple[float, ...]
+    origin: tuple[float, ...]
+    turn: tuple[float, ...]
+    faces: int
+    extent: tuple[float, ...]
+
+
+def _mesh_file(mesh: Mapping[str, Any], assembly: Assembly) -> MeshFile:
+    vectors = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat"))
+    return MeshFile(assembly.mesh_files.get(mesh["file"]), *vectors, mesh["faces"], tuple(mesh["extent"]))
+
+
 class Compiled:
     """The compiled model: ``self["body_pos"]`` is an array as the compiler calls it; ``parts`` by kind and number."""
 
@@ -73,6 +91,11 @@ class Compiled:
             parts = self.parts.setdefault(kind, {})
             for name, line, number in rows:
                 parts[number] = Part(name, assembly.lines.get(line, assembly.root))
+        self.meshes: dict[int, MeshFile] = {
+            int(number): _mesh_file(mesh, assembly) for number, mesh in model["meshes"].items()
+        }
+        self.stable_step: float | None = model["stable_step"]
+        """s; the longest at which explicit dampers and springs do not diverge, None where there are none."""
         self.dynamics: list[dict[str, Any]] = answer.get("dynamics", [])
 
     def __getitem__(self, name: str) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Equality constraints of a compiled model as constraints of a spec: joints that follow others, loops closed at a point, welds."""
+"""Equality constraints of a compiled model as constraints of a spec: joints that follow others, loops, welds."""
 
 from __future__ import annotations
 

@@ -59,6 +59,12 @@ FEATURES: Final = {
         Severity.APPEARANCE,
         "a visual shape of a kind that the language does not have yet",
     ),
+    "option.timestep": Feature(
+        "option/timestep",
+        _INFORMATION,
+        "dampers and springs are explicit in time in the spec, and would diverge at the file's timestep: it has a shorter one",
+        "less damping or stiffness, or more armature, allows a longer one",
+    ),
     "geom.margin": Feature(
         "geom/margin geom/gap pair/margin pair/gap", _PHYSICS, "contact begins where shapes touch: no margins yet"
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,8 +11,8 @@ from simspec.imports.files import Files
 from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
 from simspec.imports.mjcf.bodies import Bodies, numbers
 from simspec.imports.mjcf.compiled import Compiled, compile_model
-from simspec.imports.mjcf.fates import account
 from simspec.imports.mjcf.equalities import add_constraints
+from simspec.imports.mjcf.fates import account
 from simspec.imports.mjcf.features import Features
 from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
@@ -21,6 +22,8 @@ from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION, File
 from simspec.language.words import clean_name
 
+SHARE: Final = 0.7
+"""Of the longest stable timestep that is taken: other configurations allow less."""
 CONSTRAINTS: Final = "constraints" in File.model_fields
 """Whether the language has constraints outside the tree."""
 BEGINNING: Final = b"<" + ROOT.encode()
@@ -45,6 +48,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     """The spec of a compiled model; ``bodies``: new, and those of the spec afterwards."""
     model, features = bodies.model, bodies.features
     _state_cone(assembly, model)
+    bodies.folder = files.path.resolve().parent
     bodies.make()
     if not bodies.names and not model.numbers["ngeom"]:
         raise assembly.root.error("this model has no bodies")
@@ -59,7 +63,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         bodies.data[names[number]]["collision_group"] = group
     outside_the_tree(bodies)
     data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
-    data["physics"] = _physics(model)
+    data["physics"] = _physics(model, features)
     if contact:
         data["contact"] = contact
     at: Path_ = ("bodies",)
@@ -77,7 +81,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         ".".join(map(str, (*at, given))): f"named {name!r} in the file"
         for name, given in bodies.renamed.changed.items()
     }
-    return Imported(data, places, account(assembly, features), read=files.read, comments=comments)
+    return Imported(data, places, account(assembly, features), files=bodies.files, read=files.read, comments=comments)
 
 
 def _name(assembly: Assembly, files: Files) -> str:
@@ -90,6 +94,16 @@ def _state_cone(assembly: Assembly, model: Compiled) -> None:
     model.options["cone_stated"] = stated
 
 
-def _physics(model: Compiled) -> dict[str, Any]:
+def _physics(model: Compiled, features: Features) -> dict[str, Any]:
     gravity = [0.0, 0.0, 0.0] if model.disabled("gravity") else numbers(model.options["gravity"])
-    return {"gravity": gravity, "timestep": float(model.options["timestep"])}
+    timestep = float(model.options["timestep"])
+    if model.stable_step is not None and timestep > SHARE * model.stable_step:
+        features.add("option.timestep", model.root)
+        timestep = _round_step(SHARE * model.stable_step)
+    return {"gravity": gravity, "timestep": timestep}
+
+
+def _round_step(longest: float) -> float:
+    """The longest of 1, 2 and 5 times a power of ten that is not above ``longest``."""
+    power = math.floor(math.log10(longest))
+    return float(f"{max(digit for digit in (1, 2, 5) if digit * 10.0**power <= longest)}e{power}")

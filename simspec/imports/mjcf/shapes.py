@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from simspec.imports.mjcf.bodies import Bodies, Names, numbers, pose
+import numpy as np
+
+from simspec.imports.mjcf.bodies import Bodies, Names, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.surfaces import Surfaces
+from simspec.language.shapes import Shape
 
 PLANE, HEIGHT_FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
 """Types of geoms."""
@@ -19,6 +23,14 @@ MAKERS: Final[Mapping[int, Callable[[Sequence[float]], dict[str, Any]]]] = {
     BOX: lambda size: {"box": {"size": [2.0 * value for value in size]}},
 }
 """The word of a shape and its sizes: geoms have half lengths."""
+MESHES: Final = "mesh" in Shape.model_fields
+"""Whether the language has meshes."""
+SUFFIXES: Final = (".obj", ".stl", ".ply")
+"""Files of meshes that the language and the compiler read alike."""
+MOST_FACES: Final = 200_000
+"""Triangles of a mesh in the language."""
+THINNEST: Final = 1e-6
+"""Of a mesh's length: what is thinner is flat, and has no hull."""
 HIDDEN: Final = 3
 """Groups from this one on are not drawn by default."""
 
@@ -50,12 +62,17 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     element = model.part("geom", number).element
     kind, body = int(model["geom_type"][number]), int(model["geom_bodyid"][number])
     material = surfaces.material(number)
+    place, turn = model["geom_pos"][number], model["geom_quat"][number]
     maker = MAKERS.get(kind)
-    if maker is None:
+    if kind == MESH and MESHES:
+        made = _mesh(bodies, number)
+        shape, place, turn = made or (None, place, turn)
+    else:
+        shape = maker(numbers(model["geom_size"][number])) if maker else None
+    if shape is None:
         bodies.features.add("geom.kind" if material is not None else "geom.appearance", element)
         return None
-    shape = maker(numbers(model["geom_size"][number]))
-    where = pose(model["geom_pos"][number] - bodies.shifts[body], model["geom_quat"][number])
+    where = pose(place - bodies.shifts[body], turn)
     if where:
         shape["pose"] = where
     if material is None:
@@ -66,6 +83,30 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
             shape["visual"] = False
     shape["colour"] = _colour(bodies, number)
     return shape
+
+
+def _mesh(bodies: Bodies, number: int) -> tuple[dict[str, Any], Vector, Vector] | None:
+    """The shape of a mesh, and where the frame of its file is in the body's: the compiler moves meshes to their centre.
+    None for what the language does not have."""
+    model, data = bodies.model, int(bodies.model["geom_dataid"][number])
+    mesh = model.meshes.get(data)
+    if mesh is None or mesh.path is None or mesh.path.suffix.lower() not in SUFFIXES:
+        return None
+    flat = min(mesh.extent) < THINNEST * max(mesh.extent)
+    scale, origin, own = (np.array(values) for values in (mesh.scale, mesh.origin, mesh.turn))
+    turned = np.any(own[1:])
+    if flat or mesh.faces > MOST_FACES or (turned and np.any(scale != scale[0])):
+        return None
+    turn = product(model["geom_quat"][number], inverse(model["mesh_quat"][data]))
+    place = model["geom_pos"][number] - rotated(turn, model["mesh_pos"][data])
+    own = own / np.linalg.norm(own)
+    place = place - rotated(turn, scale * rotated(inverse(own), origin))
+    text = os.path.relpath(mesh.path, bodies.folder).replace(os.sep, "/")
+    bodies.files[text] = mesh.path
+    said: dict[str, Any] = {"file": text}
+    if np.any(scale != 1.0):
+        said["scale"] = numbers(scale)
+    return {"mesh": said}, place, product(turn, inverse(own))
 
 
 def _colour(bodies: Bodies, number: int) -> list[float]:
