@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from simspec.imports.table import markdown, rules_markdown
+from simspec.imports.table import losses_markdown, markdown, rules_markdown
 from simspec.language.foreign import importers
 
 PAGE: Final = Path("docs/import.md")
@@ -21,6 +21,8 @@ def tables() -> dict[str, str]:
             made[f"elements of {name}"] = "\n".join(markdown(importer.table()))
         if hasattr(importer, "rules"):
             made[f"rules of {name}"] = "\n".join(rules_markdown(importer.rules()))
+        if hasattr(importer, "losses"):
+            made[f"losses of {name}"] = "\n".join(losses_markdown(importer.losses()))
     return made
 
 

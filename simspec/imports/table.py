@@ -5,7 +5,7 @@ An importer with such a table offers it as ``table``, a function that gives rows
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.language.foreign import Fate, Severity
@@ -45,6 +45,15 @@ def _fate(row: Row) -> str:
     changes = f" ({row.severity.value})" if row.fate is Fate.LOST else ""
     said = f"{row.fate.value}{changes}: {row.reason}" + (f"; {row.hint}" if row.hint else "")
     return f"{row.when}: {said}" if row.when else said
+
+
+def losses_markdown(losses: Sequence[tuple[str, Severity, str, str]]) -> Iterator[str]:
+    """What a language has and a spec does not say, as a table: where files say it, what that changes, why, and the way out."""
+    yield "| element or attribute | changes | why it is not carried |"
+    yield "|---|---|---|"
+    for words, severity, reason, hint in losses:
+        where = ", ".join(f"`{word}`" for word in words.split())
+        yield f"| {where} | {severity.value} | {reason}{f'; `{hint}`' if hint else ''} |"
 
 
 def rules_markdown(rules: Mapping[str, str]) -> Iterator[str]:

@@ -116,9 +116,31 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
         feature = FEATURES[name]
         for element in elements:
             if id(element) in whole or f"{element.tag}/*" in feature.attributes.split():
-                element.set_aside(None, Fate.LOST, feature.reason, feature.severity, feature.hint)
+                hint = features.hints.get((name, id(element)), feature.hint)
+                element.set_aside(None, Fate.LOST, feature.reason, feature.severity, hint)
     accounts = assembly.accounts()
     return [*accounts, *_untold(features, accounts)]
+
+
+def every_loss() -> list[tuple[str, Severity, str, str]]:
+    """What files may say and a spec does not: elements and attributes, what that changes, why, and the way out."""
+    rows = []
+    for feature in FEATURES.values():
+        words = " ".join(_shown(word) for word in feature.attributes.split())
+        rows.append((words, feature.severity, feature.reason, feature.hint))
+    for tag, (words, reason) in UNUSED.items():
+        rows.append((" ".join(f"{tag}/@{word}" for word in words.split()), _INFORMATION, reason, ""))
+    for tag, (severity, reason) in ASIDE.items():
+        rows.append((tag, severity, reason, ""))
+    return rows
+
+
+def _shown(word: str) -> str:
+    """An element or attribute as accounts write it."""
+    tag, _, attribute = word.partition("/")
+    if tag == "*":
+        return "body"
+    return tag if attribute in ("", "*") else f"{tag}/@{attribute}"
 
 
 def _by_attribute(features: Features) -> dict[str, list[str]]:

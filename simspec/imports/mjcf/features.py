@@ -127,7 +127,7 @@ FEATURES: Final = {
         "actuator/*",
         _INFORMATION,
         "what drives a joint is `control` in a spec, which is not made from actuators yet",
-        "control: {robot: {joints: [...], kp: ..., kd: ...}}",
+        "control: {robot: {joints: [JOINT], kp: KP, kd: KD, effort_limit: LIMIT}}",
     ),
     "actuator.inertia": Feature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
     "key": Feature(
@@ -144,8 +144,13 @@ class Features:
 
     having: dict[str, list[Element]] = field(default_factory=dict)
 
-    def add(self, name: str, element: Element) -> None:
-        """Say that an element has a feature."""
+    hints: dict[tuple[str, int], str] = field(default_factory=dict)
+    """Ways out for single elements, by the feature and the ``id`` of the element."""
+
+    def add(self, name: str, element: Element, hint: str = "") -> None:
+        """Say that an element has a feature; ``hint``: the way out for this one."""
+        if hint:
+            self.hints[name, id(element)] = hint
         if name not in FEATURES:
             raise KeyError(name)
         elements = self.having.setdefault(name, [])

@@ -12,13 +12,13 @@ from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
 from simspec.imports.mjcf.bodies import Bodies, numbers
 from simspec.imports.mjcf.compiled import Compiled, compile_model
 from simspec.imports.mjcf.equalities import add_constraints
-from simspec.imports.mjcf.fates import account
+from simspec.imports.mjcf.fates import account, every_loss
 from simspec.imports.mjcf.features import Features
 from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
 from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.language.document import Path_
-from simspec.language.foreign import Imported, ImportOptions
+from simspec.language.foreign import Imported, ImportOptions, Severity
 from simspec.language.models import VERSION, File
 from simspec.language.words import clean_name
 
@@ -37,6 +37,11 @@ class MjcfImporter:
 
     def recognises(self, content: bytes) -> bool:
         return BEGINNING in content
+
+    @staticmethod
+    def losses() -> list[tuple[str, Severity, str, str]]:
+        """What files say and a spec does not: where, what that changes, why, and the way out."""
+        return every_loss()
 
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         files = Files(path, shown, options)

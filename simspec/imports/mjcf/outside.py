@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from simspec.imports.mjcf.bodies import Bodies
+
+JOINT: Final = 0
+"""The type of transmission that is a joint."""
+NONE, FIXED, AFFINE = 0, 0, 1
+"""Types of dynamics and bias (none), of gain (fixed), and of bias (affine)."""
 
 
 def outside_the_tree(bodies: Bodies) -> None:
@@ -13,7 +20,8 @@ def outside_the_tree(bodies: Bodies) -> None:
     for number, part in model.parts["tendon"].items():
         features.add("tendon" if _acts(bodies, number) else "tendon.passive", part.element)
     for number, part in model.parts["actuator"].items():
-        features.add("actuator.inertia" if _has_inertia(bodies, number) else "actuator", part.element)
+        feature = "actuator.inertia" if _has_inertia(bodies, number) else "actuator"
+        features.add(feature, part.element, _controller(bodies, number))
     for part in model.parts["key"].values():
         features.add("key", part.element)
     if model.numbers["nplugin"]:
@@ -31,3 +39,34 @@ def _has_inertia(bodies: Bodies, number: int) -> bool:
     """Whether an actuator changes the inertia or damping of what it drives."""
     arrays = (bodies.model.get("actuator_armature"), bodies.model.get("actuator_damping"))
     return any(values is not None and values[number].any() for values in arrays)
+
+
+def _controller(bodies: Bodies, number: int) -> str:
+    """The controller of a spec that acts as an actuator; empty where there is none. The effort is g (a u + b₀ + b₁ g q + b₂ g v)
+    with the gear g, the gain a and the input u."""
+    model = bodies.model
+    joint = int(model["actuator_trnid"][number][0])
+    kinds = [int(model[f"actuator_{word}"][number]) for word in ("trntype", "dyntype", "gaintype")]
+    if kinds != [JOINT, NONE, FIXED] or joint not in bodies.joints:
+        return ""
+    gear, gain = float(model["actuator_gear"][number][0]), float(model["actuator_gainprm"][number][0])
+    bias = (
+        model["actuator_biasprm"][number][:3].astype(float)
+        if int(model["actuator_biastype"][number]) == AFFINE
+        else (0.0,) * 3
+    )
+    kp, kd = (-float(value) * gear**2 + 0.0 for value in bias[1:])
+    if bias[0] or kp < 0.0 or kd < 0.0 or (kp and gain * gear**2 != kp):
+        return ""
+    said = [f"joints: [{bodies.joints[joint]}]"]
+    if not kp:
+        said.append(f"actuator: {'velocity' if kd else 'effort'}")
+    said += [f"{word}: {value:.12g}" for word, value in (("kp", kp), ("kd", kd)) if value]
+    limit = None
+    if bool(model["actuator_forcelimited"][number]):
+        limit = float(max(abs(model["actuator_forcerange"][number]))) * abs(gear)
+    elif not kp and not kd and bool(model["actuator_ctrllimited"][number]):
+        limit = float(max(abs(model["actuator_ctrlrange"][number]))) * abs(gain * gear)
+    if limit is not None:
+        said.append(f"effort_limit: {limit:.12g}")
+    return f"control: {{NAME: {{{', '.join(said)}}}}}"
