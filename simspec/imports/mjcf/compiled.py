@@ -60,8 +60,8 @@ class Part:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh: its file (None: it has none), what is done to the file's vertices v, ``scale (R(turn)ᵀ (v − origin))``, the number
-    of faces, and the extent along its own axes (m)."""
+    """A mesh: its file (None: it has none), what is done to the file's vertices v, ``scale (R(turn)ᵀ (v − origin))``, the
+    number of faces, and the extent along its own axes (m)."""
 
     path: Path | None
     scale: tuple[float, ...]

@@ -42,8 +42,8 @@ def _has_inertia(bodies: Bodies, number: int) -> bool:
 
 
 def _controller(bodies: Bodies, number: int) -> str:
-    """The controller of a spec that acts as an actuator; empty where there is none. The effort is g (a u + b₀ + b₁ g q + b₂ g v)
-    with the gear g, the gain a and the input u."""
+    """The controller of a spec that acts as an actuator; empty where there is none. The effort is
+    g (a u + b₀ + b₁ g q + b₂ g v) with the gear g, the gain a and the input u."""
     model = bodies.model
     joint = int(model["actuator_trnid"][number][0])
     kinds = [int(model[f"actuator_{word}"][number]) for word in ("trntype", "dyntype", "gaintype")]

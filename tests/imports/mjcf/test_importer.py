@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from itertools import combinations
 
+import numpy as np
 import pytest
 
 from simspec.errors import SpecError
 from simspec.imports.mjcf import equality
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.compiled import compilers
-from simspec.imports.mjcf.features import FEATURES, Feature
+from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf.importer import MjcfImporter
 from simspec.imports.mjcf.surfaces import Surface, combined
 from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
+from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
 
@@ -172,12 +175,72 @@ def test_attached_models(tmp_path):
     assert {entry.location.file for entry in lost(imported)} == {str(tmp_path / "hand/hand.xml")}
 
 
-def test_several_joints_on_one_body_are_refused_by_name(tmp_path):
-    text = (
-        '<mujoco><worldbody>\n<body name="b"><joint/><joint axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>'
-    )
-    with pytest.raises(SpecError, match="several joints on one body"):
-        read(written(tmp_path, text))
+MESH = """<mujoco><asset>
+<mesh name="a" file="parts/wedge.obj" scale="1 -2 3" refpos=".1 .2 .3"/>
+<mesh name="b" file="parts/wedge.obj" scale=".5 .5 .5" refpos=".1 .2 .3" refquat=".5 .5 .5 .5"/></asset><worldbody>
+<body><joint pos="0 0 0.5"/><geom type="mesh" mesh="a" pos=".3 .2 .1" quat="0 0 1 0"/></body>
+<body><joint/><geom type="mesh" mesh="b" pos="1 0 0" quat=".5 -.5 .5 .5"/></body></worldbody></mujoco>"""
+WEDGE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+
+
+def test_meshes_are_where_the_file_has_them(tmp_path):
+    vertices = "".join("v " + " ".join(map(str, vertex)) + "\n" for vertex in WEDGE)
+    written(tmp_path, vertices + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", "parts/wedge.obj")
+    path = written(tmp_path, MESH)
+    deviations, imported = equality.deviations(path, ImportOptions())
+    assert deviations.worst < SAME
+    assert not lost(imported)
+    turned = (WEDGE - [0.1, 0.2, 0.3]) @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    first = (WEDGE - [0.1, 0.2, 0.3]) * [1, -2, 3] * [-1, 1, -1] + [0.3, 0.2, 0.1 - 0.5]
+    expected = [first, 0.5 * turned @ np.array(frames.matrix((0.5, -0.5, 0.5, 0.5))).T + [1, 0, 0]]
+    for body, vertices in zip(load(path).resolve().bodies, expected, strict=True):
+        (shape,) = body.shapes
+        found = np.reshape(shape.size, (-1, 3)) @ np.array(frames.matrix(shape.pose.quaternion)).T + shape.pose.position
+        assert len(found) == 4
+        assert max(np.abs(found - vertex).max(axis=1).min() for vertex in vertices) < 1e-9
+
+
+def test_the_timestep_is_one_that_explicit_dampers_bear(tmp_path):
+    path = written(tmp_path, ARM.replace('damping="0.1"', 'damping="5000"'))
+    imported = read(path)
+    assert imported.data["physics"]["timestep"] < 0.001
+    assert FEATURES["option.timestep"].reason in {entry.reason for entry in lost(imported, Severity.INFORMATION)}
+    assert load(path).resolve().physics.timestep == imported.data["physics"]["timestep"]
+
+
+PAIRS = """<mujoco><worldbody>
+<geom name="floor" type="plane" size="1 1 1" friction="0.9"/>
+<body name="a" pos="0 0 3"><freejoint/><geom name="ga" size="1" contype="0" conaffinity="0"/></body>
+<body name="b" pos="3 0 3"><freejoint/><geom name="gb" size="1"/></body></worldbody><contact>
+<pair geom1="ga" geom2="gb" condim="4" friction="0.3 0.3 0.01 0 0"/><pair geom1="gb" geom2="floor" friction="0.2 0.1"/>
+</contact></mujoco>"""
+
+
+def test_pairs_of_geoms_are_pairs_of_materials(tmp_path):
+    path = written(tmp_path, PAIRS)
+    assert [entry.reason for entry in lost(read(path))] == [FEATURES["contact.uneven"].reason]
+    world = load(path).resolve()
+    floor, a, b = (body.shapes[0].material for body in world.bodies)
+    laws = {frozenset((pair.first, pair.second)): pair for pair in world.contact.pairs}
+    pair = laws[frozenset((a, b))]
+    assert (pair.collide, pair.friction, pair.torsional_friction) == (True, 0.3, 0.01)
+    assert not laws[frozenset((a, floor))].collide
+    assert laws[frozenset((b, floor))].collide
+
+
+@pytest.mark.parametrize(
+    ("actuator", "hint"),
+    [
+        ('<position joint="swing" kp="30" kv="2" forcerange="-5 5"/>', "kp: 30, kd: 2, effort_limit: 5"),
+        ('<velocity joint="swing" kv="2" gear="3"/>', "actuator: velocity, kd: 18"),
+        ('<motor joint="swing" gear="3" ctrlrange="-1 1"/>', "actuator: effort, effort_limit: 3"),
+        ('<muscle joint="swing"/>', FEATURES["actuator"].hint),
+    ],
+)
+def test_actuators_are_told_with_the_controller_that_acts_alike(tmp_path, actuator, hint):
+    text = ARM.replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>")
+    (entry,) = [entry for entry in read(written(tmp_path, text)).losses() if "actuator/" in entry.what]
+    assert hint in entry.hint
 
 
 def test_without_its_compiler_the_import_says_what_to_install(tmp_path, monkeypatch):
@@ -198,8 +261,8 @@ def test_a_spec_uses_the_file(tmp_path):
     assert foreign.is_foreign("arm.xml")
 
 
-def test_every_feature_has_a_severity_and_a_reason():
-    for feature in FEATURES.values():
-        assert isinstance(feature, Feature)
-        assert feature.reason
-        assert feature.attributes
+def test_losses_have_a_place_and_a_reason():
+    assert len(MjcfImporter.losses()) > 40
+    for words, _, reason, _ in MjcfImporter.losses():
+        assert words
+        assert reason
