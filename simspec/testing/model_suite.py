@@ -48,6 +48,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "damped springs": worlds.damped_springs,
     "limits": worlds.limits_and_armature,
     "shapes": worlds.shapes_world,
+    "meshes": worlds.meshes,
     "spheres": worlds.spheres,
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,

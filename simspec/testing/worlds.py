@@ -38,6 +38,11 @@ SIZES = {
     "capsule": (0.04, 0.15),
     "ellipsoid": (0.05, 0.08, 0.11),
     "plane": (),
+    "mesh": (
+        *(0.05, 0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 0.08, 0.0, 0.0, -0.08, 0.0, 0.0, 0.0, 0.11, 0.0, 0.0, -0.11),
+        *(0.04, 0.05, 0.05, 0.04, -0.05, 0.05, -0.04, 0.05, 0.05, -0.04, -0.05, 0.05),
+        *(0.04, 0.05, -0.05, 0.04, -0.05, -0.05, -0.04, 0.05, -0.05, -0.04, -0.05, -0.05),
+    ),
 }
 
 
@@ -239,6 +244,16 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
     return world(tuple(bodies), "shapes", contact=contact)
 
 
+def meshes() -> World:
+    """A free body of a mesh above a floor, and one that is seen alone, moved and turned, on another."""
+    base = shapes_world(("mesh", "sphere"))
+    floor, hull, ball = base.bodies
+    seen = dataclasses.replace(hull.shapes[0], name="seen", collision=False, material="", pose=Pose((0.1, 0.0, 0.2)))
+    return dataclasses.replace(
+        base, name="meshes", bodies=(floor, hull, dataclasses.replace(ball, shapes=(*ball.shapes, seen)))
+    )
+
+
 def spheres(count: int = 8) -> World:
     """Frictionless spheres above a plane; the second scenario of the seed paper in small."""
     material = Material("slick", 0.0, 0.0)
@@ -397,7 +412,7 @@ def with_cone(cone: str) -> World:
 NEEDING: Mapping[Feature, Callable[[], World]] = {
     **{
         Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
-        for kind in ("ellipsoid", "capsule", "cylinder", "box", "sphere")
+        for kind in ("mesh", "ellipsoid", "capsule", "cylinder", "box", "sphere")
     },
     **{Feature(f"joint.{kind}"): partial(_jointed, kind) for kind in JOINT_KINDS},
     **{

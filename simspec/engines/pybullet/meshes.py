@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.artifacts import Artifacts
 from simspec.engines.pybullet.bullet_file import Block
 from simspec.errors import EngineError
 from simspec.formats.kit.mesh_reading import SUFFIX, read_triangles
@@ -44,18 +45,13 @@ def with_stl(folder: Path) -> Iterator[Path]:
         if not names:
             yield folder
             return
+        files: dict[str, str | bytes] = {_stl(name): stl_of(*read_triangles(folder, name)) for name in names}
+        for name in files_below(folder):
+            if name.endswith(".urdf"):
+                files[name] = MESH.sub(_renamed, (folder / name).read_text(encoding="utf-8"))
         with scratch_folder("stl") as place:
-            for name in names:
-                target = place / _stl(name)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(stl_of(*read_triangles(folder, name)))
-            for name in files_below(folder):
-                if name.endswith(".urdf"):
-                    text = (folder / name).read_text(encoding="utf-8")
-                    target = place / name
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_text(MESH.sub(_renamed, text), encoding="utf-8")
-            yield place
+            Artifacts(files).write(place / "files")
+            yield place / "files"
     except ValueError as error:
         raise EngineError("pybullet", str(error)) from error
 
