@@ -222,6 +222,7 @@ class Draw:
             self.group(body)
             self.bodies[name] = body
         self.lighten(names)
+        self.several(names)
         if self.chance(0.25):  # the same as a placed model, perhaps several times
             bodies = {name: self.bodies.pop(name) for name in names}
             root = bodies[names[0]]
@@ -234,6 +235,22 @@ class Draw:
             if self.chance(0.3):
                 model["array"] = {"ring": self.count(2, 3), "radius": 4.0, "face": self.chance(0.5)}
             self.models[f"model{number}"] = model
+
+    def several(self, names: list[str]) -> None:
+        """Give some bodies on a hinge or slide a further joint: two hinges make a universal joint, a ball ends."""
+        for name in names[1:]:
+            joint = self.bodies[name].get("joint", {})
+            if joint.get("type") not in ("hinge", "slide") or self._light.random() < 0.7:
+                continue
+            further: Data = {
+                "hinge": {"type": "hinge", "axis": [0, 1, 0]},
+                "slide": {"type": "slide", "axis": [0, 1, 0], "damping": round(self._light.uniform(0.1, 0.5), 4)},
+                "ball": {"type": "ball", "velocity": [0.3, -0.2, 0.1]},
+            }
+            kinds = ("hinge", "slide") if joint["type"] == "hinge" else ("hinge", "slide", "ball")
+            second = {**further[self._light.choice(kinds)], "name": f"{name}_second", "origin": {"xyz": [0.05, 0, 0.1]}}
+            del self.bodies[name]["joint"]
+            self.bodies[name]["joints"] = [{**joint, "axis": [0, 0, 1], "name": f"{name}_first"}, second]
 
     def lighten(self, names: list[str]) -> None:
         """Of bodies that are fixed to each other take the mass of one, or make one a point mass."""

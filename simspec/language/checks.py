@@ -41,11 +41,12 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
         if name == RESERVED:
             message = f"{RESERVED!r} is the name of the world itself"
             yield document.problem((*path, name), message, key=True, hint="another name")
-        joint = bodies.joint_name(name)
-        if joint in joints:
-            message = f"the joint name {joint!r} is taken: it is that of {joints[joint]}'s joint"
-            yield document.problem((*path, name, "joint", "name"), message, found=joint)
-        joints.setdefault(joint, name)
+        for index, joint in enumerate(bodies.joint_names(name)):
+            if joint in joints:
+                message = f"the joint name {joint!r} is taken: it is that of {joints[joint]}'s joint"
+                place = (*path, name, *bodies.joint_place(name, index), "name")
+                yield document.problem(place, message, found=joint)
+            joints.setdefault(joint, name)
     for cycle in bodies.cycles():
         chain = " -> ".join([*cycle, cycle[0]])
         message = f"the parents of these bodies form a loop: {chain}"
@@ -167,7 +168,7 @@ def mass_faults(body: Body) -> Iterator[Fault]:
 def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     document, path = source.document, bodies.placed
     raw: Any = document.data["models"][path[1]]
-    joints = {bodies.joint_name(name): name for name in bodies.raw}
+    joints = {joint: (name, k) for name in bodies.raw for k, joint in enumerate(bodies.joint_names(name))}
     for key, reader in (("positions", read_position), ("velocities", read_velocity)):
         values = raw.get(key)
         for joint, value in values.items() if isinstance(values, Mapping) else ():
@@ -177,7 +178,8 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
                 hint = near(joint, joints)
                 yield document.problem(place, f"the model has no joint {joint!r}", key=True, allowed=allowed, hint=hint)
                 continue
-            kind = bodies.joint_type(joints[joint])
+            owner, index = joints[joint]
+            kind = bodies.joint_types(owner)[index]
             if value is INVALID or kind not in JOINT_KINDS:
                 continue
             if kind in ("fixed", "free"):
@@ -193,8 +195,9 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
                         (*place, *wrong.loc), wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
                     )
                 continue
-            body = bodies.typed.get(joints[joint])
-            limits = body.joint.limits if body is not None and body.joint is not None else None
+            body = bodies.typed.get(owner)
+            written = None if body is None else body.joints[index] if body.joints else body.joint
+            limits = None if written is None else written.limits
             if key == "positions" and limits is not None and limits.position is not None:
                 lower, upper = limits.position
                 if not lower <= read <= upper:

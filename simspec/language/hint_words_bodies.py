@@ -17,8 +17,15 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("spherical ball_joint ball_and_socket socket", "type: ball", "Joint.type=ball"),
     *same_hint("weld welded rigid fixed_joint", "type: fixed", "Joint.type=fixed"),
     *same_hint(
-        "universal planar screw helical revolute2 gearbox cylindrical cardan",
-        f"this kind of joint is {NOT_YET}; use a chain of hinges and slides with small bodies between them",
+        "universal planar revolute2 cylindrical cardan d6",
+        "joints: [...], several hinges and slides in a row (a universal joint is two hinges)",
+        "Body.joints",
+        "Joint.type=hinge",
+        "Joint.type=slide",
+    ),
+    *same_hint(
+        "screw helical gearbox",
+        f"this kind of joint is {NOT_YET}",
         "Joint.type=hinge",
         "Joint.type=slide",
     ),
@@ -209,5 +216,10 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
         "mimic equality equalities tendon tendons loop loop_closure constraint constraints gear_constraint",
         f"constraints between joints and bodies are {NOT_YET}",
     ),
-    *same_hint("joints", "write joint: {...} in each body that has a parent", "Body.joint"),
+    *same_hint(
+        "joints", "write joint: {...} in each body that has a parent, or joints: [...]", "Body.joint", "Body.joints"
+    ),
+    *same_hint(
+        "joint_list joint_chain chain dofs axes", "joints: [...], the parent's side first", "Body.joints", at="Body"
+    ),
 )

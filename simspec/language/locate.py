@@ -128,9 +128,10 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
     if model not in placed:
         return
     bodies = placed[model]
-    if rest[:2] in (("joint", "position"), ("joint", "velocity")) and short in bodies.raw:
-        part = {"position": "positions", "velocity": "velocities"}[rest[1]]
-        yield from _whole(source.document, ("models", model, part, bodies.joint_name(short)))
+    index, of_joint = _own_joint(bodies, short, rest)
+    if of_joint[:1] in (("position",), ("velocity",)) and short in bodies.raw:
+        part = {"position": "positions", "velocity": "velocities"}[of_joint[0]]
+        yield from _whole(source.document, ("models", model, part, bodies.joint_names(short)[index]))
     if short in bodies.roots() and rest and rest[0] in ("pose", "velocity"):
         yield from _whole(source.document, ("models", model, rest[0]))
     if short in bodies.raw:
@@ -171,10 +172,25 @@ def _base(name: str, names: Mapping[str, Any]) -> str:
     return element[1] if name not in names and element is not None and element[1] in names else name
 
 
+def _own_joint(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
+    """Which of its joints a path below a body speaks of (−1: the last one), and the path below that joint; () where it speaks
+    of none. What moves with the first of several joints stands in the world under its joint's name (``world/carriers.py``)."""
+    if rest[:1] == ("joint",):
+        return -1, rest[1:]
+    if rest[1:2] == ("joint",) and name in bodies.raw and rest[0] in (names := bodies.joint_names(name)):
+        return names.index(rest[0]), rest[2:]
+    return -1, ()
+
+
 def _in_tree(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
     if name not in bodies.raw:
         return
     document, path = bodies.source.document, (*bodies.path, name)
+    if several := bodies.several(name):
+        index, of_joint = _own_joint(bodies, name, rest)
+        if of_joint:
+            yield from _whole(document, (*path, "joints", str(index % len(several)), *of_joint))
+            rest = ("joints", str(index % len(several)), *of_joint)
     if rest == ("joint", "origin"):  # of a root that says it as its pose
         yield from _whole(document, (*path, "pose"))
     if rest[:1] == ("mass",) or rest[:1] == ("inertia",):

@@ -6,7 +6,7 @@ The order of the fields is the order in which ``simspec fmt`` writes them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -25,7 +25,7 @@ from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch,
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
-from simspec.language.vocabulary import CHANNELS, TREE_JOINTS
+from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, TREE_JOINTS
 from simspec.language.words import FileName, Name, Setting, Text, Word
 
 VERSION = 1
@@ -75,18 +75,53 @@ class Body(Strict):
     inertia: Maybe[Inertia] = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
     collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
     joint: Maybe[Joint] = Field(ABSENT, description="Joint to the parent, or of a root to the world")
+    joints: list[Joint] = Field(
+        [],
+        description="Two to six hinges, slides and balls in a row instead of one joint, the parent's side first: the "
+        "`origin` of each is in the frame that the one before it moves, and the last one moves the body",
+    )
     shapes: list[Shape] = Field([], description="Collision and visual shapes")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        joint = data.get("joint")
-        fields = joint if isinstance(joint, dict) else getattr(joint, "__dict__", {})
-        kind = fields.get("type")
+        several = [_fields(joint) for joint in data.get("joints") or () if isinstance(joint, (dict, Joint))]
+        fields = several[0] if several else _fields(data.get("joint"))
+        kind = several[-1].get("type") if several else fields.get("type")
+        yield from _in_a_row(data, several)
         if "parent" in data:
             yield from _child(data, kind)
         else:
             yield from _root(data, kind, fields)
         yield from _mass(data)
+
+
+def _fields(joint: Any) -> Mapping[str, Any]:
+    return joint if isinstance(joint, dict) else getattr(joint, "__dict__", {})
+
+
+def _in_a_row(data: Mapping[str, Any], several: Sequence[Mapping[str, Any]]) -> Iterable[Fault]:
+    """What is wrong with several joints together."""
+    if "joints" not in data:
+        return
+    if "joint" in data:
+        yield Fault(("joints",), "joint and joints exclude each other", None, "one of them")
+    joints = data["joints"]
+    if not isinstance(joints, list) or len(several) != len(joints):
+        return  # reported where they are read
+    if len(several) < 2:
+        yield Fault(("joints",), "several joints are at least two", str(len(several)), "2 to 6", "joint: {...}")
+    for index, joint in enumerate(several):
+        kind = joint.get("type")
+        if kind in JOINT_KINDS and kind not in TREE_JOINTS:
+            message = f"a {kind} joint is not one of several"
+            yield Fault(("joints", index, "type"), message, str(kind), "hinge, slide, ball")
+        elif kind == "ball" and index < len(several) - 1:
+            yield Fault(("joints", index, "type"), "a ball joint is the last of several", "ball", "hinge, slide")
+    turns = sum({"hinge": 1, "ball": 3}.get(str(joint.get("type")), 0) for joint in several)
+    slides = sum(joint.get("type") == "slide" for joint in several)
+    for count, what in ((turns, "turns about"), (slides, "slides along")):
+        if count > 3:
+            yield Fault(("joints",), f"a body {what} at most three axes", f"{count}", "up to 3")
 
 
 def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
@@ -98,17 +133,18 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
     }.items():
         if key in data:
             yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint)
-    if "joint" not in data:
+    if "joint" not in data and "joints" not in data:
         yield Fault((), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type")
-    elif kind == "free":
+    elif kind == "free" and "joint" in data:
         yield Fault(
             ("joint", "type"), "only roots are free; this body has a parent", "free", "fixed, hinge, slide, ball"
         )
 
 
 def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Iterable[Fault]:
-    if data.get("fixed") is True and "joint" in data:
-        yield Fault(("joint",), "fixed and joint exclude each other", None, "one of them")
+    if data.get("fixed") is True and ("joint" in data or "joints" in data):
+        key = "joint" if "joint" in data else "joints"
+        yield Fault((key,), f"fixed and {key} exclude each other", None, "one of them")
     elif "fixed" in data and data.get("fixed") is False and kind == "fixed":
         yield Fault(("fixed",), "fixed: false contradicts the fixed joint")
     if "pose" in data and joint.get("origin") is not None:

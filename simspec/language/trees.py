@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from simspec.language.document import Key
 from simspec.language.models import Body, Use
 from simspec.language.sources import Source, use_key
+from simspec.language.vocabulary import TREE_JOINTS
 
 
 def unused(name: str, taken: Container[str]) -> str:
@@ -21,6 +22,12 @@ def unused(name: str, taken: Container[str]) -> str:
     if name not in taken:
         return name
     return next(candidate for number in itertools.count(2) if (candidate := f"{name}_{number}") not in taken)
+
+
+def _given_name(joint: Any) -> str | None:
+    """The name that a plain joint was given."""
+    name = joint.get("name") if isinstance(joint, Mapping) else None
+    return name if isinstance(name, str) else None
 
 
 @dataclass
@@ -62,6 +69,9 @@ class Bodies:
 
     def joint_type(self, name: str) -> str:
         """The type of a body's joint, the stated or the implied one."""
+        if (several := self.several(name)) and self.field(name, "joint") is None:
+            stated = several[-1].get("type")
+            return stated if stated in TREE_JOINTS else "hinge"
         joint = self.field(name, "joint")
         if isinstance(joint, Mapping):
             stated = joint.get("type")
@@ -72,20 +82,43 @@ class Bodies:
             return "fixed" if self.fixed else "free"
         return kind
 
-    def joint_name(self, name: str) -> str:
-        """The name of a body's joint within its tree: the given one, else `<body>_joint`, with a number behind where another
-        joint was given that name."""
-        own = self._given_joint_name(name)
-        return own if own is not None else unused(f"{name}_joint", self._given_joint_names)
+    def several(self, name: str) -> list[Mapping[str, Any]]:
+        """The plain `joints` of a body, the parent's side first; empty where it has one joint."""
+        joints = self.field(name, "joints")
+        return [joint if isinstance(joint, Mapping) else {} for joint in joints] if isinstance(joints, list) else []
 
-    def _given_joint_name(self, name: str) -> str | None:
-        joint = self.field(name, "joint")
-        joint_name = joint.get("name") if isinstance(joint, Mapping) else None
-        return joint_name if isinstance(joint_name, str) else None
+    def joint_name(self, name: str) -> str:
+        """The name of a body's joint within its tree, of several joints that of the last."""
+        return self.joint_names(name)[-1]
+
+    def joint_names(self, name: str) -> list[str]:
+        """The names of a body's joints within its tree: the given ones, else `<body>_joint`, of several `<body>_joint_<index>`,
+        with a number behind where another joint was given that name."""
+        taken = self._given_joint_names
+        several = self.several(name)
+        if not several:
+            own = _given_name(self.field(name, "joint"))
+            return [own if own is not None else unused(f"{name}_joint", taken)]
+        return [_given_name(joint) or unused(f"{name}_joint_{index}", taken) for index, joint in enumerate(several)]
+
+    def joint_types(self, name: str) -> list[str]:
+        """The types of a body's joints; "" for one that cannot be read."""
+        several = self.several(name)
+        kinds = (joint.get("type") for joint in several)
+        return [kind if isinstance(kind, str) else "" for kind in kinds] if several else [self.joint_type(name)]
+
+    def joint_place(self, name: str, index: int) -> tuple[Key, ...]:
+        """The path in the body of the joint at ``index`` among its own."""
+        return ("joints", index) if self.several(name) else ("joint",)
 
     @cached_property
     def _given_joint_names(self) -> frozenset[str]:
-        return frozenset(joint for name in self.raw if (joint := self._given_joint_name(name)) is not None)
+        return frozenset(
+            given
+            for name in self.raw
+            for joint in (self.field(name, "joint"), *self.several(name))
+            if (given := _given_name(joint)) is not None
+        )
 
     def roots(self) -> list[str]:
         """Bodies without a parent."""

@@ -9,6 +9,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
+from simspec.world.carriers import joined
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import (
     Body,
@@ -112,6 +113,34 @@ def weightless(engine: str) -> World:
     contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=apart)
     options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact"))
     return World("self-test-weightless", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
+
+
+def several_joints(engine: str) -> World:
+    """A wheel that steers, lifts and spins on a fixed base, and a body on a universal joint, with a shape each."""
+    ground = Shape("ground_0", "box", (6.0, 6.0, 0.4), Pose((0.0, 0.0, -0.2)), "rubber")
+    skid = Shape("wheel_0", "box", (0.1, 0.12, 0.14), Pose((0.0, 0.0, 0.05)), "rubber")
+    tilt = Pose((0.05, 0.02, 0.3), (0.8, 0.6, 0.0, 0.0))
+    steer = Joint("steer", "hinge", "ground", tilt, (0.6, 0.0, 0.8), damping=0.1, position=(0.2,), velocity=(0.1,))
+    lift = Joint(
+        "lift", "slide", "wheel.steer", tilt, (0.0, 0.0, 1.0), spring_stiffness=30.0, position=(0.1,), velocity=(0.2,)
+    )
+    spin = Joint(
+        "spin", "hinge", "wheel.lift", Pose((0.1, 0.0, 0.0)), (0.0, 1.0, 0.0), position=(0.4,), velocity=(1.0,)
+    )
+    yaw = Joint("yaw", "hinge", "wheel", tilt, (0.0, 0.0, 1.0), position=(0.3,), velocity=(-0.2,))
+    turn = Joint("turn", "hinge", "bob.yaw", Pose(), (1.0, 0.0, 0.0), position=(-0.3,), velocity=(0.4,))
+    bodies = (
+        Body("ground", "ground", Inertial(0.0), Joint("ground_joint", "fixed"), (ground,)),
+        Body("wheel.steer", "ground", Inertial(0.0), steer),
+        Body("wheel.lift", "ground", Inertial(0.0), lift),
+        Body("wheel", "ground", Inertial(0.8, (0.01, 0.02, 0.0), TENSOR), spin, (skid,)),
+        Body("bob.yaw", "ground", Inertial(0.0), yaw),
+        Body("bob", "ground", Inertial(0.5, (0.0, 0.03, 0.05), TENSOR), turn),
+    )
+    law = PairContact("rubber", "rubber", 0.5, 0.0)
+    contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=tuple(sorted(joined(bodies))))
+    options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact"))
+    return World("self-test-several-joints", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
 def ellipsoid(engine: str) -> World:
@@ -250,6 +279,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "native control": native,
     "shapes": shapes,
     "weightless": weightless,
+    "several joints": several_joints,
     "ellipsoid": ellipsoid,
     "time constant": hard("time-constant", Hardness("time-constant", time_constant=0.02, damping_ratio=0.9)),
     "stiffness": hard("stiffness", Hardness("stiffness", stiffness=20000.0, damping=100.0)),

@@ -11,7 +11,7 @@ from simspec.language.strict import bounded_suggestions
 from simspec.resolve.bodies import expand
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
-from simspec.resolve.masses import without_inertia
+from simspec.resolve.masses import dependent_joints, without_inertia
 from simspec.resolve.scenario import (
     engines,
     expectations,
@@ -42,7 +42,8 @@ def resolve(spec: Spec) -> World:
         driven = controllers(spec.source, expansion.bodies)
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
-    weightless = without_inertia(spec.source, expansion.bodies) if not expansion.problems else []
+    weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
+    weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
     problems = [*expansion.problems, *problems, *driven.problems, *more, *shown, *weightless]
     if problems:
         raise SpecError(in_order(problems))

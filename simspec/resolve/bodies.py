@@ -17,6 +17,7 @@ from simspec.resolve.body_trees import Tree, resolved_trees
 from simspec.resolve.meshes import Meshes, read_meshes, too_many
 from simspec.resolve.poses import layout, orientation, pose
 from simspec.world import frames
+from simspec.world.carriers import owner_of
 from simspec.world.types import Body, Joint, Pose, Vector3
 
 DEFAULT_MATERIAL = "default"
@@ -110,7 +111,8 @@ def _copy(
     """The tree with full names, its root at ``place``; velocities of a free root in world axes."""
 
     def own(name: str) -> str:
-        return f"{prefix}{name}{suffix}"
+        body, point, joint = name.partition(".")
+        return f"{prefix}{body}{suffix}{point}{joint}"
 
     copies = []
     for index, body in enumerate(tree.bodies):
@@ -156,7 +158,7 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
     if bodies is None:
         return
     for tree in resolved_trees(bodies, only, expansion.meshes):
-        root = tree.bodies[0].name
+        root = owner_of(tree.bodies[0].name)
         array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
             place = tree.placement if array is None else frames.compose(tree.placement, element)
@@ -193,7 +195,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     if bodies is None:
         return
     tree = next(resolved_trees(bodies, only, expansion.meshes))
-    path = (*bodies.path, tree.bodies[0].name)
+    path = (*bodies.path, owner_of(tree.bodies[0].name))
     yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
 

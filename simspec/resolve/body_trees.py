@@ -14,6 +14,7 @@ from simspec.resolve.meshes import Meshes, fills
 from simspec.resolve.poses import direction, orientation, pose
 from simspec.resolve.shapes import PIECE, Resolved, resolved_shape
 from simspec.world import frames, mass
+from simspec.world.carriers import carrier_name
 from simspec.world.types import Body, Inertial, Joint, Pose, Vector3
 
 
@@ -44,32 +45,44 @@ def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator
             current, named, root = [], set(), spec
         if spec.joint is not None and spec.joint.name is not None:
             named.add(spec.joint.name)
-        body = _body(name, spec, bodies, only, shape_names, meshes)
+        if spec.joints:  # an implied name is that of the body with an index: it is copied as a given one
+            named.update(bodies.joint_names(name))
+        moved = _bodies(name, spec, bodies, only, shape_names, meshes)
         given = {shape.name for shape in spec.shapes if shape.name is not None}
-        named.update(shape.name for shape in body.shapes if shape.name.partition(PIECE)[0] in given)
-        current.append(body)
+        named.update(shape.name for shape in moved[-1].shapes if shape.name.partition(PIECE)[0] in given)
+        current += moved
     if root is not None:
         yield _tree(current, named, root)
 
 
 def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> Tree:
     origin = root.pose
-    if origin is None and root.joint is not None:
-        origin = root.joint.origin
+    if origin is None and (root.joint is not None or root.joints):
+        origin = (root.joint or root.joints[0]).origin
     zero = (0.0, 0.0, 0.0)
     velocity = (zero, zero) if root.velocity is None else (root.velocity.linear, root.velocity.angular)
     return Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
 
 
-def _body(name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], meshes: Meshes) -> Body:
+def _bodies(
+    name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], meshes: Meshes
+) -> list[Body]:
+    """A body of the spec: itself, and before it one without mass and shapes for each of several joints but the last."""
     resolved = [
         resolved_shape(trees.unused(f"{name}_{index}", taken), shape, only, bodies.source, meshes)
         for index, shape in enumerate(spec.shapes)
     ]
     # further pieces of a mesh stand behind, so that the shapes before them have the indices that they have in the file
     shapes = (*(shape.shapes[0] for shape in resolved), *(piece for shape in resolved for piece in shape.shapes[1:]))
-    joint = _joint(bodies.joint_name(name), bodies.joint_type(name), spec)
-    return Body(name, "", _inertial(spec, resolved), joint, shapes, spec.collision_group)
+    written: Sequence[SpecJoint | None] = spec.joints or [spec.joint]
+    names, kinds = bodies.joint_names(name), bodies.joint_types(name)
+    parent, between = spec.parent, []
+    for joint_name, kind, joint in zip(names[:-1], kinds[:-1], written[:-1], strict=True):
+        carrier = carrier_name(name, joint_name)
+        between.append(Body(carrier, "", Inertial(0.0), _joint(joint_name, kind, joint, parent)))
+        parent = carrier
+    last = _joint(names[-1], kinds[-1], written[-1], parent)
+    return [*between, Body(name, "", _inertial(spec, resolved), last, shapes, spec.collision_group)]
 
 
 def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> Inertial:
@@ -96,17 +109,16 @@ def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> Inertial:
     return mass.combined([fill.part(spec.mass * (fill.volume / total)) for fill in filled], spec.mass)
 
 
-def _joint(name: str, kind: str, spec: SpecBody) -> Joint:
-    written = spec.joint
+def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) -> Joint:
     if written is None or kind in ("free", "fixed"):
         start = () if kind == "fixed" else (0.0,) * 7
         speed = () if kind == "fixed" else (0.0,) * 6
-        return Joint(name, kind, spec.parent, pose(written.origin if written else None), position=start, velocity=speed)
+        return Joint(name, kind, parent, pose(written.origin if written else None), position=start, velocity=speed)
     limits, spring = written.limits, written.spring
     return Joint(
         name=name,
         kind=kind,
-        parent=spec.parent,
+        parent=parent,
         origin=pose(written.origin),
         axis=direction(written.axis) if written.axis is not None else (0.0, 0.0, 0.0),
         position_limits=None if limits is None else limits.position,

@@ -12,6 +12,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
+from simspec.world.carriers import joined
 from simspec.world.types import Contact, Hardness, Material, PairContact
 
 LEAST_STEPS = 2
@@ -170,11 +171,7 @@ def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
 
 def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
     bodies = {body.name for body in expansion.bodies}
-    pairs = {
-        (min(body.name, body.joint.parent), max(body.name, body.joint.parent))
-        for body in expansion.bodies
-        if body.joint.parent is not None
-    }
+    pairs = joined(expansion.bodies)
     problems = []
     for index, pair in enumerate(source.content.contact.exclude):
         for position, name in enumerate(pair):

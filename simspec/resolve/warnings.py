@@ -102,7 +102,11 @@ def _angles(spec: Spec) -> Warned:
         for path, value in _bare_angles(File, source.document.data, ()):
             yield _angle(source, path, value)
     for _, use, bodies in trees.placed(spec.source):
-        kinds = {bodies.joint_name(name): bodies.joint_type(name) for name in bodies.raw}
+        kinds = {
+            joint: kind
+            for name in bodies.raw
+            for joint, kind in zip(bodies.joint_names(name), bodies.joint_types(name), strict=True)
+        }
         for joint in use.positions if use is not None else ():
             value = spec.source.document.data["models"][bodies.placed[1]]["positions"][joint]
             for path, bare in _of_joint(kinds[joint], value, (*bodies.placed, "positions", joint)):

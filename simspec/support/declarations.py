@@ -213,6 +213,10 @@ GATHERED: Mapping[Feature, Support] = alike(
 """For dialects that write what ``formats/kit/passes.py`` gathers."""
 
 
+BETWEEN_JOINTS = Support(Level.EXACT, "bodies without mass and shapes stand between the joints")
+"""Of several joints of one body, for dialects and engines that hold such bodies."""
+
+
 def check_total(owner: str, table: Table) -> None:
     """Raise TypeError unless ``table`` declares every feature and no other."""
     missing = [feature.value for feature in Feature if feature not in table]

@@ -14,6 +14,7 @@ class Feature(StrEnum):
     JOINT_SLIDE = "joint.slide"
     JOINT_BALL = "joint.ball"
     JOINT_FREE = "joint.free"
+    JOINT_SEVERAL = "joint.several"
     LIMIT_POSITION = "joint.limits.position"
     LIMIT_VELOCITY = "joint.limits.velocity"
     LIMIT_EFFORT = "joint.limits.effort"
@@ -74,6 +75,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.JOINT_SLIDE: "translation along one axis",
     Feature.JOINT_BALL: "rotation about a point",
     Feature.JOINT_FREE: "a root body that moves freely",
+    Feature.JOINT_SEVERAL: "several joints of one body: universal, planar, of up to six degrees of freedom",
     Feature.LIMIT_POSITION: "a hard, inelastic stop at the position limits",
     Feature.LIMIT_VELOCITY: "the velocity rating, held but not enforced",
     Feature.LIMIT_EFFORT: "the effort rating, held but not enforced",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.features import Feature
+from simspec.world.carriers import is_carrier, joined, owner_of
 from simspec.world.gathering import singular
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Inertial, World
@@ -83,7 +84,9 @@ def needs(world: World) -> list[Need]:
             note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
         if (joint.kind in SCALAR_JOINTS and any(joint.position)) or (joint.kind == "ball" and any(joint.position[1:])):
             note(Feature.INITIAL_POSITION, f"{path}.joint.position")
-        if groups[body.name] != "world":
+        if is_carrier(body.name):
+            note(Feature.JOINT_SEVERAL, f"bodies.{owner_of(body.name)}.joints")
+        elif groups[body.name] != "world":
             for feature, field in _inertia_needs(body.inertial):
                 note(feature, f"{path}.{field}")
         for index, shape in enumerate(body.shapes):
@@ -132,6 +135,6 @@ def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
         note(Feature(f"contact.hardness.{pair.hardness.kind}"), f"{path}.hardness")
     if world.contact.ignored_groups:
         note(Feature.COLLISION_GROUPS, "contact.groups")
-    parents = {tuple(sorted((body.name, body.joint.parent))) for body in world.bodies if body.joint.parent is not None}
-    if any(pair not in parents for pair in world.contact.excluded_bodies):
+    joints = joined(world.bodies)
+    if any(pair not in joints for pair in world.contact.excluded_bodies):
         note(Feature.EXCLUDED_PAIRS, "contact.exclude")

@@ -52,6 +52,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "spheres": worlds.spheres,
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,
+    "several joints": worlds.several_joints,
 }
 """From little to much: an engine may refuse some, by declaration, but not the first two."""
 MUST_BE_THERE = ("fall", "hinges")

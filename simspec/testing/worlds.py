@@ -16,6 +16,7 @@ from simspec.compiler import missing_options
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
+from simspec.world.carriers import carrier_name
 from simspec.world.tuples import ordered, quaternion, vector3
 from simspec.world.types import (
     Body,
@@ -175,6 +176,27 @@ def tool_frame() -> World:
     """A body without mass at the end of a pendulum."""
     bodies = tree(["hinge", "fixed"], 25)
     return world((bodies[0], dataclasses.replace(bodies[1], inertial=Inertial(0.0))), "tool-frame")
+
+
+def several_joints() -> World:
+    """Bodies with several joints: a wheel that steers, lifts and spins on a fixed base, with a universal joint below it; a free
+    body as three slides and a ball."""
+    arm = tree(["fixed", "hinge", "slide", "hinge", "hinge", "hinge"], 26)
+    loose = tree(["slide", "slide", "slide", "ball"], 27, prefix="loose-")
+    owner = {"link1": "link3", "link2": "link3", "link4": "link5"} | {f"loose-link{k}": "loose-link3" for k in range(3)}
+    called = {name: carrier_name(body, f"{name}_joint") for name, body in owner.items()}
+    bodies = []
+    for body in (*arm, *loose):
+        joint, name = body.joint, called.get(body.name, body.name)
+        joint = dataclasses.replace(joint, parent=called.get(joint.parent or "", joint.parent))
+        inertia = body.inertial if name == body.name else Inertial(0.0)
+        bodies.append(dataclasses.replace(body, name=name, joint=joint, inertial=inertia))
+    # slides along the axes, so that no draw puts two of them beside each other
+    for index, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), start=len(arm)):
+        bodies[index] = dataclasses.replace(
+            bodies[index], joint=dataclasses.replace(bodies[index].joint, axis=axis, origin=Pose())
+        )
+    return world(tuple(bodies), "several-joints")
 
 
 def _jointed(kind: str, **more: Any) -> World:
@@ -434,6 +456,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.EXCLUDED_PAIRS: gripper,
     Feature.INERTIA_FULL: every_joint,
     Feature.INERTIA_SINGULAR: point_mass,
+    Feature.JOINT_SEVERAL: several_joints,
     Feature.MASSLESS: tool_frame,
     Feature.TREE_SIZE: lambda: world(tree(["fixed"] + ["hinge"] * 130, 1)),
     Feature.TREE_DEPTH: lambda: world(tree(["fixed"] + ["hinge"] * 500, 1)),

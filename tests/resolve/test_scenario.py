@@ -754,7 +754,6 @@ def test_an_attached_model_is_one_tree_with_its_carrier(tmp_path):
             "    attach: arm/fore\n    array: {grid: [2, 1, 1], spacing: 1}\n",
             "no array of its own",
         ),
-        ("palm: {mass: 0.3, inertia: {principal: [0.001, 0.001, 0.001]}}", "palm: {}", "mass"),
     ],
 )
 def test_what_cannot_be_attached_is_refused(tmp_path, old, new, text):

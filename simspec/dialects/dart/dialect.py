@@ -35,6 +35,7 @@ from simspec.formats.skel.document import Document
 from simspec.formats.skel.from_world import KINDS, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
+    BETWEEN_JOINTS,
     EXACT,
     GATHERED,
     NO_CONSTRAINTS_YET,
@@ -108,6 +109,7 @@ class DartDialect(Dialect):
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
         **GATHERED,
+        Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **NO_CONSTRAINTS_YET,
     }
 

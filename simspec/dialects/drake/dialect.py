@@ -14,7 +14,8 @@ from simspec.dialects.kit.target import Target, known
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
-from simspec.support.declarations import GATHERED, Table
+from simspec.support.declarations import BETWEEN_JOINTS, GATHERED, Table
+from simspec.support.features import Feature
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
@@ -26,7 +27,7 @@ class DrakeDialect(Dialect):
 
     NAME: ClassVar[str] = "drake"
     FORMAT: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **GATHERED}
+    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **GATHERED, Feature.JOINT_SEVERAL: BETWEEN_JOINTS}
     SIDECAR: ClassVar[type[Sidecar]] = DrakeSidecar
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -110,6 +110,9 @@ class MujocoDialect(Dialect):
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **GATHERED,
+        Feature.JOINT_SEVERAL: Support(
+            Level.EXACT, "bodies of 1.1e-15 kg and kg m² stand between the joints: MuJoCo refuses less on a joint"
+        ),
         **NO_CONSTRAINTS_YET,
     }
 

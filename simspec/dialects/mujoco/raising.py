@@ -54,6 +54,8 @@ IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
 MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
+AS_NONE: Final = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
+"""What stands for no mass, between two joints."""
 IN_BODIES: Final = {"inertial", "joint", "geom", "body"}
 Meaning = TypeVar("Meaning")
 
@@ -181,6 +183,7 @@ class _Raising:
             item = _only(inertials, body.item)
             moments = tensor(_vector(item, "diaginertia"), _turn(item, "quat"))
             inertial = Inertial(item.number("mass"), _vector(item, "pos"), moments)
+            inertial = Inertial(0.0) if inertial == AS_NONE else inertial
         joint = self._joint(body, name, parent, place)
         return Body(name, "", inertial, joint, tuple(self._shape(geom) for geom in body.all("geom")))
 

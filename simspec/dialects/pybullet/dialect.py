@@ -31,6 +31,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import KINDS, Files
 from simspec.support.declarations import (
+    BETWEEN_JOINTS,
     EXACT,
     GATHERED,
     NO_CONSTRAINTS_YET,
@@ -115,6 +116,7 @@ class PybulletDialect(Dialect):
         Feature.GRAVITY: via_api(_SIDECAR),
         Feature.TIMESTEP: via_api(_SIDECAR),
         **GATHERED,
+        Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **NO_CONSTRAINTS_YET,
     }
 

@@ -60,7 +60,7 @@ _BY_NAME = (
 )
 """What stands in the sidecar."""
 _IN_THE_FILE = (
-    *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE),
+    *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_FREE, Feature.JOINT_SEVERAL),
     *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT, Feature.DAMPING, Feature.DRY_FRICTION),
     *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
     *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),

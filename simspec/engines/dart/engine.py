@@ -139,7 +139,7 @@ class Dart(SimulatedEngine[Simulation]):
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.DRY_FRICTION,
+            *(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),

@@ -115,7 +115,7 @@ class Drake(SimulatedEngine[Simulation]):
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_SEVERAL),
             *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
             *(Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),

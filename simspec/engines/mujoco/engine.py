@@ -64,6 +64,7 @@ class MuJoCo(MujocoSimulation):
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            Feature.JOINT_SEVERAL,
             *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
             *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.SPRING, Feature.BALL_SPRING),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),

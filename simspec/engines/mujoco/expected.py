@@ -20,6 +20,7 @@ from simspec.engines.mujoco.fields import NEUTRAL
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
+from simspec.world.carriers import is_carrier
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Surface, World
@@ -35,6 +36,8 @@ SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 SOFT, CUSHION = 1e-4, 0.01
 """Impedance of springs, and of a frictional contact at first touch."""
 DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
+BETWEEN_JOINTS = 1.1e-15
+"""kg of a body between two joints, which MuJoCo refuses without mass."""
 COMPLIANT = ("time-constant", "stiffness")
 GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 """Of (solid, visible)."""
@@ -81,7 +84,10 @@ class _Expected:
         found |= self._touching.masks()
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
-        found |= {f"body.{body.name}.mass": told_inertial(self.world, body).mass for body in self.world.bodies}
+        found |= {
+            f"body.{body.name}.mass": BETWEEN_JOINTS if is_carrier(body.name) else told_inertial(self.world, body).mass
+            for body in self.world.bodies
+        }
         if self.neutral.get("has.actuator_ctrlspec", False):
             for controller in natives(self.world):
                 for joint, kp in zip(controller.joints, controller.kp, strict=True):

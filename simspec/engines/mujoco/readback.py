@@ -52,6 +52,9 @@ SERVO = (0, 0, 0, 1)
 """MuJoCo's numbers of an actuator on a joint, without dynamics, with a fixed gain and an affine bias."""
 CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
+AS_NONE = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
+"""What stands for no mass, between two joints: MuJoCo refuses a body on a joint that has less than 1e-15 kg, and has nothing
+with mass fixed to it."""
 VISIBLE_GROUPS = (0, 1, 2)
 """Groups that MuJoCo's viewers show."""
 
@@ -118,6 +121,7 @@ class _ReadBack:
         moments = _vector(model.body_inertia[index])
         principal = _pose(model.body_ipos[index], model.body_iquat[index])
         inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
+        inertial = Inertial(0.0) if inertial == AS_NONE else inertial
         geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
         return Body(name, model_name, inertial, self._joint(index, name), tuple(map(self._shape, geoms)))
 

@@ -118,6 +118,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.JOINT_HINGE: EXACT,
         Feature.JOINT_SLIDE: EXACT,
         Feature.JOINT_BALL: EXACT,
+        Feature.JOINT_SEVERAL: EXACT,
         Feature.JOINT_FREE: EXACT,
         Feature.LIMIT_POSITION: approximate(
             "passes a limit by up to v dt, then comes back at joint_erp of that in each step, and keeps that speed: a "

@@ -8,10 +8,11 @@ from typing import Final
 from simspec.formats.kit.meshes import hulls_of, mesh_file, mesh_name
 from simspec.formats.kit.passes import principal_axes
 from simspec.formats.mjcf import tree
-from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.names import LEAST_MASS, file_name
 from simspec.formats.mjcf.tree import Attributes, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.carriers import is_carrier
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
@@ -64,7 +65,9 @@ def place_of(joint: Joint) -> Pose:
 
 
 def inertial_of(body: Body) -> Inertial | None:
-    """Mass and principal moments; None without mass."""
+    """Mass and principal moments; None without mass. Between two joints the language demands a mass."""
+    if is_carrier(body.name):
+        return Inertial((0.0, 0.0, 0.0), frames.IDENTITY, LEAST_MASS, (LEAST_MASS,) * 3)
     if not body.inertial.mass:
         return None
     moments, turn = principal_axes(body.inertial.inertia)

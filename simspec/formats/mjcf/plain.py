@@ -28,7 +28,7 @@ from simspec.formats.mjcf.from_world import (
     keyframe,
     meshes_of,
 )
-from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.names import LEAST_MASS, file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.support.declarations import (
     GATHERED,
@@ -91,6 +91,7 @@ SUPPORT: Final[Table] = {
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
     Feature.CONTROL: never("MJCF has actuators, and no control laws"),
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
+    Feature.JOINT_SEVERAL: Support(Level.EXACT, f"bodies of {LEAST_MASS:g} kg and kg m² stand between the joints"),
     **GATHERED,
     **NO_CONSTRAINTS_YET,
 }

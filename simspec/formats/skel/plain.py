@@ -23,7 +23,7 @@ _HARDNESS = ".skel has no hardness of contact"
 SUPPORT: Final[Table] = {
     **exactly(
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        Feature.DRY_FRICTION,
+        *(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
         *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
         *(Feature.INERTIA, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE, Feature.TREE_DEPTH),
         *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),

@@ -34,6 +34,7 @@ _IN_PLACEMENT = f"in {PLACEMENT}"
 SUPPORT: Final[Table] = {
     **exactly(
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING),
+        Feature.JOINT_SEVERAL,
         *(Feature.DRY_FRICTION, Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
         *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
         *(Feature.TREE_SIZE, Feature.TREE_DEPTH, Feature.SHAPE_VISUAL),
