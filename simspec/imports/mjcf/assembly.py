@@ -142,7 +142,7 @@ class _Builder:
         while waiting:
             element = waiting.pop()
             yield element
-            waiting.extend(self._below(element))
+            waiting.extend(reversed(list(self._below(element))))
 
     def _below(self, element: Element) -> Iterator[Element]:
         for child in element.look():

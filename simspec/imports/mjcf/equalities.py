@@ -33,6 +33,7 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
             continue
         name = bodies.constraint_names.give(part.name, f"constraint_{len(constraints) + 1}")
         constraints[name] = made
+        features.carry(part.element)
         bodies.constraint_places[name] = part.element.location
         if (*model["eq_solref"][number], *model["eq_solimp"][number]) != (*SOLREF, *SOLIMP):
             features.add("equality.softness", part.element)

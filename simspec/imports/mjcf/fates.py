@@ -93,6 +93,8 @@ ASIDE: Final = {
     "user": (_INFORMATION, "data of a program"),
 }
 """Elements that are set aside with all that is in them."""
+KEYFRAME: Final = "keyframe"
+"""The section of named states, whose elements the compiler does not name the lines of."""
 SECTIONS: Final = {"equality": "equality", "tendon": "tendon", "actuator": "actuator", "keyframe": "key"}
 """Sections whose elements are told one by one, as features of these kinds."""
 ONE_BY_ONE: Final = ("body", "joint", "freejoint", "geom", "pair")
@@ -110,16 +112,34 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
             element, around = waiting.pop()
             if around in SECTIONS:
                 whole.add(id(element))
+                if around == KEYFRAME:
+                    features.add("key", element)
             elif _element(element, around, by_attribute, features):
                 waiting += [(child, element.tag) for child in assembly.below(element)]
+    for element in features.carried:  # before what a copy of it loses
+        _carried(element, features)
     for name, elements in features.having.items():
         feature = FEATURES[name]
         for element in elements:
             if id(element) in whole or f"{element.tag}/*" in feature.attributes.split():
                 hint = features.hints.get((name, id(element)), feature.hint)
                 element.set_aside(None, Fate.LOST, feature.reason, feature.severity, hint)
+    for included in assembly.included.values():
+        for name in included.attributes:
+            included.set_aside(name, Fate.UNUSED, "what is included has no name of its own", _INFORMATION)
     accounts = assembly.accounts()
     return [*accounts, *_untold(features, accounts)]
+
+
+def _carried(element: Element, features: Features) -> None:
+    """An element of a section that the spec says, with its attributes."""
+    element.take()
+    softness = FEATURES["equality.softness"]
+    for name in element.attributes:
+        if name in ("solref", "solimp") and features.has("equality.softness", element):
+            element.set_aside(name, Fate.LOST, softness.reason, softness.severity, softness.hint)
+        else:
+            element.word(name)
 
 
 def every_loss() -> list[tuple[str, Severity, str, str]]:

@@ -118,7 +118,9 @@ FEATURES: Final = {
         _PHYSICS,
         "the language has joints that follow another linearly, and loops that the reference configuration closes",
     ),
-    "equality.softness": Feature("equality", _INFORMATION, "how hard constraints are: those of the spec are rigid"),
+    "equality.softness": Feature(
+        "equality/solref equality/solimp", _INFORMATION, "how hard constraints are: those of the spec are rigid"
+    ),
     "equality.touch": Feature("equality", _PHYSICS, "bodies that a loop joins do not touch each other in the spec"),
     "equality.inactive": Feature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
     "tendon": Feature("tendon/*", _PHYSICS, "springs, dampers and limits of tendons are not in the language"),
@@ -144,6 +146,8 @@ class Features:
 
     having: dict[str, list[Element]] = field(default_factory=dict)
 
+    carried: list[Element] = field(default_factory=list)
+    """Elements of sections (constraints) that the spec says."""
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
 
@@ -156,6 +160,10 @@ class Features:
         elements = self.having.setdefault(name, [])
         if not self.has(name, element):
             elements.append(element)
+
+    def carry(self, element: Element) -> None:
+        """Say that an element of a section is carried, but for what its features say of attributes."""
+        self.carried.append(element)
 
     def has(self, name: str, element: Element) -> bool:
         """Whether an element has a feature."""

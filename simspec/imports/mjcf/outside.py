@@ -22,8 +22,6 @@ def outside_the_tree(bodies: Bodies) -> None:
     for number, part in model.parts["actuator"].items():
         feature = "actuator.inertia" if _has_inertia(bodies, number) else "actuator"
         features.add(feature, part.element, _controller(bodies, number))
-    for part in model.parts["key"].values():
-        features.add("key", part.element)
     if model.numbers["nplugin"]:
         features.add("plugin", model.root)
 

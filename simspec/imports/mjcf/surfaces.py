@@ -77,6 +77,8 @@ class Surfaces:
     """The surface of each geom that may touch something."""
     _pairs_of: dict[tuple[int, int], Law] = field(default_factory=dict)
     """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
+    on_fixed: list[tuple[int, int]] = field(default_factory=list)
+    """Moving bodies and the fixed ones that they are joined to and may touch, by their numbers."""
     groups: dict[int, str] = field(default_factory=dict)
     """The collision group of bodies that are in another than the default one, by their number."""
 
@@ -311,4 +313,4 @@ class Surfaces:
     def _static(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
         """A moving body and a fixed one that it is joined to: the file lets them touch."""
         if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
-            self.features.add("contact.static_parent", self.model.part("body", body).element)
+            self.on_fixed.append((body, parent))

@@ -93,6 +93,22 @@ def test_the_law_of_two_surfaces(first, second, expected):
     assert combined(first, second) == combined(second, first) == expected
 
 
+FIXED = """<mujoco><worldbody>{0}<body name="base" pos="1 2 3" euler="10 20 30"><geom size="1"/>
+<body name="inner" pos="0 0 1" euler="0 30 0"><geom size="0.1"/><body name="arm" pos="0.1 0.2 0.3" euler="40 0 0">
+<joint name="j" pos="0.1 0 0"/><geom size="1"/></body></body></body></worldbody></mujoco>"""
+
+
+def test_what_is_joined_to_a_fixed_body_may_touch_it_in_a_scenario(tmp_path):
+    path = written(tmp_path, FIXED.format('<geom type="plane" size="1 1 1"/>'))
+    deviations, imported = equality.deviations(path, ImportOptions())
+    assert deviations.worst < SAME
+    assert not lost(imported)
+    world = load(path).resolve()
+    assert CollisionFilter(world).may_touch("arm", "inner")
+    (entry,) = lost(read(written(tmp_path, FIXED.format(""), "model.xml")))
+    assert (entry.location.line, entry.reason) == (2, FEATURES["contact.static_parent"].reason)
+
+
 def test_bits_are_groups_or_pairs_of_materials(tmp_path):
     bodies = [(2, 1), (1, 4), (2, 4), (7, 7)]
     geoms = [f'<geom size="1" contype="{one}" conaffinity="{two}"/>' for one, two in bodies]
