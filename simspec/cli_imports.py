@@ -39,6 +39,9 @@ def import_command(
     arguments_of_file: Annotated[
         list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
     ] = None,
+    meshes: Annotated[
+        Path | None, typer.Option("--meshes", metavar="DIR", help="Copy the meshes to this folder, and name those.")
+    ] = None,
     allow_outside: Outside = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 2, and write nothing, where something lost changes physics.")
@@ -65,6 +68,7 @@ def import_command(
         package=package or (),
         package_path=package_path or (),
         arguments=arguments_of_file or (),
+        meshes=meshes,
         allow_outside=allow_outside,
         strict=strict,
         as_json=as_json,

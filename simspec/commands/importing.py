@@ -12,13 +12,16 @@ from typing import Any, Final
 
 from simspec.arguments import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.imports.writing import is_unchanged, spec_text
+from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text
 from simspec.language.foreign import Imported, ImportOptions, is_foreign, suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems
 from simspec.language.sources import project_folder
-from simspec.outputs.targets import demand, file_problem
-from simspec.outputs.writing import write_file
+from simspec.meshes.files import LARGEST_FILE as LARGEST_MESH
+from simspec.outputs.marker import MESHES
+from simspec.outputs.targets import demand, file_problem, folder_problem
+from simspec.outputs.writing import write_file, write_folder
+from simspec.reading import read_bytes
 from simspec.report.imported import losses_table, repairs_table
 from simspec.report.screen import console, say
 
@@ -34,6 +37,7 @@ def import_file(
     package: Sequence[str],
     package_path: Sequence[str],
     arguments: Sequence[str],
+    meshes: Path | None,
     allow_outside: bool,
     strict: bool,
     as_json: bool,
@@ -48,12 +52,22 @@ def import_file(
     )
     if out is not None:
         demand([_not_over_the_source(out, path), file_problem(out, is_unchanged)])
+    if meshes is not None:
+        demand([folder_problem(meshes, MESHES, [path])])
     spec = load(path, allow_outside=allow_outside, options=options)
     spec.resolve()
     imported = imported_of(spec)
     if strict and (lost := of_physics(imported)):
         raise SpecError(problems(lost))
-    text = spec_text(imported, path.name)
+    folder = out.parent if out is not None else Path()
+    if meshes is None:
+        called = from_folder(imported, folder)
+    else:
+        sources, called = copies(imported, meshes, folder)
+    text = spec_text(imported, path.name, called)
+    if meshes is not None:
+        contents = {name: read_bytes(source, LARGEST_MESH, links=True) for name, source in sources.items()}
+        write_folder(contents, meshes, MESHES)
     if out is not None:
         write_file(out, text, is_unchanged)
     if as_json:

@@ -18,7 +18,6 @@ from typing import Final
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.language.foreign import ImportOptions
-from simspec.language.sources import project_folder
 from simspec.reading import NotReadableError, read_bytes
 
 LARGEST_FILE: Final = 256 * 2**20
@@ -34,6 +33,10 @@ NO_FILE: Final = ("no such file", "this path does not exist")
 """What :meth:`Files.find` says of a file that is not there."""
 MOST_FOLDERS: Final = 20_000
 """Folders that are looked at for one package."""
+
+
+class MissingFileError(SpecError):
+    """A file or a package that is not there."""
 
 
 @dataclass
@@ -121,7 +124,7 @@ class Files:
             if candidate.is_dir():
                 return candidate
         hint = f"--package-path FOLDER (a folder that holds {name}), or --package {name}=FOLDER"
-        raise element.error(f"the package {name!r} is not found", found=name, hint=hint)
+        raise MissingFileError([element.problem(f"the package {name!r} is not found", found=name, hint=hint)])
 
     def _named(self) -> dict[str, Path]:
         return {name: self.options.base / folder for name, folder in self.options.packages.items()}
@@ -139,7 +142,7 @@ class Files:
 
     def _candidates(self, name: str) -> Iterator[Path]:
         """Folders that a package of this name may be: above the file and beside those, then where packages are installed."""
-        project = (self.options.project or project_folder(self.path)).resolve()
+        project = self.options.project.resolve() if self.options.project is not None else None
         for folder in self.path.resolve().parents:
             if folder.name == name:
                 yield folder

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
+import os
 import textwrap
-from collections.abc import Iterator, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
 
 from simspec.errors import Problem, SpecError, visible
 from simspec.language.document import build, events
 from simspec.language.foreign import Imported
 from simspec.language.layout import WIDTH, Entry, Node, lines, node_of
+from simspec.language.mesh import named_files
 
 MARK: Final = "# Written by simspec import"
 """How a file begins that simspec may write again; then the file that it comes from, and :data:`SUM` of what follows."""
@@ -18,9 +22,11 @@ SUM: Final = "; as it was written: "
 DIGITS: Final = 16
 
 
-def spec_text(imported: Imported, source: str) -> str:
-    """The spec of an import, from a file called ``source``. Raises SpecError where the text would not read as the same data."""
-    root = node_of(imported.data)
+def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None = None) -> str:
+    """The spec of an import, from a file called ``source``. ``files``: what the spec calls the files that the data
+    names, by the texts there. Raises SpecError where the text would not read as the same data."""
+    data = _renamed(imported.data, files or {})
+    root = node_of(data)
     sentences: dict[str, list[str]] = {path: [text] for path, text in imported.comments.items()}
     for repair in imported.repairs:
         sentences.setdefault(repair.path, []).append(f"repaired ({repair.rule}): {repair.what}")
@@ -33,7 +39,7 @@ def spec_text(imported: Imported, source: str) -> str:
         else:
             entry.above += comment
     body = "\n".join(lines(root, header, [])) + "\n"
-    _check(body, imported)
+    _check(body, data)
     return f"{MARK} from {visible(source)}{SUM}{_sum(body)}\n{body}"
 
 
@@ -69,9 +75,46 @@ def _entry(root: Node, path: str) -> Entry | None:
     return entry
 
 
-def _check(body: str, imported: Imported) -> None:
+def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
+    """The data with other names of files; what was given stays as it is."""
+    changed = copy.deepcopy(data)
+    for path, text in named_files(data):
+        holder: Any = changed
+        for step in path[:-1]:
+            holder = holder[step]
+        holder[path[-1]] = files.get(text, text)
+    return changed
+
+
+def from_folder(imported: Imported, folder: Path) -> dict[str, str]:
+    """What a spec in ``folder`` calls the files that the data names: their paths from there."""
+    here = folder.resolve()
+    return {text: Path(os.path.relpath(path, here)).as_posix() for text, path in imported.files.items()}
+
+
+def copies(imported: Imported, into: Path, folder: Path) -> tuple[dict[str, Path], dict[str, str]]:
+    """Names in the folder ``into`` for the files that the data names, each with the file; and what a spec in ``folder`` calls
+    them. What a glTF file needs beside itself would be missing there, so that such a file stays where it is."""
+    sources: dict[str, Path] = {}
+    called = from_folder(imported, folder)
+    place = Path(os.path.relpath(into.resolve(), folder.resolve()))
+    names: dict[Path, str] = {}
+    for text, path in imported.files.items():
+        if path.suffix.lower() == ".gltf":
+            continue
+        if path not in names:
+            name, number = path.name, 1
+            while name in sources:
+                number += 1
+                name = f"{path.stem}_{number}{path.suffix}"
+            names[path], sources[name] = name, path
+        called[text] = (place / names[path]).as_posix()
+    return sources, called
+
+
+def _check(body: str, data: dict[str, Any]) -> None:
     """The promise of a written spec: it reads as the data that was imported."""
     document = build(events(body, "<spec>"), "<spec>")
-    if document.problems or document.data != imported.data:
+    if document.problems or document.data != data:
         message = "this import cannot be written as a spec without changing its meaning"
         raise SpecError([*document.problems, Problem(message, hint="report this: it is a bug in simspec")])

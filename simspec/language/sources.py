@@ -26,6 +26,8 @@ DEEPEST_USE = 8
 NAMEABLE = (".yaml", ".yml", ".csv", ".npz")
 """Files that a spec may mean."""
 PROJECT_MARKS = (".git", "pyproject.toml")
+PACKAGE_MARKS = ("package.xml", "model.config")
+"""Marks of a package of robot files, which is a project where it is in none."""
 
 
 @dataclass
@@ -63,11 +65,13 @@ class Source:
 
 
 def project_folder(path: Path) -> Path:
-    """The folder that ``use`` must not leave: the nearest one above with a mark of a project, else the file's own."""
+    """The folder that ``use`` must not leave: the nearest one above with a mark of a project, else of a package, else the
+    file's own."""
     folder = path.resolve().parent
-    for candidate in (folder, *folder.parents):
-        if any((candidate / mark).exists() for mark in PROJECT_MARKS):
-            return candidate
+    for marks in (PROJECT_MARKS, PACKAGE_MARKS):
+        for candidate in (folder, *folder.parents):
+            if any((candidate / mark).exists() for mark in marks):
+                return candidate
     return folder
 
 

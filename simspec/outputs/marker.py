@@ -29,6 +29,8 @@ RUN = "run"
 STUDY = "study"
 """Holds folders of runs and of compiled artifacts, each with its own marker, and what was found by comparing them."""
 
+MESHES = "meshes"
+"""Copies of the meshes that a robot file names."""
 STORE = "store"
 """The results of sweeps, each under the hash of what was run (:mod:`simspec.outputs.collection`)."""
 

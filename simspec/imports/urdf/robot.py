@@ -15,7 +15,7 @@ from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
-from simspec.imports.urdf.shapes import Shape, colours, name_shapes, read_shapes
+from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
 from simspec.imports.urdf.tree import Tree, tree_of
 from simspec.language.document import Path_
@@ -116,6 +116,7 @@ class Robot:
         for element, given in zip(elements, _given(elements, WORLD), strict=True):
             with self.draft.collecting():
                 self._link(element, known, given)
+        self._judge_meshes()
         name_shapes([shape for link in self.links.values() for shape in link.shapes])
         seen: dict[str, Joint] = {}
         elements = self.root.children("joint")
@@ -131,6 +132,14 @@ class Robot:
         self.all_read = len(self.joints) == len(elements)
         if not self.links and not self.draft.problems:
             raise self.root.error("a robot without links")
+
+    def _judge_meshes(self) -> None:
+        """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""
+        usable = {
+            id(shape) for shape in judge_meshes([s for link in self.links.values() for s in link.shapes], self.draft)
+        }
+        for link in self.links.values():
+            link.shapes = merged([shape for shape in link.shapes if id(shape) in usable])
 
     def _link(self, element: Element, known: Mapping[str, Any], given: str) -> None:
         name = element.need("name")
@@ -281,6 +290,10 @@ class Robot:
                 self.draft.place((*path, word), part)
         if joint is not None:
             body["joint"] = joint
+        if link.mass is not None and link.mass.from_shapes:
+            for shape in link.shapes:
+                if shape.is_open:  # only the hull has a volume
+                    shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
         if link.shapes:
             body["shapes"] = [shape.written() for shape in link.shapes]
             for index, shape in enumerate(link.shapes):

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
+from simspec.imports.files import MissingFileError
+from simspec.imports.meshes import NamedMesh, find_mesh, read_meshes
 from simspec.imports.urdf.table import APPEARANCE, LOST
+from simspec.language.mesh import SUFFIXES as MESHES
+from simspec.meshes.files import MeshError
 
 GEOMETRIES: Final = ("box", "sphere", "cylinder", "mesh")
 
@@ -25,6 +30,9 @@ class Shape:
     name: str = ""
     named: Element | None = None
     """The element that says the name, where it is another."""
+    mesh: NamedMesh | None = None
+    is_open: bool = False
+    """Whether the mesh encloses no volume."""
 
     def written(self) -> dict[str, Any]:
         """The shape as the spec says it."""
@@ -74,7 +82,7 @@ def _colour(material: Element) -> list[float] | None:
 
 
 def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: Draft) -> list[Shape]:
-    """All shapes of a link; a visual shape that is the same as a collision shape is one with it."""
+    """All shapes of a link."""
     shapes: list[Shape] = []
     for element in link.children("collision", "visual"):
         with draft.collecting():
@@ -85,10 +93,11 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
                 shape.visual, shape.colour = True, _of_visual(element, known)
             shape.name = element.word("name") or ""
             shapes.append(shape)
-    return _merged(shapes)
+    return shapes
 
 
-def _merged(shapes: Sequence[Shape]) -> list[Shape]:
+def merged(shapes: Sequence[Shape]) -> list[Shape]:
+    """The shapes, a visual one that is the same as a collision shape as one with it."""
     solid = [shape for shape in shapes if shape.collision]
     seen = [shape for shape in shapes if not shape.collision]
     return [*solid, *(shape for shape in seen if not any(other.merge(shape) for other in solid))]
@@ -131,19 +140,66 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
     if len(kinds) > 1:
         raise geometry.error("one <geometry> holds one shape", ", ".join(child.tag for child in kinds))
     if kind.tag == "mesh":
-        if collides:
-            raise kind.error("meshes are not supported yet", kind.attributes.get("filename"), "box, sphere, cylinder")
-        element.set_aside(None, LOST, "meshes are not supported yet", APPEARANCE)
-        return None
+        return _mesh(element, kind.take(), draft)
     sizes = _sizes(kind.take())
     if min(size for value in sizes.values() for size in (value if isinstance(value, list) else [value])) <= 0.0:
         _empty(element, kind, draft)
         return None
-    data: dict[str, Any] = {kind.tag: sizes}
+    return Shape(element, collides, {kind.tag: sizes, **_pose(element)})
+
+
+def _pose(element: Element) -> dict[str, Any]:
     origin = element.child("origin")
-    if origin is not None and (where := pose(origin.vector("xyz"), origin.vector("rpy"))):
-        data["pose"] = where
-    return Shape(element, collides, data)
+    where = pose(origin.vector("xyz"), origin.vector("rpy")) if origin is not None else {}
+    return {"pose": where} if where else {}
+
+
+def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
+    """A mesh; None for one that is not there, or is of another kind of file."""
+    text, scale = kind.need("filename"), kind.vector("scale", (1.0, 1.0, 1.0))
+    try:
+        mesh = find_mesh(text, scale, kind, draft.files)
+    except MissingFileError as error:
+        _without(element, draft, error.problems[0])
+        return None
+    except SpecError as error:
+        if text.lower().endswith(MESHES):
+            raise
+        _without(element, draft, error.problems[0])
+        return None
+    draft.meshes[text] = mesh.path
+    return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
+
+
+def _without(element: Element, draft: Draft, why: Problem) -> None:
+    """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
+    found = f": {why.found}" if why.found else ""
+    if element.tag == "visual":
+        element.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
+    elif draft.repairing(MISSING):
+        element.set_aside(None, LOST, f"left out by the rule {MISSING}: {why.message}{found}")
+        draft.repaired(MISSING, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
+    else:
+        draft.problems.append(
+            replace(
+                why, hint="; ".join(filter(None, [why.hint, f"simspec import --repair {MISSING}: {RULES[MISSING]}"]))
+            )
+        )
+
+
+def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
+    """The shapes without those meshes that cannot be read; of the others it is noted whether they enclose a volume."""
+    named = [shape for shape in shapes if shape.mesh is not None]
+    made = read_meshes([shape.mesh for shape in named if shape.mesh is not None])
+    unusable = set()
+    for shape, result in zip(named, made, strict=True):
+        if isinstance(result, MeshError):
+            kind = shape.element.look("geometry")[0].look("mesh")[0]
+            _without(shape.element, draft, kind.problem(str(result), kind.attributes["filename"]))
+            unusable.add(id(shape))
+        else:
+            shape.is_open = result.enclosed is None
+    return [shape for shape in shapes if id(shape) not in unusable]
 
 
 def _empty(element: Element, kind: Element, draft: Draft) -> None:
@@ -169,4 +225,8 @@ def _sizes(element: Element) -> dict[str, Any]:
 
 
 EMPTY: Final = "empty-shapes"
-RULES: Final = {EMPTY: "collision shapes without volume are left out"}
+MISSING: Final = "missing-meshes"
+RULES: Final = {
+    EMPTY: "collision shapes without volume are left out",
+    MISSING: "collision meshes that are not there, or cannot be read, are left out",
+}

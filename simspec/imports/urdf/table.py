@@ -56,6 +56,9 @@ TABLE: Final = (
             Row(f"link/{holder}/geometry/cylinder", "`cylinder`"),
             Row(f"link/{holder}/geometry/cylinder/@radius", "`cylinder.radius`"),
             Row(f"link/{holder}/geometry/cylinder/@length", "`cylinder.length`"),
+            Row(f"link/{holder}/geometry/mesh", "`mesh`: its convex hull"),
+            Row(f"link/{holder}/geometry/mesh/@filename", "`mesh.file`"),
+            Row(f"link/{holder}/geometry/mesh/@scale", "`mesh.scale`"),
         )
     ),
     Row("link/visual/material", "`shapes.N.colour`"),

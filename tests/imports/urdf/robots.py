@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -106,3 +109,25 @@ def refused(text: str | bytes, folder: Path, *repair: str) -> list[str]:
         read(text, folder, *repair)
     assert all(problem.location is not None for problem in error.value.problems), str(error.value)
     return [str(problem) for problem in error.value.problems]
+
+
+_watched: list[list[str]] = []
+
+
+def _watch(event: str, arguments: tuple[object, ...]) -> None:
+    if event == "open" and isinstance(arguments[0], str | bytes):
+        for opened in _watched:
+            opened.append(str(arguments[0]))
+
+
+@contextlib.contextmanager
+def watched(opened: list[str]) -> Iterator[None]:
+    """Within it, every file that this process opens is noted. A watch cannot be removed again: there is one."""
+    if not hasattr(sys, "_simspec_watch"):
+        sys._simspec_watch = True  # type: ignore[attr-defined]
+        sys.addaudithook(_watch)
+    _watched.append(opened)
+    try:
+        yield
+    finally:
+        _watched.remove(opened)

@@ -1,0 +1,49 @@
+"""Meshes that robot files name: found, read once to see whether they can be, and named in the spec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simspec.imports.draft import plain
+from simspec.imports.elements import Element
+from simspec.imports.files import Files
+from simspec.language.mesh import MOST_VERTICES, SUFFIXES
+from simspec.meshes.files import MeshError
+from simspec.meshes.load import load
+from simspec.meshes.made import MadeMesh, MeshOptions
+
+
+@dataclass(frozen=True)
+class NamedMesh:
+    """A mesh of a robot file: the text that names it, the file, and the factors along the axes."""
+
+    text: str
+    path: Path
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def data(self) -> dict[str, Any]:
+        """The word ``mesh`` of a shape."""
+        x, y, z = self.scale
+        if x == y == z:
+            return {"file": self.text} if x == 1.0 else {"file": self.text, "scale": plain(x)}
+        return {"file": self.text, "scale": [plain(value) for value in self.scale]}
+
+
+def find_mesh(text: str, scale: tuple[float, float, float], element: Element, files: Files) -> NamedMesh:
+    """The mesh that a text in a file means. Raises MissingFileError where there is no such file, SpecError for one that may
+    not be read, is of no language of meshes, or has no volume."""
+    if not text.lower().endswith(SUFFIXES):
+        raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
+    if 0.0 in scale:
+        raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
+    return NamedMesh(text, files.find(text, element), scale)
+
+
+def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
+    """What is made of each, or why nothing is; it is remembered for the spec that names them."""
+    wanted = [(mesh.path, MeshOptions(scale=mesh.scale)) for mesh in meshes]
+    made = load(wanted, MOST_VERTICES)
+    return [made[one] for one in wanted]
