@@ -90,12 +90,12 @@ class Files:
             resolved = target.resolve()
             is_file = resolved.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
-            raise element.error(NO_FILE[1], found=text[:200]) from None
+            raise MissingFileError([element.problem(NO_FILE[1], found=text[:200])]) from None
         if self.roots and not any(resolved.is_relative_to(root) for root in self.roots):
             hint = "--allow-outside allows it; --package-path names a folder of packages"
             raise element.error("leaves the project folder", found=text, hint=hint)
         if not is_file:
-            raise element.error(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")
+            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")])
         return resolved
 
     def _target(self, text: str, element: Element, beside: Path) -> Path:

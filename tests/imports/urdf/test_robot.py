@@ -8,6 +8,7 @@ from simspec.imports.urdf.table import GAZEBO, rows
 from simspec.language.foreign import Fate, Severity
 from simspec.language.load import load
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
+from tests.meshes.solids import box, stl
 
 
 def test_a_robot_is_a_short_model_file(tmp_path):
@@ -85,8 +86,14 @@ def test_it_loads_and_resolves_as_a_spec(tmp_path):
 
 
 def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
+    (tmp_path / "box.stl").write_bytes(stl(*box(0.1, 0.2, 0.3)))
+    meshes = "".join(
+        f'<{tag}><geometry><mesh filename="box.stl" scale="1 1 2"/></geometry></{tag}>'
+        for tag in ("visual", "collision")
+    )
+    text = SPECIMEN.replace('<link name="tip">', f'<link name="tip">{meshes}')
     fates = {}
-    for account in read(SPECIMEN, tmp_path).accounts:
+    for account in read(text, tmp_path).accounts:
         where = re.sub(r"\[[^]]*\]", "", account.what).removeprefix("robot/")
         fates.setdefault(where, []).append((account.fate, account.severity))
     known = {row.where: row for row in rows()}
