@@ -20,6 +20,7 @@ from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
 
 SAME: Final = 1e-6
 """Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
+NO_ROOT: Final = "the file does not say whether its root is fixed"
 LEAST_SHARE: Final = 1e-9
 """Share of the largest moment below which a product of inertia is not told."""
 LEAST_INERTIA: Final = 1e-12
@@ -43,7 +44,9 @@ class Comparison:
         self.engine, self._meaning, self._held, self._own = engine, meaning, held, own
         self.findings: list[Finding] = []
         self.compared = 0
-        self.knows_meshes = any(shape.kind == MESH for body in meaning.bodies for shape in body.shapes)
+        imported = meaning.imported
+        lost = imported.losses() if imported is not None else []
+        self.knows_meshes = not any(MESH in account.what for account in lost)
         """Whether meshes of the file were read."""
         self._matched = match(meaning.bodies, held.bodies)
         self._at, self._held_at = zero_poses(meaning.bodies), zero_poses(held.bodies)
@@ -87,10 +90,7 @@ class Comparison:
         tail = quantity.rpartition(".")[2]
         if {quantity, tail} & self._held.unreadable.keys():
             return False
-        unsure = self._meaning.unsure
-        if any(
-            path.endswith(f"bodies.{body.name}.{quantity}") or path.endswith(f"bodies.{body.name}") for path in unsure
-        ):
+        if any(f"{body.name}.{quantity}.".startswith(f"{path}.") for path in self._meaning.unsure):
             return False
         self.compared += 1
         return True
@@ -105,7 +105,10 @@ class Comparison:
             if carrier is None:
                 self.add(What.DROPPED, Severity.PHYSICS, body, "body", "a body", None)
             else:
-                self.add(What.MERGED, Severity.INFORMATION, body, "body", "a body", f"part of {carrier}")
+                free = body.joint.kind == "free"
+                severity = Severity.DEFAULT if free else Severity.INFORMATION
+                why = NO_ROOT if free else ""
+                self.add(What.MERGED, severity, body, "body", "a body", f"part of {carrier}", why)
 
     def _extra(self) -> None:
         for body in self._matched.extra:
@@ -180,7 +183,7 @@ class Comparison:
             roots = said.parent is None and held.parent is None and {said.kind, held.kind} == {"fixed", "free"}
             severity = Severity.DEFAULT if roots else Severity.PHYSICS
             what = What.DROPPED if held.kind == "fixed" and not roots else What.CHANGED
-            why = "the file does not say whether its root is fixed" if roots else ""
+            why = NO_ROOT if roots else ""
             self.add(what, severity, body, "joint.type", said.kind, held.kind, why)
             return
         if said.kind in SCALAR_JOINTS:
@@ -214,7 +217,7 @@ class Comparison:
             return
         what = What.ADDED if one == nothing else What.DROPPED if other == nothing else What.CHANGED
         severity = Severity.RATING if name in RATINGS else Severity.PHYSICS
-        off = relative(one or 0.0, other or 0.0)
+        off = relative(one or 0.0, other or 0.0) if what is What.CHANGED else None
         self.add(what, severity, body, f"joint.{name}", said, held, "", off)
 
     # --- the whole ----------------------------------------------------------------------------------------------------

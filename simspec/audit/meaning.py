@@ -92,7 +92,8 @@ def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) 
     bare = Meaning(path, language, packages=packages_of(content, path, options))
     importer = importers().good.get(language)
     if importer is None:
-        return dataclasses.replace(bare, source="")
+        why = importers().broken.get(language)
+        return dataclasses.replace(bare, defects=(Problem(why),) if why else ())
     try:
         return _read(bare, options, allow_outside)
     except SpecError as error:
@@ -123,7 +124,7 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
         world=world if not bare.defects else None,
         spec=spec,
         imported=imported,
-        unsure=frozenset(repair.path for repair in repairs if bare.defects),
+        unsure=frozenset(repair.path.rpartition("bodies.")[2] for repair in repairs if bare.defects),
     )
 
 

@@ -21,10 +21,28 @@ WORLD: Final = "world"
 Floats = NDArray[np.float64]
 
 
+def parents_first(bodies: Sequence[Body]) -> list[Body]:
+    """Bodies, each after its parent: engines keep orders of their own. Raises ValueError where a parent is missing, or
+    bodies are parents of each other."""
+    children: dict[str | None, list[Body]] = {}
+    for body in bodies:
+        children.setdefault(body.joint.parent, []).append(body)
+    ordered: list[Body] = []
+    waiting = list(reversed(children.get(None, [])))
+    while waiting:
+        body = waiting.pop()
+        ordered.append(body)
+        waiting.extend(reversed(children.get(body.name, [])))
+    if len(ordered) != len(bodies):
+        left = sorted({body.name for body in bodies} - {body.name for body in ordered})
+        raise ValueError(f"bodies without a way to the world: {', '.join(left[:5])}")
+    return ordered
+
+
 def zero_poses(bodies: Sequence[Body]) -> dict[str, Pose]:
     """The pose of every body's frame in the world with all joints at zero; free roots where they start."""
     placed: dict[str, Pose] = {}
-    for body in bodies:
+    for body in parents_first(bodies):
         joint = body.joint
         start = joint.origin if joint.parent is None else frames.compose(placed[joint.parent], joint.origin)
         if joint.kind == "free" and joint.position:
@@ -36,7 +54,7 @@ def zero_poses(bodies: Sequence[Body]) -> dict[str, Pose]:
 def groups_of(bodies: Sequence[Body]) -> dict[str, str]:
     """For every body the topmost one that it is rigidly joined to; ``WORLD`` where that cannot move."""
     group: dict[str, str] = {}
-    for body in bodies:
+    for body in parents_first(bodies):
         joint = body.joint
         if joint.kind != "fixed":
             group[body.name] = body.name
@@ -82,10 +100,10 @@ def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
     for body in bodies:
         if body.name in own:
             carrier[body.name] = body.name
-        elif body.joint.kind != "fixed":
-            carrier[body.name] = None
+        elif body.joint.parent is None:
+            carrier[body.name] = WORLD  # whether a root is fixed is often left open
         else:
-            carrier[body.name] = WORLD if body.joint.parent is None else carrier[body.joint.parent]
+            carrier[body.name] = carrier[body.joint.parent] if body.joint.kind == "fixed" else None
     return Matched(own, carrier, tuple(body for body in held if body.name not in taken))
 
 

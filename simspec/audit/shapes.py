@@ -27,8 +27,7 @@ def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], he
     """Add findings about the shapes of a body."""
     solid = [shape for shape in said if shape.collision]
     left = [shape for shape in held if shape.collision]
-    known_meshes = any(shape.kind == MESH for shape in solid)
-    if not comparison.knows_meshes and not known_meshes:
+    if not comparison.knows_meshes:
         left = [shape for shape in left if shape.kind != MESH]  # the file's own were not read
     for shape in solid:
         if not comparison.compares(body, "shapes"):

@@ -25,6 +25,8 @@ STYLES = {Severity.PHYSICS: "bold red", Severity.RATING: "yellow", Severity.APPE
 LONGEST_VALUE = 46
 """Characters of a value in a table; JSON has it whole."""
 MOST_DEFECTS = 5
+SHARES = ("mass", "inertia", "joint.damping", "joint.dry_friction", "joint.armature", "joint.effort_limit")
+"""Quantities whose differences are told as shares."""
 
 
 def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
@@ -119,22 +121,27 @@ def _proof_cell(valid: bool | None, why: str) -> Text:
 
 
 def _findings(audit: FileAudit, details: bool) -> Table:
-    shown = table(
-        "What engines make of the file", "engine", "what", "value", "where", "file", "engine's", "why or how much"
-    )
+    title = "What engines make of the file"
+    shown = table(title, "engine", "what", "value", "where", "file → engine", "how much, or why")
     for group in _shown(audit, details):
         rows = group.findings if details else (group.worst,)
         for finding in rows:
+            name = finding.quantity.replace("_", " ").replace("joint.", "joint ")
             shown.add_row(
                 group.engine,
                 Text(f"{group.what}", style=STYLES.get(group.severity, "dim")),
-                finding.quantity if finding.silent else f"{finding.quantity} ({group.severity})",
+                name if finding.silent else f"{name} ({group.severity})",
                 _where(finding, 0 if details else len(group.findings) - 1),
-                clipped(finding.file_value, LONGEST_VALUE),
-                clipped(finding.engine_value, LONGEST_VALUE) if not finding.why or finding.file_value else "",
+                _both(finding),
                 _how_much(finding),
             )
     return shown
+
+
+def _both(finding: Finding) -> str:
+    if finding.what in (What.REFUSED, What.DIED):
+        return ""
+    return f"{clipped(finding.file_value, LONGEST_VALUE)} → {clipped(finding.engine_value, LONGEST_VALUE)}"
 
 
 def _where(finding: Finding, more: int) -> str:
@@ -146,11 +153,11 @@ def _where(finding: Finding, more: int) -> str:
 def _how_much(finding: Finding) -> str:
     if finding.what in (What.REFUSED, What.DIED):
         return clipped(finding.why, 200)
-    size = "" if finding.size is None or not math.isfinite(finding.size) else f"by {finding.size:.2g}"
-    if finding.quantity in ("mass", "inertia") and finding.size is not None:
-        size = f"by {100.0 * finding.size:.3g} %"
-    value = finding.engine_value if not finding.file_value else ""
-    return "; ".join(part for part in (size, finding.why, value if finding.why else "") if part)
+    size = ""
+    if finding.size is not None and finding.what is What.CHANGED and math.isfinite(finding.size):
+        shares = finding.quantity in SHARES
+        size = f"by {100.0 * finding.size:.3g} %" if shares else f"by {finding.size:.2g}"
+    return "; ".join(part for part in (size, finding.why) if part)
 
 
 def verdict(audit: FileAudit) -> list[Sentence]:

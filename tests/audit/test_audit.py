@@ -1,0 +1,168 @@
+"""Files against what engines hold of them: what is found, where, and how the command ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from simspec import cli
+from simspec.audit.audit import audit
+from simspec.audit.compare import Comparison
+from simspec.audit.findings import FileAudit, Severity, What
+from simspec.audit.meaning import Meaning, meaning_of
+from simspec.engines.kit.registry import engines
+from simspec.errors import SpecError
+from simspec.language.foreign import ImportOptions
+from simspec.world.types import ReadBack
+from tests.audit.files import robot
+
+READERS = [name for name, engine in engines().items() if "urdf" in engine.FOREIGN and engine.version() is not None]
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory) -> Path:
+    path: Path = tmp_path_factory.mktemp("audit") / "tiny.urdf"
+    path.write_text(robot(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def audited(tiny) -> FileAudit:
+    return audit(tiny, READERS, ImportOptions())
+
+
+def silent(audited: FileAudit, engine: str) -> set[tuple[str, str, str]]:
+    one = next(one for one in audited.engines if one.engine == engine)
+    assert one.loaded
+    assert one.compared > 20
+    return {(finding.element, finding.quantity, finding.what.value) for finding in one.silent}
+
+
+def test_what_is_changed_in_silence(audited):
+    added = {("the file", name, "added") for name in ("linear_damping", "joints_held_by_motors", "velocity_clamp")}
+    inertia = {(name, "inertia", "changed") for name in ("base", "flange", "arm", "hand")}
+    expected = {
+        "mujoco": set(),
+        "drake": {("arm", "joint.dry_friction", "dropped")},
+        "dart": {("the file", "limits_enforced", "changed"), ("the file", "self_collision", "changed")},
+        "pybullet": {
+            *added,
+            *inertia,
+            ("arm", "shapes", "changed"),
+            ("the file", "collision_margin", "added"),
+            ("the file", "self_collision", "changed"),
+        },
+    }
+    assert {name: silent(audited, name) for name in READERS} == {name: expected[name] for name in READERS}
+
+
+def test_places_and_values(audited):
+    findings = [finding for one in audited.engines for finding in one.findings]
+    dropped = [finding for finding in findings if finding.quantity == "joint.dry_friction"]
+    assert dropped
+    line = next(number for number, text in enumerate(robot().splitlines(), 1) if '"shoulder"' in text)
+    assert {finding.location.line for finding in dropped if finding.location is not None} == {line}
+    assert {finding.file_value for finding in dropped} == {"0.1"}
+    ratings = [finding for finding in findings if finding.quantity == "joint.velocity_limit"]
+    assert ratings
+    assert all(finding.severity is Severity.RATING for finding in ratings)
+
+
+def test_merged_bodies_are_no_other_model(audited):
+    one = next(one for one in audited.engines if one.engine == "mujoco")
+    merged = {finding.element: finding.severity for finding in one.findings if finding.what is What.MERGED}
+    assert merged == {"base": Severity.DEFAULT, "flange": Severity.INFORMATION}
+
+
+def test_what_simspec_compiles_is_proven(audited):
+    proven = {one.engine: one.valid for one in audited.compiled}
+    assert proven == {name: None if name == "drake" else True for name in READERS}
+
+
+def held_by(meaning: Meaning) -> ReadBack:
+    return ReadBack(meaning.bodies, (0.0, 0.0, 0.0), 0.001)
+
+
+def findings_of(meaning: Meaning, held: ReadBack) -> set[tuple[str, str]]:
+    return {(one.element, one.quantity) for one in Comparison("an engine", meaning, held, {}).run().findings}
+
+
+@pytest.mark.parametrize(
+    ("quantity", "change"),
+    [
+        ("mass", lambda body: {"inertial": dataclasses.replace(body.inertial, mass=1.00001)}),
+        (
+            "centre_of_mass",
+            lambda body: {"inertial": dataclasses.replace(body.inertial, centre_of_mass=(0.1, 0.0, 1e-5))},
+        ),
+        ("inertia", lambda body: {"inertial": dataclasses.replace(body.inertial, inertia=(0.02, 0.03, 0.04, 0, 0, 0))}),
+        ("joint.axis", lambda body: {"joint": dataclasses.replace(body.joint, axis=(0.0, -1.0, 0.0))}),
+        ("joint.limits", lambda body: {"joint": dataclasses.replace(body.joint, position_limits=(-1.0, 2.0001))}),
+        ("joint.limits", lambda body: {"joint": dataclasses.replace(body.joint, position_limits=None)}),
+        ("joint.damping", lambda body: {"joint": dataclasses.replace(body.joint, damping=0.0)}),
+        ("joint.armature", lambda body: {"joint": dataclasses.replace(body.joint, armature=0.01)}),
+        ("joint.type", lambda body: {"joint": dataclasses.replace(body.joint, kind="fixed")}),
+        ("shapes", lambda body: {"shapes": ()}),
+    ],
+)
+def test_each_value_is_compared(tiny, quantity, change):
+    meaning = meaning_of(tiny, ImportOptions())
+    assert not findings_of(meaning, held_by(meaning))
+    bodies = tuple(dataclasses.replace(body, **change(body)) if body.name == "arm" else body for body in meaning.bodies)
+    found = findings_of(meaning, dataclasses.replace(held_by(meaning), bodies=bodies))
+    assert found == {("arm", quantity)}
+
+
+def test_a_repaired_value_is_not_compared(tmp_path):
+    path = tmp_path / "hole.urdf"
+    path.write_text(robot(hand=""), encoding="utf-8")
+    meaning = meaning_of(path, ImportOptions())
+    assert meaning.defects
+    assert meaning.bodies
+    comparison = Comparison("an engine", meaning, held_by(meaning), {})
+    hand = next(body for body in meaning.bodies if body.name == "hand")
+    assert not comparison.compares(hand, "joint.type")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "wrong"),
+    [
+        ("a.urdf", "<robot", "not XML"),
+        ("a.urdf", '<!DOCTYPE robot [<!ENTITY a "b">]><robot/>', "DOCTYPE"),
+        ("a.urdf", "<html/>", "outermost element"),
+        ("a.txt", "<robot/>", "no engine reads such files"),
+    ],
+)
+def test_what_is_no_such_file(tmp_path, name, text, wrong):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError, match=wrong):
+        audit(path, READERS, ImportOptions())
+
+
+def test_the_command(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["audit", str(tiny), "--engine", "mujoco", "--no-verify"]
+    done = CliRunner().invoke(cli.app, [*words, "--junit", "audit.xml", "--html", "audit.html", "--json"])
+    assert done.exit_code == 0
+    data = json.loads(done.stdout)
+    assert data["clean"]
+    assert [one["engine"] for one in data["files"][0]["engines"]] == ["mujoco"]
+    assert "merged" in (tmp_path / "audit.xml").read_text(encoding="utf-8")
+    page = (tmp_path / "audit.html").read_text(encoding="utf-8")
+    assert "What engines make of the file" in page
+    assert "default-src" in page
+
+
+def test_two_files_of_one_robot(tiny, tmp_path):
+    other = tmp_path / "other.urdf"
+    other.write_text(robot(upper=0.5).replace('<link name="flange">', '<link name="flange"><!-- -->'), encoding="utf-8")
+    done = CliRunner().invoke(cli.app, ["audit", str(tiny), str(other), "--pair", "--json"])
+    assert done.exit_code == 1
+    data = json.loads(done.stdout)
+    assert [(one["element"], one["quantity"]) for one in data["findings"]] == [("hand", "joint.limits")]
+    assert data["matched"] == 4
