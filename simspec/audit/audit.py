@@ -17,6 +17,7 @@ from simspec.engines.kit.process import Operation, Reply, side_by_side, start
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, clipped
 from simspec.language.foreign import ImportOptions
+from simspec.language.foreign import Severity as LossSeverity
 from simspec.scratch import scratch_folder
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, World
@@ -65,6 +66,7 @@ def audit(
         proven,
         tuple(str(problem) for problem in meaning.defects),
         len(losses),
+        sum(loss.severity is LossSeverity.PHYSICS for loss in losses),
         skipped,
         len(meaning.bodies),
     )

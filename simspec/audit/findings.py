@@ -100,7 +100,8 @@ class Compiled:
 @dataclass(frozen=True)
 class FileAudit:
     """The audit of one file. ``meaning``: what engines were compared with; ``defects``: why simspec does not import the
-    file as it is; ``skipped``: engines that do not read it, with the reason."""
+    file as it is; ``losses``: elements and attributes that its import does not
+    carry; ``skipped``: engines that do not read it, with the reason."""
 
     file: str
     language: str
@@ -109,6 +110,7 @@ class FileAudit:
     compiled: tuple[Compiled, ...] = ()
     defects: tuple[str, ...] = ()
     losses: int = 0
+    losses_of_physics: int = 0
     skipped: Mapping[str, str] = field(default_factory=dict)
     bodies: int = 0
 

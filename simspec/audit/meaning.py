@@ -98,7 +98,8 @@ def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) 
         return _read(bare, options, allow_outside)
     except SpecError as error:
         bare = dataclasses.replace(bare, defects=error.problems)
-    rules = tuple(getattr(importer, "RULES", ()))
+    told = getattr(importer, "rules", None)  # an importer may have none
+    rules = tuple(told()) if told is not None else ()
     if rules:
         try:
             return _read(bare, dataclasses.replace(options, repair=rules), allow_outside)

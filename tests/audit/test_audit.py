@@ -64,7 +64,7 @@ def test_places_and_values(audited):
     findings = [finding for one in audited.engines for finding in one.findings]
     dropped = [finding for finding in findings if finding.quantity == "joint.dry_friction"]
     assert dropped
-    line = next(number for number, text in enumerate(robot().splitlines(), 1) if '"shoulder"' in text)
+    line = next(number for number, text in enumerate(robot().splitlines(), 1) if 'friction="0.1"' in text)
     assert {finding.location.line for finding in dropped if finding.location is not None} == {line}
     assert {finding.file_value for finding in dropped} == {"0.1"}
     ratings = [finding for finding in findings if finding.quantity == "joint.velocity_limit"]
