@@ -5,8 +5,10 @@ export type Triple = [number, number, number];
 /** A shape of a body, at a pose in the body's frame. `size`: as in simspec's table of shapes. */
 export interface Shape {
   body: number;
-  kind: "sphere" | "box" | "cylinder" | "capsule" | "ellipsoid" | "plane";
+  kind: "sphere" | "box" | "cylinder" | "capsule" | "ellipsoid" | "plane" | "mesh";
   size: number[];
+  /** Of a mesh: names of packed numbers, x y z of its vertices and the triangles' indices of them, wound outwards. */
+  hull?: { vertices: string; triangles: string };
   position: Triple;
   quaternion: [number, number, number, number];
   colour: [number, number, number, number];

@@ -1,7 +1,7 @@
 /** The playback of one scene: all runs overlaid, or side by side. Draws only when something changed. */
 
 import {
-  BoxGeometry, type BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, GridHelper, Group, HemisphereLight,
+  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, GridHelper, Group, HemisphereLight,
   InstancedMesh, Matrix4, MeshLambertMaterial, PerspectiveCamera, Quaternion, Scene as Space, SphereGeometry, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
@@ -9,6 +9,7 @@ import type { PageData, RunData, Scene, Shape } from "./data";
 import { ForceBars } from "./forces";
 import { colour, fill } from "./palette";
 import { type Moment, momentOf, Poses } from "./motion";
+import { float32, uint16 } from "./packing";
 
 const ONE = new Vector3(1, 1, 1);
 const FIELD_OF_VIEW = 40;
@@ -31,7 +32,7 @@ export const VIEWS: Record<string, [number, number, number]> = {
   top: [0, -0.001, 1],
 };
 
-function geometryOf(shape: Shape): BufferGeometry | null {
+async function geometryOf(page: PageData, shape: Shape): Promise<BufferGeometry | null> {
   const [a, b, c] = shape.size;
   switch (shape.kind) {
     case "sphere":
@@ -44,6 +45,15 @@ function geometryOf(shape: Shape): BufferGeometry | null {
       return new CapsuleGeometry(a, b, 8, 18).rotateX(Math.PI / 2);
     case "ellipsoid":
       return new SphereGeometry(1, 24, 16).scale(a, b, c);
+    case "mesh": {
+      if (shape.hull === undefined) return null;
+      const hull = new BufferGeometry();
+      hull.setAttribute("position", new BufferAttribute(await float32(page, shape.hull.vertices), 3));
+      hull.setIndex(new BufferAttribute(await uint16(page, shape.hull.triangles), 1));
+      const faces = hull.toNonIndexed(); // each with a normal of its own
+      faces.computeVertexNormals();
+      return faces;
+    }
     default:
       return null; // a plane has no end: the grid stands for it
   }
@@ -55,15 +65,15 @@ interface Batch {
   shapes: { shape: Shape; local: Matrix4 }[];
 }
 
-function batches(shapes: Shape[], opacity: number): Batch[] {
+async function batches(page: PageData, shapes: Shape[], opacity: number): Promise<Batch[]> {
   const groups = new Map<string, Shape[]>();
   for (const shape of shapes) {
-    const key = `${shape.kind} ${shape.size.join(" ")}`;
+    const key = `${shape.kind} ${shape.size.join(" ")} ${shape.hull?.vertices ?? ""}`;
     groups.set(key, [...(groups.get(key) ?? []), shape]);
   }
   const made: Batch[] = [];
   for (const group of groups.values()) {
-    const geometry = geometryOf(group[0]);
+    const geometry = await geometryOf(page, group[0]);
     if (geometry === null) continue;
     const mesh = new InstancedMesh(geometry, new MeshLambertMaterial({ transparent: opacity < 1, opacity }), group.length);
     mesh.frustumCulled = false;
@@ -157,7 +167,7 @@ export class Stage {
     sun.position.set(3, -4, 8);
     space.add(sun);
     this.addGrid();
-    for (const batch of batches(scene.shapes.filter((shape) => !moving.has(shape.body)), 1)) {
+    for (const batch of await batches(page, scene.shapes.filter((shape) => !moving.has(shape.body)), 1)) {
       paint(batch, null);
       place(batch, (body) => {
         const [x, y, z, qw, qx, qy, qz] = scene.rest[body];
@@ -171,7 +181,7 @@ export class Stage {
       if (data.motion === null) continue;
       const poses = await Poses.load(page, scene, data.motion, data.frames, scene.moving, scene.turning);
       const forces = data.forces && (await ForceBars.load(page, scene, data.forces, colour(data.colour)));
-      const actor: Actor = { data, group: new Group(), batches: batches(movingShapes, 1), poses, forces };
+      const actor: Actor = { data, group: new Group(), batches: await batches(page, movingShapes, 1), poses, forces };
       for (const batch of actor.batches) actor.group.add(batch.mesh);
       if (forces) actor.group.add(forces.mesh);
       space.add(actor.group);
@@ -181,7 +191,7 @@ export class Stage {
       const bodies = scene.ghost.bodies;
       const of = new Set(bodies);
       const poses = await Poses.load(page, scene, scene.ghost.motion, scene.frames, bodies, bodies);
-      const made = batches(scene.shapes.filter((shape) => of.has(shape.body)), GHOST_OPACITY);
+      const made = await batches(page, scene.shapes.filter((shape) => of.has(shape.body)), GHOST_OPACITY);
       this.ghost = { group: new Group(), batches: made, poses };
       for (const batch of made) {
         paint(batch, GHOST_COLOUR);

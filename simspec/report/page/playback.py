@@ -12,6 +12,8 @@ from simspec.report.page.frames import FARTHEST, Frames, Rows, drawable, turns_u
 from simspec.report.page.ghost import driven_bodies, target_poses
 from simspec.report.page.packing import Numbers, Packed, coded, turns
 from simspec.runner.run import Run
+from simspec.world.hull import faces, vertices_of
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Shape, World
 
 MOST_FORCES = 9_000
@@ -32,7 +34,7 @@ def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed
         "times": packed.floats(frames.time),
         "frames": len(frames.rows),
         "bodies": [visible(body.name) for body in world.bodies],
-        "shapes": _shapes(world),
+        "shapes": _shapes(world, packed),
         "low": frames.low.tolist(),
         "high": frames.high.tolist(),
         "rest": np.round(_rest(poses), DIGITS).tolist(),
@@ -54,9 +56,10 @@ def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed
     }
 
 
-def _shapes(world: World) -> list[dict[str, Any]]:
+def _shapes(world: World, packed: Packed) -> list[dict[str, Any]]:
     """The visual shapes, and planes; of a body without any, those that collide. Not those that are too large to be drawn."""
     shown = []
+    hulls: dict[tuple[float, ...], dict[str, str]] = {}
     for index, body in enumerate(world.bodies):
         visual = [shape for shape in body.shapes if shape.visual or shape.kind == "plane"]
         for shape in filter(is_drawn, visual or body.shapes):
@@ -64,13 +67,23 @@ def _shapes(world: World) -> list[dict[str, Any]]:
                 {
                     "body": index,
                     "kind": shape.kind,
-                    "size": [round(length, DIGITS) for length in shape.size],
+                    **_size(shape, hulls, packed),
                     "position": [round(length, DIGITS) for length in shape.pose.position],
                     "quaternion": [round(part, DIGITS) for part in shape.pose.quaternion],
                     "colour": [round(part, 3) for part in shape.colour],
                 }
             )
     return shown
+
+
+def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: Packed) -> dict[str, Any]:
+    """A shape's lengths; of a mesh its vertices and faces, packed once for each size."""
+    if not SHAPES[shape.kind].points:
+        return {"size": [round(length, DIGITS) for length in shape.size]}
+    if shape.size not in hulls:
+        vertices, triangles = packed.floats(vertices_of(shape.size)), packed.codes(faces(shape.size).astype(np.int16))
+        hulls[shape.size] = {"vertices": vertices, "triangles": triangles}
+    return {"size": [], "hull": hulls[shape.size]}
 
 
 def is_drawn(shape: Shape) -> bool:

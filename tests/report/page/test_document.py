@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import gzip
 import hashlib
 import json
 import re
@@ -16,9 +17,12 @@ import pytest
 from simspec.errors import SpecError, visible
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
+from simspec.report.page import playback
 from simspec.report.page.document import MOST_STUDIES, page
+from simspec.report.page.packing import Packed
 from simspec.report.stored_study import StoredStudy, load_study
 from simspec.world.canonical import sha256
+from simspec.world.hull import faces, size_of
 from simspec.world.types import Shape
 from tests.report.page import samples
 
@@ -260,3 +264,26 @@ def test_markup_in_any_text_of_runs_and_certificates_is_text(tmp_path):
     assert not outline.of("img")
     assert not any(name.startswith("on") for _, attributes in outline.elements for name in attributes)
     assert sum(bad in text for tag, text in outline.texts if tag in ("td", "th", "p", "li", "span")) > 10
+
+
+def test_hulls_of_meshes_are_packed_once_with_their_faces():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) - 0.25
+    world = samples.a_world()
+    mesh, other = size_of(vertices), size_of(2.0 * vertices)
+    bodies = tuple(
+        dataclasses.replace(body, shapes=(Shape("hull", "mesh", size), Shape("ball", "sphere", (0.1,))))
+        for body, size in zip(world.bodies[:3], (mesh, mesh, other), strict=True)
+    )
+    packed = Packed()
+    shown = playback._shapes(dataclasses.replace(world, bodies=bodies), packed)
+    hulls = [shape["hull"] for shape in shown if shape["kind"] == "mesh"]
+    assert hulls[0] == hulls[1] != hulls[2]
+    assert len(packed.entries) == 4
+    assert all("hull" not in shape for shape in shown if shape["kind"] != "mesh")
+
+    def unpacked(name):
+        return gzip.decompress(base64.b64decode(packed.entries[name]))
+
+    np.testing.assert_allclose(np.frombuffer(unpacked(hulls[2]["vertices"]), "<f4").reshape(-1, 3), 2.0 * vertices)
+    low, high = np.frombuffer(unpacked(hulls[0]["triangles"]), np.uint8).reshape(2, -1).astype(int)
+    assert (low + 256 * high).reshape(-1, 3).tolist() == faces(mesh).tolist()
