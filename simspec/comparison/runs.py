@@ -333,6 +333,7 @@ QUANTITIES = (
 """What runs are summarised by: name and unit."""
 
 
+@np.errstate(over="ignore")  # a state that grows without bound is finite up to 1e308, its energy is not: inf is told
 def _values(run: Run, last: int) -> dict[str, float]:
     ends = {name: run.arrays[name][[0, last]] for name in ("q", "v", "pose", "velocity")}
     kinetic, potential = metrics.energy(run.world, ends)

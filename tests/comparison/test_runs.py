@@ -312,6 +312,13 @@ def test_quantities_are_those_of_each_run():
     assert summary(a)["speed at the end"] == 0.0
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_state_without_bound_has_an_infinite_energy_and_no_warning():
+    b = run(TWO, None, lambda n, t: column(0 * t + 1e200, 0, 0))
+    assert summary(b)["energy at the end"] == math.inf
+    assert summary(b)["linear momentum at the end"] >= 1e200
+
+
 def shifted(one, by: float):
     """The run as if recorded ``by`` seconds later, but for the first row."""
     time = one.time + by * (np.arange(len(one.time)) > 0)
