@@ -22,6 +22,7 @@ MOST_TAGS: Final = 1_000_000
 DEEPEST: Final = 200
 """Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
 NOT_READ: Final = "simspec does not read it"
+NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
 _ROOT: Final = re.compile("<[A-Za-z_]")
 _ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
 _PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")

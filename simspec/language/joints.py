@@ -100,10 +100,10 @@ class Limits(Strict):
         ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, hard, inelastic stops"
     )
     velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s")]] = Field(
-        ABSENT, description="Velocity rating ≥ 0; stored in the model, not enforced by the engine"
+        ABSENT, description="Velocity rating > 0; stored in the model, not enforced by the engine"
     )
     effort: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
-        ABSENT, description="Effort rating ≥ 0; stored in the model, not enforced by the engine"
+        ABSENT, description="Effort rating > 0; stored in the model, not enforced by the engine"
     )
 
 
@@ -253,8 +253,8 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
     readers: dict[str, dict[str, Any]] = {
         "limits": {
             "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
-            "velocity": lambda item: Number(dimension["velocity"], 0).read(item),
-            "effort": lambda item: Number(dimension["effort"], 0).read(item),
+            "velocity": lambda item: Number(dimension["velocity"], 0, above=True).read(item),
+            "effort": lambda item: Number(dimension["effort"], 0, above=True).read(item),
         },
         "spring": {
             "stiffness": lambda item: Number(dimension["stiffness"], 0).read(item),

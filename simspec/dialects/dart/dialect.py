@@ -252,9 +252,9 @@ def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, V
     named = {group for pair in ignored for group in pair}
 
     def values(field: str) -> tuple[JointValue, ...]:
-        return tuple(
-            JointValue(body.name, getattr(body.joint, field)) for body in world.bodies if getattr(body.joint, field)
-        )
+        found = ((body.name, getattr(body.joint, field)) for body in world.bodies)
+        none = (None,) if field.endswith("_limit") else (None, 0.0)  # a rating of 0 is another than none
+        return tuple(JointValue(name, value) for name, value in found if value not in none)
 
     return DartSidecar(
         **common_fields(

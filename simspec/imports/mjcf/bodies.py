@@ -280,7 +280,7 @@ class Bodies:
                 self.features.add("joint.margin", element)
         if bool(model["jnt_actfrclimited"][number]):
             low, high = model["jnt_actfrcrange"][number]
-            if -low == high:
+            if -low == high > 0.0:
                 limits["effort"] = float(high)
             else:
                 self.features.add("joint.effort_range", element)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import angle
-from simspec.imports.elements import Element
+from simspec.imports.elements import NO_RATING, Element
 from simspec.imports.sdf.aside import IN_JOINT, set_aside
 from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
 from simspec.imports.sdf.models import Scope
@@ -164,8 +164,11 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
         data["position"] = [angle(value) if turns else value for value in (lower, upper)]
     for tag in ("velocity", "effort"):
         value = number_of(limit, tag, -1.0)
-        if 0.0 <= value < UNLIMITED:
+        if 0.0 < value < UNLIMITED:
             data[tag] = value
+        elif value == 0.0:
+            for child in limit.look(tag):
+                lost(child, NO_RATING, Severity.INFORMATION)
     for child in limit.look("stiffness", "dissipation"):
         lost(child, "a limit is a hard, inelastic stop")
     return data

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain, pose, renamed
-from simspec.imports.elements import Element
-from simspec.imports.urdf.table import INFORMATION, UNUSED, attributes_unused
+from simspec.imports.elements import NO_RATING, Element
+from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED, attributes_unused
 from simspec.world import frames
 from simspec.world.types import Pose
 
@@ -114,7 +114,9 @@ def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:
         value = limit.number(name)
         if value is not None and value < 0.0:
             raise limit.error(f"{name} of <limit> must not be below 0", f"{value:g}")
-        if value is not None:
+        if value == 0.0:
+            limit.set_aside(name, LOST, NO_RATING, INFORMATION)
+        elif value is not None:
             limits[name] = plain(value)
     return limits
 
