@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
-from simspec.arguments import AsJson, Outside
+from simspec.arguments import AsJson, Outside, Sets, Strict
 from simspec.commands.guard import command
 
 
 def add_imports(app: typer.Typer) -> None:
     """Add these commands to the command line."""
     app.command("import")(command(import_command))
+    app.command("export")(command(export_command))
 
 
 def import_command(
@@ -69,6 +70,47 @@ def import_command(
         package_path=package_path or (),
         arguments=arguments_of_file or (),
         meshes=meshes,
+        allow_outside=allow_outside,
+        strict=strict,
+        as_json=as_json,
+    )
+
+
+def export_command(
+    specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
+    format_name: Annotated[str, typer.Option("--format", metavar="NAME", help="The format of the files.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Output folder (default plain/NAME/FORMAT); of several, DIR/NAME."
+        ),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit with 1 if the folder is not current.")
+    ] = False,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write specs as plain files for other tools, and list what the files do not carry.
+
+    The same as `compile --format`. --strict makes what is lost of the bodies an error; nothing is written then.
+
+    \b
+    simspec export robot.yaml --format FORMAT
+    simspec export robot.yaml --format FORMAT -o build/robot --strict
+    """
+    from simspec.commands.compile import compile_specs
+
+    return compile_specs(
+        specs,
+        None,
+        format_name,
+        out,
+        check=check,
+        explain=False,
+        sets=sets,
         allow_outside=allow_outside,
         strict=strict,
         as_json=as_json,

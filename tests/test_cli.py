@@ -38,6 +38,7 @@ COMMANDS = (
     "engines",
     "accept",
     "import",
+    "export",
 )
 FALL = """\
 simspec: 1

@@ -255,7 +255,7 @@ def test_engines_and_formats_are_named_only_at_home(path):
 
 def test_the_names_are_those_of_the_packages():
     assert {"mujoco", "pybullet", "dart", "drake"} <= ENGINES
-    assert {"mjcf", "urdf", "skel"} == FORMATS
+    assert {"mjcf", "urdf", "skel", "sdf"} == FORMATS
 
 
 @pytest.mark.parametrize("path", ["proof/motion.py", "engines/kit/worker.py", "help.txt", "formats/world/write.py"])

@@ -42,8 +42,15 @@ class Graph:
     def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
         """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
         scope, name = self.home(scope, name, asking)
+        known: set[str] = set()
+        while name in scope.frames and name not in known:  # a chain may be longer than Python's calls within each other
+            further = scope.frames[name].word("attached_to") or MODEL
+            if SEPARATOR in further or further == MODEL:
+                break
+            known.add(name)
+            scope, name = self.home(scope, further, scope.frames[name])
         key = (id(scope), name)
-        if key in self._open:
+        if key in self._open or name in known:
             raise asking.error("frames that are attached to each other", found=name[:80])
         if key not in self._attached:
             self._open.append(key)
@@ -88,21 +95,35 @@ class Graph:
             return Placement()
         if name == WORLD and name not in scope.links:
             raise asking.error("nothing in a model is relative to the world", found=name)
-        key = (id(scope), name)
-        if key in self._open:
-            raise asking.error("poses that are relative to each other", found=name[:80])
-        if key not in self._poses:
-            self._open.append(key)
-            self._poses[key] = self._pose(scope, name)
-            self._open.pop()
-        return self._poses[key]
+        for below in reversed(self._chain(scope, name, asking)):
+            self._poses[id(scope), below] = self._pose(scope, below)
+        return self._poses[id(scope), name]
+
+    def _chain(self, scope: Scope, name: str, asking: Element) -> list[str]:
+        """The frame, and those of its own scope that its pose follows from, as far as they are not known; the first one last. A
+        chain may be longer than Python's calls within each other."""
+        chain: list[str] = []
+        known: set[str] = set()
+        while (id(scope), name) not in self._poses:
+            if name in known or (id(scope), name) in self._open:
+                raise asking.error("poses that are relative to each other", found=name[:80])
+            known.add(name)
+            chain.append(name)
+            placed, element = self.placed(scope, name)
+            name = placed.relative_to or MODEL
+            if name in (MODEL, WORLD) or SEPARATOR in name:
+                break
+            self.home(scope, name, placed.element or element)
+        return chain
 
     def _pose(self, scope: Scope, name: str) -> Placement:
+        self._open.append((id(scope), name))
         placed, element = self.placed(scope, name)
         pose = self.pose(scope, placed.relative_to or MODEL, placed.element or element).then(placed.placement)
         if name in scope.models and scope.models[name].placement_frame:
             inner = scope.models[name]
             pose = pose.then(self.pose(inner, inner.placement_frame, inner.element).inverse())
+        self._open.pop()
         return pose
 
     def placed(self, scope: Scope, name: str) -> tuple[Placed, Element]:

@@ -16,6 +16,7 @@ from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
 from simspec.imports.sdf.contact import Materials, excluded, silent
 from simspec.imports.sdf.graph import Graph
 from simspec.imports.sdf.models import Reader, Scope, version_of
+from simspec.imports.sdf.shapes import ShapeRead
 from simspec.imports.sdf.trees import MASSLESS, RULES, BodyRead, ModelRead, Names, body_data, read_model
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
 from simspec.language.document import Path_
@@ -23,6 +24,8 @@ from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Rep
 
 GRAVITY: Final = (0.0, 0.0, -9.8)
 """SDF's default; the language's is -9.81."""
+ONLY_LINK: Final = "link"
+"""What the only link of a model is called that has no name of its own."""
 STEP: Final = 0.001
 MOST_PAIRS: Final = 20_000
 """Pairs of bodies of one model that do not touch each other."""
@@ -156,24 +159,17 @@ class _Spec:
         self.data = _plain(self.data)
 
     def _name_shapes(self) -> None:
-        """Shapes keep their names where no other of the file has the same: names of shapes are unique in a spec."""
-        shapes = [shape for model in self.models for body in model.bodies for shape in body.content.shapes]
-        often = Counter(shape.name for shape in shapes)
-        names = Names()
-        for shape in shapes:
-            if shape.name and often[shape.name] == 1:
-                shape.name = names.give(shape.name, shape.element)
-            else:
-                reason = "names of shapes are unique in a spec"
-                shape.element.set_aside("name", Fate.LOST, reason, Severity.INFORMATION)
-                shape.name = ""
+        """Shapes keep their names where no other of the file has the same: names of shapes are unique."""
+        loose = [body for model in self.models if not _is_placed(model) for body in model.bodies]
+        for bodies in [loose, *(model.bodies for model in self.models if _is_placed(model))]:
+            _give_names([shape for body in bodies for shape in body.content.shapes])
 
     def _scenario(self) -> None:
         """Models of one tree under ``models``; single links, and models of several trees, under ``bodies``."""
         names = Names()
         for model in self.models:
             roots = model.roots
-            if len(roots) == 1 and len(model.bodies) > 1 and roots[0].name != model.scope.name:
+            if _is_placed(model):
                 name = names.give(model.scope.name, model.scope.element)
                 bodies = self._bodies(model, ("models", name, "bodies"))
                 self.data.setdefault("models", {})[name] = {"bodies": bodies}
@@ -258,6 +254,25 @@ class _Spec:
             table = tables[body.name]
             shapes = table.pop("shapes")
             table.update({"collision_group": group, "shapes": shapes})
+
+
+def _is_placed(model: ModelRead) -> bool:
+    """Whether a model is one of the scenario's models: one tree, of more than one body without a name of its own. The bodies of
+    others are loose."""
+    names = [body.name for body in model.bodies]
+    return len(model.roots) == 1 and names[0] != model.scope.name and names != [ONLY_LINK]
+
+
+def _give_names(shapes: list[ShapeRead]) -> None:
+    often = Counter(shape.name for shape in shapes)
+    names = Names()
+    for shape in shapes:
+        if shape.name and often[shape.name] == 1:
+            shape.name = names.give(shape.name, shape.element)
+        else:
+            reason = "names of shapes are unique in a spec"
+            shape.element.set_aside("name", Fate.LOST, reason, Severity.INFORMATION)
+            shape.name = ""
 
 
 def _plain(value: Any) -> Any:

@@ -36,7 +36,8 @@ class LinkRead:
 
 
 def read_link(link: Element, offset: Vector3, *, static: bool) -> LinkRead:
-    """A link, for a body whose frame is at ``offset`` in the link's. Raises SpecError."""
+    """A link, for a body whose frame is at ``offset`` in the link's. Where it is ``static``, a mass that is not in the file
+    has no effect. Raises SpecError."""
     move = at((-offset[0], -offset[1], -offset[2]))
     density = _computed(link)
     shapes = read_shapes(link, move, density)

@@ -132,11 +132,13 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[
     for scope in model.within():
         for name, element in scope.links.items():
             key = (id(scope), name)
-            joint = None if model.static or scope.static else of_child.get(key)
+            joint = of_child.get(key)
+            if joint is not None and scope.static and joint.kind != "fixed":
+                joint = None  # nothing moves in a static model
             offset = _offset(joint)
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
             try:
-                content = read_link(element, offset, static=scope.static)
+                content = read_link(element, offset, static=scope.static or _is_held(key, of_child))
             except SpecError as error:
                 problems.extend(error.problems)
                 content = LinkRead({}, [])
@@ -163,6 +165,18 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[
     return _parents_first(list(bodies.values()))
 
 
+def _is_held(key: tuple[int, str], of_child: dict[tuple[int, str], JointRead]) -> bool:
+    """Whether fixed joints hold a link to the world."""
+    for _ in range(len(of_child)):
+        joint = of_child.get(key)
+        if joint is None or joint.kind != "fixed":
+            return False
+        if joint.parent is None:
+            return True
+        key = (id(joint.parent[0]), joint.parent[1])
+    return False
+
+
 def _long_name(model: Scope, scope: Scope, name: str) -> str:
     """A name with those of the models that it is in, below the outermost."""
     parts = [name]
@@ -180,10 +194,10 @@ def _offset(joint: JointRead | None) -> Vector3:
 
 
 def _join_static(bodies: list[BodyRead]) -> None:
-    """Links of a static model are one rigid thing: all are fixed to the first."""
+    """Links of a static model are one rigid thing: those that no joint fixes are fixed to the first."""
     first: BodyRead | None = None
     for body in bodies:
-        if body.static:
+        if body.static and body.parent is None:
             if first is not None:
                 body.parent = first
             first = first or body

@@ -1,0 +1,131 @@
+"""The format ``sdf``: one XML file, ``world.sdf``, of the version 1.9, which every reader of today knows.
+
+Poses are a position and a quaternion, which the language has since that version: numbers read back to the same doubles.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from simspec.formats.kit.contract import Format
+from simspec.formats.kit.plain import Plain, losses
+from simspec.formats.kit.text import environment
+from simspec.formats.kit.xml_elements import Element, read_xml
+from simspec.formats.sdf.plain import SIZES, SUPPORT, more_losses, plain_tree
+from simspec.formats.sdf.tree import Joint, Link, Shape, World
+from simspec.support.declarations import Table
+from simspec.world import types
+from simspec.world.types import Pose
+
+WORLD: Final = "world.sdf"
+UNLIMITED: Final = 1e16
+"""What SDF has for no limit."""
+JOINT_TYPES: Final = {"fixed": "fixed", "hinge": "revolute", "slide": "prismatic", "ball": "ball"}
+PATCH: Final = 3.0 * math.pi / 16.0
+"""Torsional friction as a length is this times the coefficient and the radius of the patch."""
+
+
+class Sdf(Format):
+    """SDF, without what the program that reads it makes of it."""
+
+    NAME: ClassVar[str] = "sdf"
+    SUPPORT: ClassVar[Table] = SUPPORT
+
+    def write(self, tree: World) -> dict[str, str]:
+        """``world.sdf``. Raises KeyError for kinds of joints and shapes that the language does not have, and ValueError for
+        numbers that are not finite."""
+        content = {
+            "name": tree.name,
+            "timestep": tree.timestep,
+            "rate": 1.0 / tree.timestep,
+            "gravity": tree.gravity,
+            "models": [
+                {
+                    "name": model.name,
+                    "pose": _pose(model.pose),
+                    "static": _flag(model.static),
+                    "self_collide": _flag(model.self_collide),
+                    "links": [_link(link) for link in model.links],
+                    "joints": [_joint(joint) for joint in model.joints],
+                }
+                for model in tree.models
+            ],
+        }
+        return {WORLD: environment().get_template("sdf/world.sdf.j2").render(content)}
+
+    def plain(self, world: types.World) -> Plain:
+        """``world.sdf``: a model for each tree."""
+        return Plain(self.write(plain_tree(world)), losses(world, SUPPORT, more_losses(world)))
+
+    def read(self, folder: Path) -> Element:
+        """The outermost element of ``world.sdf`` in ``folder``: its meaning is the importer's matter.
+
+        Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no SDF.
+        """
+        root = read_xml(folder / WORLD)
+        if root.tag != "sdf":
+            raise ValueError(f"{WORLD}:{root.line}: the outermost element is <{root.tag[:60]}>, should be <sdf>")
+        return root
+
+
+def _flag(value: bool) -> str:
+    return "true" if value else "false"
+
+
+def _pose(pose: Pose) -> tuple[float, ...]:
+    w, x, y, z = pose.quaternion
+    return (*pose.position, x, y, z, w)
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        "name": link.name,
+        "relative_to": link.relative_to,
+        "pose": _pose(link.pose),
+        "inertial": link.inertial,
+        "self_collide": _flag(link.self_collide),
+        "shapes": [_shape(shape) for shape in link.shapes],
+    }
+
+
+def _shape(shape: Shape) -> dict[str, Any]:
+    sizes: list[tuple[str, tuple[float, ...]]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
+    if shape.kind != "plane":
+        sizes = [(name, shape.size[part]) for name, part in SIZES[shape.kind]]
+    surface = None
+    if shape.surface is not None:
+        surface = {
+            "friction": shape.surface.friction,
+            "torsional": shape.surface.torsional_friction / PATCH,
+            "restitution": shape.surface.restitution,
+            "threshold": shape.surface.restitution_threshold,
+        }
+    return {
+        "name": shape.name,
+        "kind": shape.kind,
+        "pose": _pose(shape.pose),
+        "sizes": sizes,
+        "surface": surface,
+        "colour": shape.colour,
+    }
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    lower, upper = joint.position_limits or (-UNLIMITED, UNLIMITED)
+    return {
+        "name": joint.name,
+        "type": JOINT_TYPES[joint.kind],
+        "parent": "world" if joint.parent is None else joint.parent,
+        "child": joint.child,
+        "axis": joint.axis,
+        "lower": lower,
+        "upper": upper,
+        "effort": joint.effort_limit,
+        "velocity": joint.velocity_limit,
+        "damping": joint.damping,
+        "friction": joint.dry_friction,
+        "rest": joint.spring_rest,
+        "stiffness": joint.spring_stiffness,
+    }

@@ -1,0 +1,328 @@
+"""A world as plain SDF for any tool: a model for each tree. What a file of the language leaves to its readers is listed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Final
+
+from simspec.contact.meeting import meeting_laws
+from simspec.formats.kit.plain import Fate, Loss
+from simspec.formats.sdf import tree
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.resolve.poses import direction
+from simspec.support.declarations import (
+    EXACT,
+    NO_CONSTRAINTS_YET,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    alike,
+    approximate,
+    exactly,
+    never,
+    shape_kinds,
+)
+from simspec.support.features import Feature
+from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, Vector3, World
+
+SIZES: Final = {
+    "sphere": (("radius", slice(0, 1)),),
+    "box": (("size", slice(0, 3)),),
+    "cylinder": (("radius", slice(0, 1)), ("length", slice(1, 2))),
+    "capsule": (("radius", slice(0, 1)), ("length", slice(1, 2))),
+    "ellipsoid": (("radii", slice(0, 3)),),
+}
+"""For each kind of shape which part of its size goes into which element."""
+KINDS: Final = ("plane", *SIZES)
+RESERVED: Final = re.compile(r"__.*__|world")
+SMALLEST_MASS: Final = 1e-9
+"""kg, of a body that has none: the language demands a positive one."""
+MOST_FACTORS: Final = 1000
+"""Lengths that are tried for an axis; of 20,000 axes drawn at random none needed more than 363."""
+SMALLEST_MOMENT: Final = 1e-12
+"""kg m², for the same reason."""
+_SOLVER: Final = "SDF's numbers for it are those of one solver"
+
+
+def _by_self_collide(world: World) -> Refinement | None:
+    """That the pairs which do not touch are not those that ``self_collide`` can say."""
+    between = any(
+        not CollisionFilter(world).may_touch(first.name, second.name) for first, second in _between_trees(world)
+    )
+    if between or any(self_collide(world, bodies) is None for bodies in trees(world).values()):
+        return Refinement(
+            Level.APPROXIMATE, "self_collide says it of whole links only, and nothing of links of two models"
+        )
+    return None
+
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        *(Feature.DAMPING, Feature.DRY_FRICTION, Feature.SPRING, Feature.LIMIT_POSITION),
+        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+        *(Feature.FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_THRESHOLD),
+        *(Feature.GRAVITY, Feature.TIMESTEP),
+    ),
+    **shape_kinds("SDF", KINDS),
+    Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+    Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),
+    Feature.MASSLESS: approximate("SDF demands a positive mass: 1e-9 kg"),
+    Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as <velocity>, which some readers enforce"),
+    Feature.LIMIT_EFFORT: Support(Level.EXACT, "as <effort>, which some readers enforce"),
+    Feature.BALL_DAMPING: never("SDF has damping along axes only"),
+    Feature.BALL_SPRING: never("SDF has springs along axes only"),
+    Feature.ARMATURE: never("SDF has no armature"),
+    Feature.INITIAL_POSITION: never("every joint of an SDF file is at zero"),
+    Feature.INITIAL_VELOCITY: never("everything in an SDF file is at rest"),
+    Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "as a coefficient with the radius of the patch"),
+    Feature.ROLLING_FRICTION: never("SDF has no rolling friction as a length"),
+    Feature.FRICTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
+    Feature.RESTITUTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
+    Feature.IMPACT_FRICTION: never(_SOLVER),
+    **alike(
+        never(_SOLVER),
+        *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+        *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+        *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+    ),
+    Feature.PASSING_PAIRS: never("SDF does not say it of pairs of surfaces"),
+    Feature.COLLISION_GROUPS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
+    Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
+    Feature.CONTROL: never("SDF has no control laws"),
+    Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
+    **NO_CONSTRAINTS_YET,
+}
+"""What plain SDF carries of each feature."""
+
+
+def plain_tree(world: World) -> tree.World:
+    """The file of a world."""
+    laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
+    static = {name for name, group in rigid_groups(world).items() if group == "world"}
+    names = _names(world)
+    models = tuple(_model(world, bodies, names, laws, static) for bodies in trees(world).values())
+    return tree.World(world.name, world.physics.timestep, world.physics.gravity, models)
+
+
+def more_losses(world: World) -> Iterator[Loss]:
+    """What is lost of this world beyond the table: names that are reserved or taken, laws of pairs that no rule gives."""
+    names = _names(world)
+    bodies = {body.name: body for body in world.bodies}
+    for kind in ("body", "joint"):
+        paths = tuple(
+            f"bodies.{body}.joint.name" if kind == "joint" else f"bodies.{body}"
+            for (what, body), name in names.items()
+            if what == kind and name != _local(bodies[body], kind == "joint")
+        )
+        if paths:
+            yield Loss(
+                f"{kind}.name", Fate.APPROXIMATED, "another name: SDF reserves it, or has it once in a model", paths
+            )
+    laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
+    for feature, quantity, rule in (
+        (Feature.FRICTION_PAIRS, "friction", min),
+        (Feature.RESTITUTION_PAIRS, "restitution", min),
+        (Feature.TORSIONAL_FRICTION, "torsional_friction", min),
+        (Feature.RESTITUTION_THRESHOLD, "restitution_threshold", max),
+    ):
+        odd = tuple(
+            f"contact.pairs.{law.first}.{law.second}.{quantity}"
+            for law in meeting_laws(world).values()
+            if law.first != law.second
+            and getattr(law, quantity) != rule(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
+        )
+        if odd:
+            yield Loss(feature.value, Fate.APPROXIMATED, "each shape has its own material's number", odd)
+
+
+def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | None:
+    """Whether each body of a tree is told to touch the others: two touch where one of them is. None where pairs are left out
+    that no such flags leave out."""
+    allowed = CollisionFilter(world)
+    rigid = rigid_groups(world)
+    solid = [body for body in bodies if any(shape.collision for shape in body.shapes)]
+    apart = {
+        frozenset((first.name, second.name))
+        for first, second in combinations(solid, 2)
+        if rigid[first.name] != rigid[second.name]
+        and first.joint.parent != second.name
+        and second.joint.parent != first.name
+        and not allowed.may_touch(first.name, second.name)
+    }
+    silent = {name for pair in apart for name in pair}
+    flags = {body.name: body.name not in silent for body in bodies}
+    for first, second in combinations(solid, 2):
+        touching = allowed.may_touch(first.name, second.name)
+        if touching and not (flags[first.name] or flags[second.name]):
+            return None
+    return flags
+
+
+def _between_trees(world: World) -> Iterator[tuple[Body, Body]]:
+    """Pairs of bodies of two trees that could touch but for filters, one of each kind: a world may have 100,000 bodies."""
+    static = {name for name, group in rigid_groups(world).items() if group == "world"}
+    filtered = {name for pair in world.contact.excluded_bodies for name in pair}
+    seen: dict[tuple[str, str], set[tuple[str, bool]]] = {}
+    chosen: list[tuple[str, Body]] = []
+    for root, bodies in trees(world).items():
+        for body in bodies:
+            if not any(shape.collision for shape in body.shapes):
+                continue
+            kind = (body.collision_group, body.name in static)
+            key = (body.collision_group, "")
+            known = seen.setdefault(key, set())
+            if body.name not in filtered and kind in known and len(seen[key]) >= 2:
+                continue
+            known.add(kind)
+            chosen.append((root, body))
+            if len(chosen) > MOST_COMPARED:
+                break
+    for (root, first), (other, second) in combinations(chosen[:MOST_COMPARED], 2):
+        if root != other and not (first.name in static and second.name in static):
+            yield first, second
+
+
+MOST_COMPARED: Final = 2_000
+
+
+# --- names ------------------------------------------------------------------------------------------------------
+
+
+def _model_name(bodies: tuple[Body, ...]) -> str:
+    """The name of a tree: that of its model where all bodies are called after it, else that of its root."""
+    model = bodies[0].model
+    return model if bodies[0].name.startswith(f"{model}/") else bodies[0].name
+
+
+def _local(body: Body, joint: bool) -> str:
+    """The name of a body or of its joint within its model."""
+    return (body.joint.name if joint else body.name).removeprefix(f"{body.model}/")
+
+
+def _names(world: World) -> dict[tuple[str, str], str]:
+    """Names in the file of bodies and joints: ``(body or joint, name of the body)``. In a model all are different."""
+    names: dict[tuple[str, str], str] = {}
+    for bodies in trees(world).values():
+        taken: set[str] = set()
+        for what in ("body", "joint"):
+            for body in bodies:
+                prefix = f"{_model_name(bodies)}/"
+                wanted = (body.joint.name if what == "joint" else body.name).removeprefix(prefix).replace("/", "_")
+                plain = f"_{wanted}" if RESERVED.fullmatch(wanted) else wanted
+                name, count = plain, 2
+                while name in taken:
+                    name, count = f"{plain}_{count}", count + 1
+                taken.add(name)
+                names[what, body.name] = name
+    return names
+
+
+# --- models -----------------------------------------------------------------------------------------------------
+
+
+def _model(
+    world: World,
+    bodies: tuple[Body, ...],
+    names: dict[tuple[str, str], str],
+    laws: dict[str, PairContact],
+    static: set[str],
+) -> tree.Model:
+    root = bodies[0]
+    prefix = f"{_model_name(bodies)}/"
+    pose = Pose(root.joint.position[:3], root.joint.position[3:]) if root.joint.kind == "free" else root.joint.origin  # type: ignore[arg-type]
+    immovable = all(body.name in static for body in bodies)
+    flags = self_collide(world, bodies) or dict.fromkeys((body.name for body in bodies), True)
+    return tree.Model(
+        _model_name(bodies),
+        pose,
+        immovable,
+        all(flags.values()),
+        tuple(_link(body, names, laws, flags[body.name], static, prefix) for body in bodies),
+        tuple(
+            _joint(body, names)
+            for body in bodies
+            if body.joint.kind != "free" and not (immovable and body is root and _is_default(body))
+        ),
+    )
+
+
+def _is_default(body: Body) -> bool:
+    return body.joint.name == f"{body.name}_joint"
+
+
+def _link(
+    body: Body,
+    names: dict[tuple[str, str], str],
+    laws: dict[str, PairContact],
+    touches: bool,
+    static: set[str],
+    prefix: str,
+) -> tree.Link:
+    joint = body.joint
+    child = joint.parent is not None
+    massless_and_fixed = body.name in static and not body.inertial.mass
+    return tree.Link(
+        names["body", body.name],
+        names["body", joint.parent] if joint.parent is not None else None,
+        joint.origin if child else Pose(),
+        None if massless_and_fixed else _positive(body.inertial),
+        touches,
+        tuple(_shape(shape, laws, prefix) for shape in body.shapes if shape.kind in KINDS),
+    )
+
+
+def _positive(inertial: Inertial) -> Inertial:
+    """Mass and moments as the language allows them."""
+    xx, yy, zz, *products = inertial.inertia
+    moments = tuple(max(moment, SMALLEST_MOMENT) for moment in (xx, yy, zz))
+    return Inertial(max(inertial.mass, SMALLEST_MASS), inertial.centre_of_mass, (*moments, *products))  # type: ignore[arg-type]
+
+
+def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.Shape:
+    surface = None
+    if shape.collision:
+        law = laws[shape.material]
+        surface = tree.Surface(law.friction, law.torsional_friction, law.restitution, law.restitution_threshold)
+    colour = shape.colour if shape.visual else None
+    return tree.Shape(
+        shape.name.removeprefix(prefix).replace("/", "_"), shape.kind, shape.size, shape.pose, surface, colour
+    )
+
+
+def _joint(body: Body, names: dict[tuple[str, str], str]) -> tree.Joint:
+    joint = body.joint
+    name = names["joint", body.name]
+    parent = None if joint.parent is None else names["body", joint.parent]
+    child = names["body", body.name]
+    if joint.kind not in SCALAR_JOINTS:
+        return tree.Joint(name, joint.kind, parent, child)
+    return tree.Joint(
+        name,
+        joint.kind,
+        parent,
+        child,
+        _readable(joint.axis),
+        joint.position_limits,
+        joint.effort_limit,
+        joint.velocity_limit,
+        joint.damping,
+        joint.dry_friction,
+        joint.spring_rest,
+        joint.spring_stiffness,
+    )
+
+
+def _readable(axis: Vector3) -> Vector3:
+    """The axis, as long as it must be to read back to the same doubles: its reader makes it a unit vector again, which
+    changes some unit vectors."""
+    for factor in range(1, MOST_FACTORS):
+        written: Vector3 = (axis[0] * factor, axis[1] * factor, axis[2] * factor)
+        if direction(written) == axis:
+            return written
+    return axis

@@ -1,0 +1,85 @@
+"""What a file of SDF holds, in SI units: what :class:`simspec.formats.sdf.format.Sdf` writes.
+
+Links stand where their joints are at zero, each against its parent; joints are at their child's frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simspec.world.types import Inertial, Pose, Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The numbers of one surface; lengths in m, the speed in m/s."""
+
+    friction: float
+    torsional_friction: float
+    restitution: float
+    restitution_threshold: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A shape of a link; kind and size as :class:`simspec.world.types.Shape` has them. Without ``surface`` it does not collide,
+    without ``colour`` it is not drawn."""
+
+    name: str
+    kind: str
+    size: tuple[float, ...]
+    pose: Pose
+    surface: Surface | None
+    colour: tuple[float, float, float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A link. ``relative_to`` None: the model's frame; ``inertial`` None: it says none."""
+
+    name: str
+    relative_to: str | None
+    pose: Pose
+    inertial: Inertial | None
+    self_collide: bool
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint of one of the world's kinds. ``parent`` None is the world."""
+
+    name: str
+    kind: str
+    parent: str | None
+    child: str
+    axis: Vector3 | None = None
+    position_limits: tuple[float, float] | None = None
+    effort_limit: float | None = None
+    velocity_limit: float | None = None
+    damping: float = 0.0
+    dry_friction: float = 0.0
+    spring_rest: float = 0.0
+    spring_stiffness: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One tree of links. One that is ``static`` cannot move."""
+
+    name: str
+    pose: Pose
+    static: bool
+    self_collide: bool
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A whole file."""
+
+    name: str
+    timestep: float
+    gravity: Vector3
+    models: tuple[Model, ...]
