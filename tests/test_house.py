@@ -76,6 +76,8 @@ NAMED_ELSEWHERE = {
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",
+    ("imports/mjcf/fates.py", "sdf_iterations sdf_initpoints"): "attributes of the language, of signed distance fields",
+    ("language/hint_words_bodies.py", "sdf_shape"): "a word for signed distance fields",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""
 
