@@ -72,6 +72,9 @@ SUPPORT: Final[Table] = {
     **shape_kinds("SDF", KINDS),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),
+    Feature.JOINT_SEVERAL: approximate(
+        "bodies without mass stand between the joints, of 1e-9 kg: SDF demands a positive mass"
+    ),
     Feature.MASSLESS: approximate("SDF demands a positive mass: 1e-9 kg"),
     Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as <velocity>, which some readers enforce"),
     Feature.LIMIT_EFFORT: Support(Level.EXACT, "as <effort>, which some readers enforce"),

@@ -111,7 +111,13 @@ def said(world):
 
 
 LOST_FILTERS = {Feature.EXCLUDED_PAIRS.value, Feature.COLLISION_GROUPS.value, Feature.PASSING_PAIRS.value}
-CHANGED = {Feature.MASSLESS.value, Feature.INERTIA_SINGULAR.value, "body.name", "joint.name"}
+CHANGED = {
+    Feature.JOINT_SEVERAL.value,
+    Feature.MASSLESS.value,
+    Feature.INERTIA_SINGULAR.value,
+    "body.name",
+    "joint.name",
+}
 
 
 def assert_round_trip(world, folder):
