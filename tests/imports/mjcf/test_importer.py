@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.mjcf import equality
+from simspec.imports.mjcf import equality, importer
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.compiled import compilers
 from simspec.imports.mjcf.features import FEATURES
@@ -18,6 +18,7 @@ from simspec.imports.mjcf.surfaces import Surface, combined
 from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
+from simspec.language.models import File
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
@@ -189,6 +190,59 @@ def test_attached_models(tmp_path):
     assert list(imported.data["model"]["bodies"]) == ["arm", "l_palm", "r_palm"]
     assert "named 'r/palm' in the file" in imported.comments.values()
     assert {entry.location.file for entry in lost(imported)} == {str(tmp_path / "hand/hand.xml")}
+
+
+SEVERAL = """<mujoco><worldbody><body name="cart" pos="0 0 1" euler="10 20 30">
+<joint name="x" type="slide" axis="1 0 0" pos="0.1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+<joint axis="0 1 0" pos="0.05 0 .1" damping="0.01" stiffness="1"/><geom type="capsule" fromto="0 0 0 .1 0 .3" size=".02"/>
+<body name="wrist" pos="0 0.2 .3"><joint name="a" axis="1 0 0" pos="0 .02 0"/><joint name="b" axis="0 1 0" pos=".03 0 0"/>
+<geom type="box" size=".1 .02 .03" pos=".1 0 0"/><body name="tip" pos="0 0 0.1"/></body></body></worldbody></mujoco>"""
+
+
+def test_several_joints_of_a_body(tmp_path):
+    deviations, imported = equality.deviations(written(tmp_path, SEVERAL), ImportOptions())
+    assert deviations.worst < SAME
+    assert not lost(imported)
+    joints = imported.data["model"]["bodies"]["wrist"]["joints"]
+    assert [joint["name"] for joint in joints] == ["a", "b"]
+    assert joints[1]["origin"] == {"xyz": pytest.approx([0.03, -0.02, 0])}
+
+
+LOOPS = """<mujoco><compiler angle="radian"/><worldbody><body name="m" mocap="true" pos="0 0.3 2"/>
+<body name="f" pos="0 0.3 2.2" euler=".1 .2 .3"><freejoint/><geom size=".1"/></body>
+<body name="a" pos="0 0 1"><joint name="j1" axis="0 1 0" pos="0.1 0 0" ref="0.3"/><geom size="1" contype="0"
+conaffinity="0"/></body>
+<body name="b" pos="1 0 1"><joint name="j2" axis="0 1 0" pos=".2 0 0"/><geom size="1" contype="0" conaffinity="0"/></body>
+</worldbody><equality>
+<weld body1="m" body2="f" solref="0.01 1"/>
+<joint joint1="j1" joint2="j2" polycoef="0.1 -2 0 0 0"/>
+<connect body1="a" body2="b" anchor="0.5 0.1 0.2"/>
+<joint joint1="j2" polycoef="0.1 0 0 0 0"/>
+<weld body1="a" body2="f" relpose="1 2 3 1 0 0 0"/>
+<connect body1="a" body2="b" anchor="0 0 0" active="false"/>
+</equality></mujoco>"""
+
+
+def test_equalities_are_constraints(tmp_path, monkeypatch):
+    monkeypatch.setattr(importer, "CONSTRAINTS", True)
+    path = written(tmp_path, LOOPS)
+    imported = read(path)
+    weld, follow, connect = imported.data["constraints"].values()
+    assert weld["weld"]["bodies"] == ["m", "f"]
+    assert weld["weld"]["pose"]["xyz"] == pytest.approx([0, 0, 0.2])
+    assert follow == {"follow": {"joint": "j1", "leader": "j2", "ratio": -2.0, "offset": 0.1}}
+    assert connect["connect"]["at"] == pytest.approx([0.4, 0.1, 0.2])
+    assert connect["connect"]["second_at"] == pytest.approx([-0.7, 0.1, 0.2])
+    told = {(entry.location.line, entry.severity, entry.reason) for entry in imported.losses()}
+    assert {(line, severity) for line, severity, _ in told} == {
+        (1, Severity.INFORMATION),  # the mocap body
+        (7, Severity.INFORMATION),
+        (10, Severity.PHYSICS),
+        (11, Severity.PHYSICS),
+        (12, Severity.INFORMATION),
+    }
+    if "constraints" in File.model_fields:
+        assert len(load(path).resolve().constraints) == 3
 
 
 MESH = """<mujoco><asset>
