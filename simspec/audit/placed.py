@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -68,6 +68,20 @@ def key_of(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
+def tail_of(name: str) -> str:
+    """The name of a body without that of its model."""
+    return key_of(re.split(r"/|::", name)[-1])
+
+
+def _unique(key: Callable[[str], str], bodies: Sequence[Body]) -> dict[str, Body | None]:
+    """Bodies by a key of their names; None where several have it."""
+    found: dict[str, Body | None] = {}
+    for body in bodies:
+        name = key(body.name)
+        found[name] = None if name in found else body
+    return found
+
+
 @dataclass(frozen=True)
 class Matched:
     """Bodies of a file beside those of an engine.
@@ -84,18 +98,18 @@ class Matched:
 
 
 def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
-    """Match by name, exactly or else without marks and case."""
-    exact = {body.name: body for body in held}
-    loose: dict[str, Body] = {}
-    for body in held:
-        loose.setdefault(key_of(body.name), body)
+    """Match by name: exactly, else without marks and case, else without the name of the model before it, where only one body of
+    each side is called so."""
     own: dict[str, Body] = {}
     taken: set[str] = set()
-    for body in bodies:
-        partner = exact.get(body.name) or loose.get(key_of(body.name))
-        if partner is not None and partner.name not in taken:
-            own[body.name] = partner
-            taken.add(partner.name)
+    for key in (str, key_of, tail_of):
+        left = _unique(key, [body for body in bodies if body.name not in own])
+        free = _unique(key, [body for body in held if body.name not in taken])
+        for name, body in left.items():
+            partner = free.get(name)
+            if body is not None and partner is not None:
+                own[body.name] = partner
+                taken.add(partner.name)
     carrier: dict[str, str | None] = {}
     for body in bodies:
         if body.name in own:
