@@ -227,10 +227,9 @@ class Comparison:
         merged = [body for body in self._meaning.bodies if self._matched.carrier[body.name] == WORLD]
         if not merged:
             return
-        world = [body for body in self._held.bodies if body.name == WORLD]
-        held = world[0].shapes if world else ()
-        at = {**self._at, WORLD: Pose()}
-        _, shapes = folded(merged, at, WORLD)
+        world = [body for body in self._matched.extra if self._held_group[body.name] == WORLD]
+        held = folded(world, {**self._held_at, WORLD: Pose()}, WORLD)[1] if world else ()
+        _, shapes = folded(merged, {**self._at, WORLD: Pose()}, WORLD)
         compare_shapes(self, merged[0], shapes, held)
 
     def _inventory(self) -> None:

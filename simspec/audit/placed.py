@@ -99,7 +99,7 @@ class Matched:
 
 def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
     """Match by name: exactly, else without marks and case, else without the name of the model before it, where only one body of
-    each side is called so."""
+    each side is called so; where no name fits, the only root of one with that of the other."""
     own: dict[str, Body] = {}
     taken: set[str] = set()
     for key in (str, key_of, tail_of):
@@ -110,6 +110,10 @@ def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
             if body is not None and partner is not None:
                 own[body.name] = partner
                 taken.add(partner.name)
+    lone = [body for body in bodies if body.joint.parent is None], [body for body in held if body.joint.parent is None]
+    if not own and len(lone[0]) == len(lone[1]) == 1:
+        own[lone[0][0].name] = lone[1][0]  # one is named after its model
+        taken.add(lone[1][0].name)
     carrier: dict[str, str | None] = {}
     for body in bodies:
         if body.name in own:

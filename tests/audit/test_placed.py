@@ -46,6 +46,11 @@ def test_where_bodies_are_that_an_engine_does_not_have():
     assert match(said, []).carrier["arm"] is None
 
 
+def test_the_only_root_of_each_side():
+    assert pairs(["shelf"], ["pod_link"]) == {"shelf": "pod_link"}
+    assert pairs(["shelf", "other"], ["pod_link", "more"]) == {}
+
+
 def test_parents_come_first_whatever_the_order():
     said = [body("b", "a"), body("c", "b"), body("a")]
     assert [one.name for one in parents_first(said)] == ["a", "b", "c"]

@@ -169,10 +169,16 @@ class _Held:
             kind,
             size,
             pose,
-            collision=bool(model.geom_contype[geom] or model.geom_conaffinity[geom]),
+            collision=self._collides(geom),
             visual=int(model.geom_group[geom]) in VISIBLE_GROUPS,
         )
         return dataclasses.replace(held, surfaces=(Surface(friction[0], friction[1], friction[2]),))
+
+    def _collides(self, geom: int) -> bool:
+        """Whether a geom's bits let it touch any geom of the file, or another like itself."""
+        model = self._model
+        own = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+        return bool(((own[0] & model.geom_conaffinity) | (own[1] & model.geom_contype)).any())
 
     def _vertices(self, mesh: int) -> Any:
         """The vertices of a mesh's convex hull, else all: in the geom's frame, which MuJoCo puts at the centre of mass."""

@@ -168,8 +168,9 @@ class Foreign:
         found: dict[str, HeldValue] = {
             "gravity_set": any(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
             "timestep": held["fixedTimeStep"],
-            "self_collision": False,  # as it is loaded: without the flag (measured, in the tests)
         }
+        if any(p.getNumJoints(uid, physicsClientId=client) for uid in trees):
+            found["self_collision"] = False  # as it is loaded: without the flag (measured, in the tests)
         links = [(uid, link) for uid in trees for link in range(-1, p.getNumJoints(uid, physicsClientId=client))]
         margins = [
             p.getDynamicsInfo(uid, link, physicsClientId=client)[11]
