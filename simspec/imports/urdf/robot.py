@@ -15,6 +15,7 @@ from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
+from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
 from simspec.imports.urdf.tree import Tree, tree_of
@@ -257,7 +258,9 @@ class Robot:
         if given:
             renamed(self.root, "name", name)
         self.draft.place((), self.root)
-        return {"simspec": VERSION, "name": name, "model": {"bodies": bodies}}
+        coupled = constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
+        more = {"constraints": coupled} if coupled else {}
+        return {"simspec": VERSION, "name": name, "model": {"bodies": bodies, **more}}
 
     def _world_child(self, joint: Joint, child: Link) -> dict[str, Any]:
         """The words of the body that hangs on the link `world`: there is no such body, since it is the world itself."""

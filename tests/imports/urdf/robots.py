@@ -67,7 +67,7 @@ SPECIMEN = """\
     <axis xyz="0 1 0"/>
     <limit lower="-2.5" upper="7" effort="20" velocity="3.2"/>
     <dynamics damping="0.1" friction="0.02"/>
-    <mimic joint="wrist" multiplier="2"/>
+    <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>
     <joint_properties damping="1"/>

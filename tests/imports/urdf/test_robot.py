@@ -4,11 +4,16 @@ import re
 
 import pytest
 
+from simspec.imports.urdf.mimic import SUPPORTED
 from simspec.imports.urdf.table import GAZEBO, rows
 from simspec.language.foreign import Fate, Severity
 from simspec.language.load import load
+from simspec.language.losses import of_physics
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
 from tests.meshes.solids import box, stl
+
+FOLLOW = {"joint": "shoulder", "leader": "wrist", "ratio": 2, "offset": 0.5}
+COUPLING = {"constraints": {"shoulder": {"follow": FOLLOW}}} if SUPPORTED else {}
 
 
 def test_a_robot_is_a_short_model_file(tmp_path):
@@ -69,7 +74,8 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                         {"sphere": {"radius": 0.05}, "collision": False},
                     ],
                 },
-            }
+            },
+            **COUPLING,
         },
     }
 
@@ -103,7 +109,7 @@ def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
     assert not {name for name, row in known.items() if not row.when and name not in gazebo} - fates.keys()
     for where, met in fates.items():
         row = known.get(where)
-        if row is None or row.when:
+        if row is None or row.when or ("mimic" in where and not SUPPORTED):
             continue
         for fate, severity in met:
             assert fate is row.fate, where
@@ -133,6 +139,37 @@ def test_a_fixed_joint_has_no_axis_and_no_limits(tmp_path):
     accounts = read(two_links('<axis xyz="0 0 1"/><limit lower="0"/>', kind="fixed"), tmp_path).accounts
     unused = {account.what for account in accounts if account.fate is Fate.UNUSED}
     assert unused == {"joint[hinge]/axis", "joint[hinge]/axis/@xyz", "joint[hinge]/limit", "joint[hinge]/limit/@lower"}
+
+
+COUPLED = (
+    '<link name="tip">{0}</link><joint name="second" type="{1}"><parent link="arm"/><child link="tip"/>{2}</joint>'
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "mimic", "reason"),
+    [
+        ("prismatic", '<mimic joint="hinge" multiplier="0"/>', "moves on its own"),
+        ("fixed", '<mimic joint="hinge"/>', "no position to follow with"),
+    ],
+)
+def test_what_follows_nothing_is_told(tmp_path, kind, mimic, reason):
+    imported = read(two_links(more=COUPLED.format(SOLID, kind, "<limit upper='1'/>" + mimic)), tmp_path)
+    assert "constraints" not in imported.data["model"]
+    (account,) = [account for account in imported.accounts if account.what == "joint[second]/mimic[hinge]"]
+    assert reason in account.reason
+
+
+def test_a_follower_moves_with_its_leader(tmp_path):
+    text = two_links(more=COUPLED.format(SOLID, "continuous", '<mimic joint="hinge" multiplier="-1"/>'))
+    if not SUPPORTED:
+        assert [account.what for account in of_physics(read(text, tmp_path))] == ["joint[second]/mimic[hinge]"]
+        return
+    (tmp_path / "r.urdf").write_text(text)
+    world = load(tmp_path / "r.urdf").resolve()
+    assert len(world.constraints) == 1
+    (problem,) = refused(text.replace('<mimic joint="hinge"', '<mimic joint="nothing"'), tmp_path)
+    assert "there is no joint 'nothing'" in problem
 
 
 # --- the world ------------------------------------------------------------------------------------------------------

@@ -1,0 +1,63 @@
+"""Joints that follow others, as constraints of the language."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from simspec.imports.draft import Draft, plain
+from simspec.imports.urdf.joints import Joint
+from simspec.imports.urdf.table import INFORMATION, LOST, PHYSICS, attributes_unused
+from simspec.language.models import Model
+
+SUPPORTED: Final = "constraints" in Model.model_fields
+SCALAR: Final = ("hinge", "slide")
+
+
+def constraints(joints: Sequence[Joint], draft: Draft) -> dict[str, Any]:
+    """The constraints of all joints that follow others, by the name of the joint that follows."""
+    by_name = {joint.element.attributes["name"].strip(): joint for joint in joints}
+    said: dict[str, Any] = {}
+    for joint in joints:
+        follow = _follow(joint, by_name, draft)
+        if follow is not None:
+            said[joint.name] = {"follow": follow}
+    return said
+
+
+def _follow(joint: Joint, by_name: Mapping[str, Joint], draft: Draft) -> dict[str, Any] | None:
+    """What a joint follows; None for one that follows none, which says so."""
+    found = joint.element.look("mimic")
+    if not found:
+        return None
+    mimic = found[0]
+    if joint.kind not in SCALAR:
+        attributes_unused(mimic, f"a {joint.kind} joint has no position to follow with")
+        return None
+    with draft.collecting():
+        name = mimic.need("joint")
+        ratio, offset = mimic.number("multiplier", 1.0) or 0.0, mimic.number("offset", 0.0) or 0.0
+        leader = by_name.get(name)
+        why = ""
+        if not SUPPORTED:
+            why = "simspec does not couple joints yet: this one moves on its own"
+        elif leader is None:
+            draft.defect(mimic, f"there is no joint {name[:80]!r}", found=name)
+        elif leader is joint:
+            draft.defect(mimic, "a joint cannot follow itself", found=name)
+        elif leader.kind not in SCALAR:
+            why = f"the joint {leader.name} is {leader.kind}, and has no position to be followed: this one moves on its own"
+        elif ratio == 0.0:
+            why = "with a multiplier of 0 the joint follows nothing: it moves on its own"
+        else:
+            mimic.take()
+            draft.place(("model", "constraints", joint.name), mimic)
+            data: dict[str, Any] = {"joint": joint.name, "leader": leader.name}
+            data.update({"ratio": plain(ratio)} if ratio != 1.0 else {})
+            data.update({"offset": plain(offset)} if offset else {})
+            return data
+        if why:
+            mimic.set_aside(None, LOST, why, PHYSICS, "make the joint fixed" if ratio == 0.0 else "")
+            for attribute in mimic.attributes:
+                mimic.set_aside(attribute, LOST, why, INFORMATION)
+    return None
