@@ -20,6 +20,8 @@ from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
 from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed
+from simspec.world.hull import FlatError
+from simspec.world.inset import inset
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
@@ -309,7 +311,12 @@ class _Comparison:
     def hull(self, shape: Shape, other: Shape, at: str) -> None:
         """Two hulls as solids: engines order and drop vertices as they like."""
         wrong = SHAPES[other.kind].wrong_size(other.size)
-        deviation = None if wrong is not None else hull_distance(shape.size, other.size)
+        deviation = None
+        if wrong is None:
+            try:
+                deviation = hull_distance(inset(shape.size, other.rounding), other.size)
+            except FlatError as error:
+                wrong = f"with {other.rounding} m around it: {error}"
         detail = wrong or f"{len(other.size) // 3} vertices, should be the hull of {len(shape.size) // 3}"
         self.tally.add(self.levels["geometry"], HULL, self.hull_tolerance, deviation, at, detail)
 

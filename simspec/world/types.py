@@ -92,7 +92,8 @@ class Shape:
 
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
     that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
-    their layers, and ``material`` is "".
+    their layers, and ``material`` is "". ``rounding`` is of a read-back alone: how far (m) an engine keeps around the points of
+    a mesh, whose faces are that much further in.
     """
 
     name: str
@@ -104,6 +105,7 @@ class Shape:
     visual: bool = True
     colour: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
     surfaces: tuple[Surface, ...] = ()
+    rounding: float = field(default=0.0, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

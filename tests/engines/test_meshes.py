@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.dialects.pybullet.hulls import LINK_MARGIN
 from simspec.engines.kit.process import Operation, call
+from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
 from simspec.proof.hulls import extent
 from simspec.proof.touch.geometry import gap, solids, transforms
+from simspec.proof.verify import read_back_checks
 from simspec.testing import worlds
-from simspec.testing.bench import run_operation, touching_operation
+from simspec.testing.bench import failures, run_operation, touching_operation
 from simspec.world import frames
+from simspec.world.hull import FlatError, hull_of
+from simspec.world.inset import inset
 from simspec.world.kinematics import initial_state
 from simspec.world.shapes import SHAPES
-from simspec.world.types import Contact, Inertial, Material, PairContact, Shape, World
+from simspec.world.types import Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 
 DEEPEST = {"mujoco": 6e-7, "pybullet": 1.5e-5}
 """How deep (m) a hull rests beyond what its engine's own hull is off."""
@@ -95,3 +100,59 @@ def test_two_meshes_do_not_meet_in_dart_whoever_accepts_them():
 def test_a_mesh_that_touches_is_accepted_by_name_in_dart():
     with pytest.raises(UnsupportedError, match=r"contact between box and mesh only approximately"):
         compile_world(worlds.shapes_world(("mesh",)), ["dart"])
+
+
+def on_a_link() -> World:
+    """A mesh on a hinge of a fixed body with a mesh: on no link of their tree is there a base without mass."""
+    base = worlds.shapes_world(("mesh",))
+    floor, free = base.bodies
+    root = dataclasses.replace(
+        free,
+        name="root",
+        model="root",
+        joint=Joint("root_joint", "fixed", None, Pose((2.0, 0.0, 0.6))),
+        shapes=tuple(dataclasses.replace(shape, name="root_0") for shape in free.shapes),
+    )
+    arm = dataclasses.replace(
+        free,
+        name="arm",
+        model="root",
+        joint=Joint(
+            "arm_joint", "hinge", "root", Pose((0.0, 0.0, 0.4)), (0.0, 1.0, 0.0), position=(0.0,), velocity=(0.0,)
+        ),
+        shapes=tuple(dataclasses.replace(shape, name="arm_0") for shape in free.shapes),
+    )
+    contact = dataclasses.replace(base.contact, excluded_bodies=(("arm", "root"),))
+    return dataclasses.replace(base, bodies=(floor, free, root, arm), contact=contact)
+
+
+def test_on_links_where_pybullet_keeps_a_margin_faces_are_that_much_further_in(tmp_path):
+    world = worlds.accepting(on_a_link(), "pybullet")
+    answer = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world))
+    bodies = {body.name: body for body in answer.held.bodies}
+    (whole,), (told,) = bodies["mesh"].shapes, bodies["arm"].shapes
+    assert whole.rounding == 0.0
+    assert told.rounding == pytest.approx(LINK_MARGIN, rel=1e-6)
+    directions = hull_of(world.bodies[1].shapes[0].size).normals
+    reach, inner = (SHAPES["mesh"].support(shape.size, directions) for shape in (whole, told))
+    np.testing.assert_allclose(inner + LINK_MARGIN, reach, atol=2e-4 * extent(whole.size))
+    assert failures(read_back_checks(world, PyBullet, answer.held)) == []
+
+
+def test_a_mesh_within_the_margin_is_refused_on_a_link():
+    world = on_a_link()
+    arm = world.bodies[-1]
+    thin = tuple(0.01 * value for value in arm.shapes[0].size)
+    arm = dataclasses.replace(arm, shapes=(dataclasses.replace(arm.shapes[0], size=thin),))
+    with pytest.raises(UnsupportedError, match=r"keeps 0\.001 m around the mesh 'arm_0'"):
+        compile_world(dataclasses.replace(world, bodies=(*world.bodies[:-1], arm)), ["pybullet"])
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-3, 0.01])
+def test_the_faces_of_an_inset_hull_are_that_much_further_in(depth):
+    size = worlds.SIZES["mesh"]
+    directions = hull_of(size).normals
+    outer, inner = (SHAPES["mesh"].support(each, directions) for each in (size, inset(size, depth)))
+    np.testing.assert_allclose(inner, outer - depth, atol=1e-11)
+    with pytest.raises(FlatError, match="from the centre"):
+        inset(size, 0.05)

@@ -64,7 +64,10 @@ class PybulletDialect(Dialect):
     NAME: ClassVar[str] = "pybullet"
     FORMAT: ClassVar[str] = "urdf"
     SIDECAR: ClassVar[type[Sidecar]] = PybulletSidecar
-    SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {"sleeping": NeededSetting(bool, optional=True)}
+    SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {
+        "sleeping": NeededSetting(bool, optional=True),
+        "collision_margin": NeededSetting(float),
+    }
     SUPPORT: ClassVar[Table] = {
         Feature.JOINT_FIXED: EXACT,
         Feature.JOINT_HINGE: EXACT,
@@ -129,7 +132,8 @@ class PybulletDialect(Dialect):
         instances = []
         for bodies in trees(moved).values():
             parts = {body.name: split(body, target.plan) for body in bodies}
-            instances.append(instance_of(files.add(robot_of(bodies, parts)), bodies, parts, coordinates))
+            robot = robot_of(bodies, parts, float(target.settings["collision_margin"]))
+            instances.append(instance_of(files.add(robot), bodies, parts, coordinates))
         sidecar = PybulletSidecar(
             **common_fields(self.NAME, self.FORMAT, world, target, offsets),
             gravity=world.physics.gravity,

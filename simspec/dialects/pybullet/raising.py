@@ -60,6 +60,8 @@ CONTACT: Final = (
 """The elements of a link's ``contact`` that simspec writes."""
 NOTHING: Final = (0.0,)
 """Size of a visual that only keeps PyBullet from showing the collision shapes."""
+LINK_MARGIN: Final = 1e-3
+"""m: what PyBullet keeps around hulls on links other than the first, whatever it is told (measured)."""
 NO_LIMITS: Final = (0.0, -1.0)
 """What PyBullet takes for limits that a file does not say: lower > upper is unlimited."""
 
@@ -72,7 +74,8 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
     """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
     does not write."""
     check_meshes(document)
-    files = {name: _File.of(robot, document.meshes) for name, robot in document.robots.items()}
+    margin = float(sidecar.settings["collision_margin"])
+    files = {name: _File.of(robot, document.meshes, margin) for name, robot in document.robots.items()}
     first: dict[str, Instance] = {}
     bodies: dict[str, Body] = {}
     for instance in sidecar.instances:
@@ -98,22 +101,24 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """One file: its links, the joint above each, and what each link holds of contact; the meshes of its folder."""
+    """One file: its links, the joint above each, and what each link holds of contact; the meshes of its folder, and
+    what PyBullet keeps around hulls on the first link (m)."""
 
     links: tuple[Link, ...]
     joints: Mapping[str, JointRead]
     surface: Mapping[str, Surface]
     meshes: Mapping[str, tuple[float, ...]]
+    base_margin: float
 
     @staticmethod
-    def of(robot: Robot, meshes: Mapping[str, tuple[float, ...]]) -> _File:
+    def of(robot: Robot, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
         for stranger in strangers(robot, WRITTEN):
             if stranger.name is not None or not _is_own(stranger.node, stranger.path):
                 what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
                 raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
-        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes)
+        return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
 
 
 def _is_own(node: Node, path: str) -> bool:
@@ -163,8 +168,11 @@ def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False)
     shapes = shapes_of(link, partial(_geometry, meshes=file.meshes), lambda size: size[1] == NOTHING)
     if set(shapes) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
+    margin = file.base_margin if link is file.links[0] else LINK_MARGIN
     held = {
-        name: dataclasses.replace(shape, surfaces=(surface,)) if shape.collision else shape
+        name: dataclasses.replace(shape, surfaces=(surface,), rounding=margin if shape.kind == "mesh" else 0.0)
+        if shape.collision
+        else shape
         for name, shape in shapes.items()
     }
     return tuple(held[name] for name in names if name in held)
@@ -282,6 +290,7 @@ def _with_copies(own: tuple[Shape, ...], layer: int, copies: Layers) -> tuple[Sh
             before = known.setdefault(shape.name, shape)
             if (before.kind, before.size, before.pose) != (shape.kind, shape.size, shape.pose):
                 raise ValueError(f"a copy of shape {shape.name!r} is unlike the shape")
+            known[shape.name] = dataclasses.replace(before, rounding=max(before.rounding, shape.rounding))
             layers.setdefault(shape.name, []).append((number, shape.surfaces[0]))
     whole = []
     for name, shape in known.items():

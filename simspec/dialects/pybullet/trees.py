@@ -8,6 +8,7 @@ from typing import Final
 from simspec.contact.parts import Part
 from simspec.dialects.kit.coordinates import Coordinates
 from simspec.dialects.pybullet.contact import contact_values, copy_name
+from simspec.dialects.pybullet.hulls import LINK_MARGIN, told_shapes
 from simspec.dialects.pybullet.sidecar import FIXED, FREE, WORLD_LINK, Copy, Instance
 from simspec.formats.urdf.from_world import (
     collision_of,
@@ -95,21 +96,25 @@ def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: 
     )
 
 
-def robot_of(bodies: tuple[Body, ...], parts: Parts) -> Robot:
-    """The robot that a tree is: a world link where it needs one, the bodies' links, then the links of further shapes."""
+def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Robot:
+    """The robot that a tree is: a world link where it needs one, the bodies' links, then the links of further shapes.
+    ``base_margin``: what PyBullet keeps around hulls on the first link (m)."""
     root = bodies[0]
     links: list[Link] = []
     joints: list[Joint] = []
     world_link = unlike(root.name + WORLD_SUFFIX, {body.name for body in bodies})
     if has_world_link(root):
         links.append(_carrier(world_link, Surface(), ()))
+    told: dict[str, dict[str, Shape]] = {}
     for body in bodies:
         own = parts[body.name][0]
+        margin = LINK_MARGIN if links else base_margin
+        shapes = told[body.name] = told_shapes(body, parts[body.name], margin)
         links.append(
             Link(
                 body.name,
                 principal_inertial(body.inertial),
-                *_shown(body.shapes, own.shapes),
+                *_shown(tuple(shapes.values()), tuple(shapes[shape.name] for shape in own.shapes)),
                 extensions=(_contact(own.surface),),
             )
         )
@@ -120,7 +125,8 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts) -> Robot:
     for body in bodies:
         for part in parts[body.name][1:]:
             name = copy_name(part)
-            links.append(_carrier(name, part.surface, part.shapes))
+            carried = tuple(told[body.name][shape.name] for shape in part.shapes)
+            links.append(_carrier(name, part.surface, carried))
             joints.append(Joint(f"{name}.joint", JOINT_TYPES["fixed"], body.name, name, Origin(), NO_AXIS))
     return Robot(root.model, tuple(links), tuple(joints))
 

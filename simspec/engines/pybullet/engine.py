@@ -21,6 +21,7 @@ from simspec.contact.parts import parts
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
+from simspec.dialects.pybullet.hulls import LINK_MARGIN
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
@@ -59,14 +60,12 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import Body, HeldValue, ReadBack, World
+from simspec.world.hull import FlatError
+from simspec.world.inset import inset
+from simspec.world.types import Body, HeldValue, ReadBack, Shape, World
 
 _NO_LINKS = "PyBullet supports at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
-_MESH_MARGIN = (
-    "PyBullet keeps a margin of 1 mm around hulls on links other than the base of a tree: meshes that touch are supported on "
-    "free bodies and on fixed ones without mass, in one material and layer"
-)
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 
@@ -84,16 +83,25 @@ def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
 
 
 def _meshes_held(world: World) -> Refinement | None:
-    """Not supported where a mesh that touches is not on the base of its tree, where PyBullet keeps 1 mm around it."""
+    """Not supported where hardly anything of a mesh is within PyBullet's margin, or its copies are within two."""
     plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
+    base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
     for body in world.bodies:
         own, *carried = parts(body, plan) or (None,)
         root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
         on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
-        for part in (*carried, *(() if own is None or on_base else (own,))):
+        margins: dict[Shape, set[float]] = {}
+        for part in () if own is None else (own, *carried):
             for shape in part.shapes:
                 if shape.kind == "mesh":
-                    return not_here(f"{_MESH_MARGIN}; {shape.name!r} is on another link")
+                    margins.setdefault(shape, set()).add(base_margin if part is own and on_base else LINK_MARGIN)
+        for shape, of_shape in margins.items():
+            if len(of_shape) > 1:
+                return not_here(f"copies of the mesh {shape.name!r} are on links with and without PyBullet's margin")
+            try:
+                inset(shape.size, max(of_shape))
+            except FlatError as error:
+                return not_here(f"PyBullet keeps {max(of_shape):g} m around the mesh {shape.name!r}: {error}")
     return None
 
 
@@ -156,7 +164,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         ),
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
-            f"the convex hull to {KEPT:g} of its extent: PyBullet computes it with whole numbers; on bases of trees",
+            f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
+            "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
             refine=_meshes_held,
         ),
         Feature.SHAPE_VISUAL: EXACT,

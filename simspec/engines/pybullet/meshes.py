@@ -79,8 +79,9 @@ class Hulls:
     def __init__(self, blocks: Iterable[Block]):
         self._at = {block.address: block for block in blocks}
 
-    def of(self, address: int) -> list[Points]:
-        """The vertices (n, 3) of the hulls of a shape, or of all parts of a compound one, in their order."""
+    def of(self, address: int) -> list[tuple[Points, float]]:
+        """The vertices (n, 3) of the hulls of a shape, or of all parts of a compound one, in their order, each with the margin
+        (m) that Bullet keeps around it."""
         block = self._at.get(address)
         if block is None:
             return []
@@ -99,7 +100,8 @@ class Hulls:
         )
         if points is None:
             raise EngineError("pybullet", "holds a hull without points")
-        return [np.array([_floats(point) for point in points.rows]) * scale]
+        margin = float(row["m_convexInternalShapeData"]["m_collisionMargin"])
+        return [(np.array([_floats(point) for point in points.rows]) * scale, margin)]
 
 
 POINTERS = ("m_unscaledPointsDoublePtr", "m_unscaledPointsFloatPtr")

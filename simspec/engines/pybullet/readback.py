@@ -30,7 +30,7 @@ SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "
 UP = (0.0, 0.0, 1.0)
 """Normal of a plane in its own frame; the world has no other, and turns the frame."""
 
-HeldHulls = Mapping[tuple[int, int], Sequence[Points]]
+HeldHulls = Mapping[tuple[int, int], Sequence[tuple[Points, float]]]
 SAME_SHAPE = 1e-9
 """Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
 printed from one, so that only round-off (1e-15) can stand between them."""
@@ -216,11 +216,14 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
         kind = _kind(entry[2])
         if kind == "mesh" and not left:
             raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")
-        size = tuple(left.pop(0).ravel().tolist()) if kind == "mesh" else _size(kind, entry[3])
+        size, margin = _size(kind, entry[3]) if kind != "mesh" else (), 0.0
+        if kind == "mesh":
+            points, margin = left.pop(0)
+            size = tuple(points.ravel().tolist())
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
         pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
-        found.append(Shape("", kind, size, pose, visual=False, surfaces=(surface,)))
+        found.append(Shape("", kind, size, pose, visual=False, surfaces=(surface,), rounding=margin))
     return found
 
 

@@ -1,0 +1,33 @@
+"""Meshes within the margin that PyBullet keeps around hulls.
+
+On the base of a tree the margin is the setting ``collision_margin``; on every other link PyBullet keeps 1 mm, whatever it is
+told (measured, 3.2.7). It is outside of the hull, so that hulls are told with their faces that much further in: faces are then
+where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+from simspec.contact.parts import Part
+from simspec.world.inset import inset
+from simspec.world.types import Body, Shape
+
+LINK_MARGIN: Final = 1e-3
+"""m, around hulls on links other than bases."""
+
+
+def told_shapes(body: Body, parts: Sequence[Part], own_margin: float) -> dict[str, Shape]:
+    """The shapes of a body by name, meshes that touch within the margin of the link that carries them: ``own_margin`` on its
+    own. Raises FlatError where nothing is left of one."""
+    margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}
+    margins |= {shape.name: own_margin for shape in parts[0].shapes}
+    return {shape.name: _within(shape, margins.get(shape.name, 0.0)) for shape in body.shapes}
+
+
+def _within(shape: Shape, margin: float) -> Shape:
+    if shape.kind != "mesh" or not shape.collision or not margin:
+        return shape
+    return dataclasses.replace(shape, size=inset(shape.size, margin))
