@@ -84,7 +84,7 @@ def needs(world: World) -> list[Need]:
             note(Feature.INITIAL_VELOCITY, f"{path}.joint.velocity" if joint.kind != "free" else f"{path}.velocity")
         if (joint.kind in SCALAR_JOINTS and any(joint.position)) or (joint.kind == "ball" and any(joint.position[1:])):
             note(Feature.INITIAL_POSITION, f"{path}.joint.position")
-        if is_carrier(body.name):
+        if is_carrier(body.name) and not body.inertial.mass:
             note(Feature.JOINT_SEVERAL, f"bodies.{owner_of(body.name)}.joints")
         elif groups[body.name] != "world":
             for feature, field in _inertia_needs(body.inertial):

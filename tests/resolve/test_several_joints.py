@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
+from simspec.formats.mjcf.from_world import inertial_of
+from simspec.formats.mjcf.names import LEAST_MASS
 from simspec.language.load import Spec, load
 from simspec.resolve import resolve
 from simspec.support.features import Feature
@@ -186,3 +190,15 @@ def test_a_root_takes_a_pose_or_an_origin():
     loose = {"joints": [slide(X, origin={"xyz": [1, 0, 0]}), hinge(Z)], "pose": {"xyz": [0, 0, 1]}, **SOLID}
     with pytest.raises(SpecError, match=r"pose and joint\.origin exclude"):
         Spec.from_data({"name": "x", "bodies": {"cart": loose}})
+
+
+def test_a_body_with_mass_keeps_it_whatever_its_name():
+    """A world that is made in Python may have names with a point."""
+    found = world({"joints": STEERED})
+    heavy = dataclasses.replace(found.bodies[1], inertial=found.bodies[2].inertial)
+    other = dataclasses.replace(found, bodies=(found.bodies[0], heavy, found.bodies[2]))
+    assert Feature.JOINT_SEVERAL not in {need.feature for need in needs(other)}
+    held = inertial_of(heavy)
+    assert held is not None
+    assert held.mass == 2.0
+    assert inertial_of(found.bodies[1]).mass == LEAST_MASS

@@ -85,7 +85,9 @@ class _Expected:
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
         found |= {
-            f"body.{body.name}.mass": BETWEEN_JOINTS if is_carrier(body.name) else told_inertial(self.world, body).mass
+            f"body.{body.name}.mass": BETWEEN_JOINTS
+            if is_carrier(body.name) and not body.inertial.mass
+            else told_inertial(self.world, body).mass
             for body in self.world.bodies
         }
         if self.neutral.get("has.actuator_ctrlspec", False):

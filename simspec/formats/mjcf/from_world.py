@@ -66,10 +66,9 @@ def place_of(joint: Joint) -> Pose:
 
 def inertial_of(body: Body) -> Inertial | None:
     """Mass and principal moments; None without mass. Between two joints the language demands a mass."""
-    if is_carrier(body.name):
-        return Inertial((0.0, 0.0, 0.0), frames.IDENTITY, LEAST_MASS, (LEAST_MASS,) * 3)
     if not body.inertial.mass:
-        return None
+        least = Inertial((0.0, 0.0, 0.0), frames.IDENTITY, LEAST_MASS, (LEAST_MASS,) * 3)
+        return least if is_carrier(body.name) else None
     moments, turn = principal_axes(body.inertial.inertia)
     return Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
 
