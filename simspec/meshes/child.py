@@ -9,12 +9,15 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import resource
 import sys
 from collections.abc import Iterator, Mapping
 from typing import IO, Any
 
 import numpy as np
+
+from simspec.meshes.files import MeshError, gltf_header
 
 CPU_SECONDS = 8
 """Processor time for one file: the largest allowed take one or two."""
@@ -87,7 +90,7 @@ def _answer(answers: IO[bytes], suffix: str, content: bytes, beside: Mapping[str
         _check(vertices, faces)
         head: dict[str, Any] = {"vertices": len(vertices), "faces": len(faces), **said}
         body = np.ascontiguousarray(vertices, "<f8").tobytes() + np.ascontiguousarray(faces, "<i8").tobytes()
-    except RefusedError as error:
+    except (RefusedError, MeshError) as error:
         head, body = {"error": str(error)}, b""
     except MemoryError:
         head, body = {"error": "reading it takes more memory than is allowed"}, b""
@@ -186,14 +189,16 @@ def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
 def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
     from trimesh.exchange import ply
 
-    made = ply.load_ply(io.BytesIO(content), skip_materials=True)
-    return _of_mesh(made)
+    read = _of_mesh(ply.load_ply(io.BytesIO(content), skip_materials=True))
+    declared = re.search(rb"element\s+face\s+(\d+)", content[:65_536])
+    polygons = int(declared[1]) if declared is not None else 0
+    if len(read[1]) < polygons:  # each is a triangle, or several
+        _demand_all(len(read[1]), polygons)
+    return read
 
 
 def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
     from trimesh import load_scene
-
-    from simspec.meshes.files import gltf_header
 
     header = gltf_header(content)
     needed = sorted(set(map(str, header.get("extensionsRequired", []))) - HARMLESS)

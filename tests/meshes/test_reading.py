@@ -160,6 +160,11 @@ def hostile(folder):
             b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n",
             "",
         ),
+        "more.ply": (
+            b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+            b"element face 3\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "",
+        ),
         "random.ply": (np.random.default_rng(3).bytes(5000), "damaged"),
         "length.glb": (glb, "its length is not what it says|JSON"),
         "random.glb": (np.random.default_rng(4).bytes(5000), "damaged"),
