@@ -55,12 +55,13 @@ def frictionless(world: World) -> bool:
 
 @derived
 def balls_alone(world: World) -> bool:
-    """Whether the world is without friction, all that moves is a free body by itself, and each has spheres alone as collision
-    shapes: every two shapes then meet in one point."""
+    """Whether the world is without friction, all that moves is a free body by itself, held to no other, and each has spheres
+    alone as collision shapes: every two shapes then meet in one point."""
     groups = rigid_groups(world)
     moving = [body for body in world.bodies if groups[body.name] != "world"]
     return (
         frictionless(world)
+        and not world.constraints
         and all(body.joint.kind == "free" for body in moving)  # what is joined to another body is not free
         and all(shape.kind == "sphere" for body in moving for shape in solid_shapes(body))
     )

@@ -5,8 +5,11 @@ and a spherical joint at the root's centre of mass, so that its position and vel
 world axes, and its angular velocity is in the body's axes. One step is semi-implicit Euler: v += dt a(q, v, τ), then
 q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
 
-The oracle knows damping, springs and armature. It leaves out contact, position limits and dry friction: motion probes stay
-away from limits, and have dry friction switched off (see ``proof/dry_friction.py`` for its own).
+Constraints act on each step by their law, J v⁺ = −φ/dt, on all trees that they join at once: after v* = v + dt a the velocity
+is v* − M⁻¹ Jᵀ λ (``world/violation.py``).
+
+The oracle knows damping, springs, armature and constraints. It leaves out contact, position limits and dry friction: motion
+probes stay away from limits, and have dry friction switched off (see ``proof/dry_friction.py`` for its own).
 """
 
 from __future__ import annotations
@@ -19,8 +22,8 @@ import numpy as np
 
 from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
-from simspec.world.kinematics import layout_of, trees
-from simspec.world.types import VELOCITY_SIZE, Body, World
+from simspec.world.kinematics import held_trees, layout_of, members, trees, within
+from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
 
 MODEL_SIZE = 48
 """Coordinates of one Pinocchio model that several trees share: a step of many costs little more Python than a step of one,
@@ -43,10 +46,12 @@ def _grouped(in_order: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
     return groups
 
 
-def alike(bodies: Sequence[Body]) -> object:
-    """What the model of some bodies follows from: equal for copies, wherever they are and however they move."""
+def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = ()) -> object:
+    """What the model of some bodies follows from, and of the constraints between them: equal for copies, wherever they are and
+    however they move."""
     index = {body.name: number for number, body in enumerate(bodies)}
-    return tuple(
+    joints = {body.joint.name: number for number, body in enumerate(bodies)}
+    models = tuple(
         (
             body.inertial,
             index.get(body.joint.parent or "", -1),
@@ -54,6 +59,16 @@ def alike(bodies: Sequence[Body]) -> object:
         )
         for body in bodies
     )
+    held = tuple(
+        (
+            tuple((joints if isinstance(constraint, Follow) else index)[name] for name in members(constraint)),
+            dataclasses.replace(constraint, name="", joint="", leader="")
+            if isinstance(constraint, Follow)
+            else dataclasses.replace(constraint, name="", first="", second=""),
+        )
+        for constraint in constraints
+    )
+    return (models, held) if held else models
 
 
 class Oracle:
@@ -71,13 +86,14 @@ class Oracle:
         index = {body.name: number for number, body in enumerate(world.bodies)}
         self._parts: list[tuple[Tree, list[int], np.ndarray, np.ndarray]] = []
         models: dict[object, Tree] = {}
-        for bodies in _grouped(list(trees(world).values())):
+        for bodies in _grouped(held_trees(world)):
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
             at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
-            key = alike(bodies)
+            part = within(world, bodies) if world.constraints else dataclasses.replace(world, bodies=bodies)
+            key = alike(bodies, part.constraints)
             if key not in models:
-                models[key] = Tree(dataclasses.replace(world, bodies=bodies))
+                models[key] = Tree(part, constrained=True)
             self._parts.append((models[key], rows, at_q, at_v))
 
     @property
@@ -163,8 +179,26 @@ class Oracle:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
         return self._by_tree("joint_effort", q, v)
 
+    def settled(self, q: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """A position (nq,) at which the constraints hold: near ``q`` where joints are coupled alone; where loops are closed
+        some way from ``start``, at which they hold, towards anywhere. ``q`` itself where there are no constraints."""
+        if not self.world.constraints:
+            return q
+        q = q.copy()
+        generator = np.random.default_rng(SETTLING_SEED)
+        for tree, _, at_q, _ in self._parts:
+            if tree.held is not None:
+                q[at_q] = _settled(tree, q[at_q], start[at_q], generator)
+        return q
+
+    def held_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The velocity (nv,) nearest to ``v`` with which the constraints go on to hold at ``q``; ``v`` itself without any."""
+        if not self.world.constraints:
+            return v
+        return self._by_tree("held_velocity", q, v)
+
     def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
-        """v̇ (nv,) under an applied effort (nv,), with damping and springs."""
+        """v̇ (nv,) under an applied effort (nv,), with damping and springs, without constraints."""
         return self._by_tree("acceleration", q, v, effort)
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
@@ -212,3 +246,22 @@ class Oracle:
             if count:
                 yield all_q, all_v
                 q, v = all_q[-1].copy(), all_v[-1].copy()
+
+
+SETTLING_SEED = 20_212
+ASTRAY = 0.3
+"""rad or m that a closed loop is first moved away from where it begins, along a direction in which it may move; halved until
+that leads somewhere."""
+HALVINGS = 6
+
+
+def _settled(tree: Tree, wanted: np.ndarray, start: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    if tree.held is not None and all(isinstance(held, Follow) for held in tree.held.constraints):
+        near = tree.settled(wanted)
+        return start if near is None else near
+    away = tree.held_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
+    for halving in range(HALVINGS):
+        near = tree.settled(tree.moved(start, away * ASTRAY / 2.0**halving))
+        if near is not None:
+            return near
+    return start

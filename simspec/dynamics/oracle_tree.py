@@ -12,7 +12,8 @@ from simspec.world import frames
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import logarithm
-from simspec.world.types import Body, Pose, World
+from simspec.world.types import Body, Follow, Pose, Weld, World
+from simspec.world.violation import Violation, impulse
 
 
 def _depth_first(bodies: Sequence[Body]) -> list[Body]:
@@ -33,17 +34,16 @@ def _depth_first(bodies: Sequence[Body]) -> list[Body]:
 
 
 class Tree:
-    """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates.
+    """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates. The world's
+    constraints have a part in ``step`` and ``settled`` alone, and only where ``constrained``: all else is of the trees as such.
 
     ``model`` and ``data`` are Pinocchio's (module ``pin``). ``q_index``, ``v_index``: where the world's coordinates stand among
     Pinocchio's; ``body_joint``, ``body_placement``: the joint that each body moves with, and its frame's placement there.
     """
 
-    def __init__(self, world: World):
+    def __init__(self, world: World, constrained: bool = False):
         import pinocchio
 
-        if world.constraints:
-            raise ValueError(f"the oracle has no constraints outside the tree, as {world.constraints[0].name!r} is")
         self.pin: Any = pinocchio
         self.world = world
         self.layout = layout_of(world)
@@ -60,6 +60,8 @@ class Tree:
         self.body_placement = [self._held[body.name][1] for body in world.bodies]
         self.data = self.model.createData()
         self._read_efforts()
+        self.held = Violation(world.bodies, world.constraints) if constrained and world.constraints else None
+        """The constraints that act in a step; None: there are none."""
 
     def _placement(self, pose: Pose) -> Any:
         return self.pin.SE3(np.array(frames.matrix(pose.quaternion)), np.array(pose.position))
@@ -209,5 +211,84 @@ class Tree:
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
         v = v + self.timestep * self.acceleration(q, v, effort)
+        if self.held is not None:
+            violation = self.held.of(q, self.body_poses(q))
+            v = v + impulse(self.mass_matrix(q), self.jacobian(q), v, violation, self.timestep)
         ours_q, ours_v = self.spread(q, v)
         return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """J (rows, nv) of the constraints (``world/violation.py``), by Pinocchio's Jacobians of joints."""
+        if self.held is None:
+            return np.zeros((0, self.nv))
+        pin = self.pin
+        pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
+        joints = {body.joint.name: at for body, at in zip(self.world.bodies, self.layout.velocity, strict=True)}
+        bodies = {body.name: row for row, body in enumerate(self.world.bodies)}
+        parts = [np.zeros((0, self.nv))]
+        for constraint in self.held.constraints:
+            if isinstance(constraint, Follow):
+                row = np.zeros((1, self.nv))
+                row[0, joints[constraint.joint]] += 1.0
+                row[0, joints[constraint.leader]] -= constraint.ratio
+                parts.append(row)
+                continue
+            weld = isinstance(constraint, Weld)
+            ends = (
+                (Pose(constraint.pose.position), Pose())
+                if isinstance(constraint, Weld)
+                else (Pose(constraint.first_point), Pose(constraint.second_point))
+            )
+            first, second = (
+                self._twist(bodies[name], end)[: 6 if weld else 3]
+                for name, end in zip((constraint.first, constraint.second), ends, strict=True)
+            )
+            parts.append(first - second)
+        return np.concatenate(parts)
+
+    def _twist(self, body: int, end: Pose) -> np.ndarray:
+        """(6, nv): velocity of a point of a body, then its angular velocity, in world axes, by the Jacobians computed last."""
+        joint, placement = self.body_joint[body], self.body_placement[body] * self._placement(end)
+        if not joint:
+            return np.zeros((6, self.nv))
+        own = self.pin.getJointJacobian(self.model, self.data, joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        arm = self.data.oMi[joint].rotation @ placement.translation
+        full = np.concatenate([own[:3] - self.pin.skew(arm) @ own[3:], own[3:]])
+        turned: np.ndarray = full[:, self.v_index]
+        return turned
+
+    def settled(self, q: np.ndarray) -> np.ndarray | None:
+        """A position near ``q`` (nq,) at which the constraints hold, by Gauss and Newton; None where that leads nowhere."""
+        if self.held is None:
+            return q
+        for _ in range(SETTLING):
+            violation = self.held.of(q, self.body_poses(q))
+            step = -np.linalg.pinv(self.jacobian(q), rcond=SETTLED_RANK) @ violation
+            if not np.isfinite(step).all():
+                return None
+            ours_q, ours_v = self.spread(q, step)
+            q = np.asarray(self.pin.integrate(self.model, ours_q, ours_v)[self.q_index])
+            if np.abs(step).max(initial=0.0) < SETTLED:
+                close = np.abs(self.held.of(q, self.body_poses(q))).max(initial=0.0) < SETTLED
+                return q if close else None
+        return None
+
+    def held_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The velocity (nv,) nearest to ``v`` with which the constraints go on to hold at ``q``."""
+        if self.held is None:
+            return v
+        jacobian = self.jacobian(q)
+        kept: np.ndarray = v - np.linalg.pinv(jacobian, rcond=SETTLED_RANK) @ (jacobian @ v)
+        return kept
+
+    def moved(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """q ⊕ ``step`` (nv,)."""
+        ours_q, ours_v = self.spread(q, step)
+        moved: np.ndarray = self.pin.integrate(self.model, ours_q, ours_v)[self.q_index]
+        return moved
+
+
+SETTLING, SETTLED = 60, 1e-13
+"""Iterations of ``settled``, and the violation (rad, m) at which it is done: at 1 ms it is taken back at 1e-10 per second."""
+SETTLED_RANK = 1e-8
+"""Of the largest singular value of J: what is below says nothing that other rows do not."""

@@ -1,4 +1,5 @@
-"""How much a spec stands for, counted before anything of it is copied: bodies, shapes, pairs that models exclude, and grasps.
+"""How much a spec stands for, counted before anything of it is copied: bodies, shapes, pairs that models exclude, grasps, and
+constraints.
 
 A line of a spec can stand for many things: an array for many elements, each with all shapes of its tree; ``use:`` for all that
 a file holds, once for each model that names it.
@@ -24,7 +25,16 @@ MOST_EXCLUDED = 200_000
 """Pairs that the models of one scenario exclude, in all copies; each is two names."""
 MOST_GRASPS = 10_000
 """Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
-MOST = {"bodies": MOST_ELEMENTS, "shapes": MOST_SHAPES, "excluded pairs": MOST_EXCLUDED, "grasps": MOST_GRASPS}
+MOST_CONSTRAINTS = 10_000
+"""Constraints of one scenario, in all copies. A step solves them together, in time that grows with the cube of how many act on
+one tree."""
+MOST = {
+    "bodies": MOST_ELEMENTS,
+    "shapes": MOST_SHAPES,
+    "excluded pairs": MOST_EXCLUDED,
+    "grasps": MOST_GRASPS,
+    "constraints": MOST_CONSTRAINTS,
+}
 
 
 def too_much(source: Source) -> list[Problem]:
@@ -44,16 +54,21 @@ def too_much(source: Source) -> list[Problem]:
 
 def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]]:
     """Every tree and every model: its path, how many copies there are, and what one copy holds."""
-    if (bodies := trees.loose(source)) is not None:
-        yield from _loose(bodies)
+    bodies = trees.loose(source)
+    loose = list(_loose(bodies)) if bodies is not None else []
+    yield from loose
     if (bodies := trees.model_of(source)) is not None:
         yield ("model",), 1, _model(bodies)
+    held = source.document.data.get("constraints") if isinstance(source.document.data, Mapping) else None
+    if number := _length(held):
+        most = max((copies for _, copies, _ in loose), default=1)  # those within an array's tree are copied with it
+        yield ("constraints",), most, Counter(constraints=number)
     models = source.document.data.get("models") if isinstance(source.document.data, Mapping) else None
     used: dict[str, Counter[str]] = {}
     for name, raw in models.items() if isinstance(models, Mapping) else ():
         if not isinstance(raw, Mapping):
             continue
-        used_here = Counter(grasps=_length(raw.get("grasps")))
+        used_here = Counter(grasps=_length(raw.get("grasps")), constraints=_length(raw.get("constraints")))
         text = raw.get("use")
         if not isinstance(text, str):
             own = raw.get("bodies")
@@ -84,8 +99,9 @@ def _model(bodies: Bodies) -> Counter[str]:
     files = [file.file for file in bodies.files if file.file is not None]
     excluded = sum(len(file.contact.exclude) for file in files)
     grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
+    held = sum(len(file.model.constraints) for file in files if file.model is not None)
     of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}
-    return Counter({**of_bodies, "excluded pairs": excluded, "grasps": grasps})
+    return Counter({**of_bodies, "excluded pairs": excluded, "grasps": grasps, "constraints": held})
 
 
 def _shapes(bodies: Any) -> int:

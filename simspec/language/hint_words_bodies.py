@@ -213,9 +213,31 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("parent parent_link", "write parent in the body, next to `joint`", "Body.parent", at="Joint"),
     *same_hint("parent_link parent_body", "parent", "Body.parent", at="Body"),
     *same_hint(
-        "mimic equality equalities tendon tendons loop loop_closure constraint constraints gear_constraint",
-        f"constraints between joints and bodies are {NOT_YET}",
+        "mimic gear_constraint gear_ratio coupler polycoef",
+        "constraints: {NAME: {follow: {joint: ..., leader: ..., ratio: ..., offset: ...}}}",
+        "File.constraints",
+        "Follow.ratio",
     ),
+    *same_hint(
+        "equality equalities constraint loop loops loop_closure closure",
+        "constraints: {NAME: {follow: ...}}, connect or weld",
+        "File.constraints",
+        "Constraint.follow",
+        "Constraint.connect",
+        "Constraint.weld",
+    ),
+    *same_hint("multiplier gearing", "ratio", "Follow.ratio", at="Follow"),
+    *same_hint("constant", "offset", "Follow.offset", at="Follow"),
+    *same_hint("joint1 follower slave", "joint: the one that follows", "Follow.joint", at="Follow"),
+    *same_hint("joint2 master lead", "leader", "Follow.leader", at="Follow"),
+    *same_hint("joint", "follow: {joint: ..., leader: ...}", "Constraint.follow", at="Constraint"),
+    *same_hint(
+        "body1 body2 first second", "bodies: [FIRST, SECOND]", "Connect.bodies", "Weld.bodies", at="Connect Weld"
+    ),
+    *same_hint("anchor point", "at: the point in the first body's frame", "Connect.at", at="Connect"),
+    *same_hint("relpose", "pose", "Weld.pose", at="Weld"),
+    *same_hint("point2point p2p ball_constraint", "connect", "Constraint.connect", at="Constraint"),
+    *same_hint("tendon tendons", f"tendons are {NOT_YET}; a joint can follow another", "Constraint.follow"),
     *same_hint(
         "joints", "write joint: {...} in each body that has a parent, or joints: [...]", "Body.joint", "Body.joints"
     ),

@@ -20,6 +20,7 @@ WIDTH = 120
 BLOCK_FIELDS = frozenset(
     (
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
+        "constraints",
         *("models", "positions", "velocities", "model", "control", "expect", "engines"),
         *("grasps", "open", "closed", "forces", "trajectory", "points", "program"),
         *("sweep", "over", "together", "cases", "at_timestep"),

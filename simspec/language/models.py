@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, create_model
 
 from simspec.language.arrays import Array
+from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact, Names
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
@@ -222,6 +223,9 @@ class Use(_WithImport):
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
+    constraints: dict[NameOf, Constraint] = Field(
+        {}, description="Constraints within the model, by name; joints and bodies by their names in the model"
+    )
     array: Maybe[Array] = Field(ABSENT, description="Copies of the whole model")
     attach: Maybe[Annotated[str, Name(path=True)]] = Field(
         ABSENT,
@@ -261,6 +265,7 @@ class Model(Strict):
     )
     bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
+    constraints: dict[NameOf, Constraint] = Field({}, description="Constraints within the model, by name")
 
 
 def whole_steps(time: float, timestep: float) -> int | None:
@@ -431,6 +436,9 @@ class File(Strict):
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
     model: Maybe[Model] = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
+    constraints: dict[NameOf, Constraint] = Field(
+        {}, description="What holds joints and bodies together outside the tree, by name"
+    )
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
     trajectory: Maybe[Trajectory] = Field(
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
@@ -448,6 +456,9 @@ class File(Strict):
             if "model" in data and key in data:
                 message = f"model and {key} exclude each other: a file is a model or a scenario"
                 yield Fault((key,), message, None, "model, or bodies and models")
+        if "model" in data and "constraints" in data:
+            hint = "model: {constraints: ...}"
+            yield Fault(("constraints",), "constraints of a model stand in the model itself", hint=hint)
         if "model" in data and "sweep" in data:
             yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
         contact = data.get("contact")

@@ -20,9 +20,10 @@ LONGEST_TEXT = 1000
 
 @dataclass(frozen=True)
 class Name(Reader):
-    """A name. With ``path``, names of models and bodies in them joined by ``/``."""
+    """A name. With ``path``, names of models and bodies (or what ``of`` says) in them joined by ``/``."""
 
     path: bool = False
+    of: str = "body"
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
@@ -36,7 +37,7 @@ class Name(Reader):
         raise fault("not a valid name", show(value), NAME_RULE, f"did you mean {clean_name(value)!r}?")
 
     def describe(self) -> str:
-        return "a body's full name" if self.path else "a name"
+        return f"a {self.of}'s full name" if self.path else "a name"
 
     def schema(self) -> dict[str, Any]:
         part = NAME.pattern

@@ -22,10 +22,26 @@ from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed
 from simspec.world.hull import FlatError
 from simspec.world.inset import inset
+from simspec.world.kinematics import members as ends_of
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
-from simspec.world.types import Body, Hardness, HeldValue, Inertial, Joint, PairContact, ReadBack, Shape, Surface, World
+from simspec.world.types import (
+    Body,
+    Connect,
+    Constraint,
+    Follow,
+    Hardness,
+    HeldValue,
+    Inertial,
+    Joint,
+    PairContact,
+    ReadBack,
+    Shape,
+    Surface,
+    Weld,
+    World,
+)
 
 JOINT_NUMBERS = (
     "damping",
@@ -150,6 +166,7 @@ class _Comparison:
         self.pairs()
         if self.readable("control.native"):
             self.servos()
+        self.constraints()
         physics = self.world.physics
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
@@ -223,6 +240,40 @@ class _Comparison:
         if self.readable("joint.velocity"):
             speed = max(1.0, math.sqrt(sum(x * x for x in wanted.velocity)))
             self.vector("joint", "initial velocity", wanted.velocity, actual.velocity, f"{where}.velocity", speed)
+
+    def constraints(self) -> None:
+        """What holds joints and bodies together outside the tree, by name."""
+        wanted = {constraint.name: constraint for constraint in self.world.constraints}
+        names = sorted(
+            constraint.name for constraint in self.read_back.constraints
+        )  # one that is held twice counts twice
+        if wanted or names:
+            self.tally.equal(self.levels["joint"], "constraints", sorted(wanted), names, "constraints")
+        for actual in self.read_back.constraints:
+            expected = wanted.get(actual.name)
+            if expected is not None:
+                self.constraint(expected, actual, f"constraints.{actual.name}")
+
+    def constraint(self, expected: Constraint, actual: Constraint, where: str) -> None:
+        level = self.levels["joint"]
+        if not self.tally.equal(level, "constraint type", expected.kind, actual.kind, where):
+            return
+        self.tally.equal(level, "constraint of", ends_of(expected), ends_of(actual), where)
+        if isinstance(expected, Follow) and isinstance(actual, Follow):
+            self.number("joint", "ratio", expected.ratio, actual.ratio, f"{where}.ratio")
+            self.number("joint", "offset", expected.offset, actual.offset, f"{where}.offset")
+        elif isinstance(expected, Connect) and isinstance(actual, Connect):
+            for name in ("first_point", "second_point"):
+                self.place(getattr(expected, name), getattr(actual, name), f"{where}.{name}")
+        elif isinstance(expected, Weld) and isinstance(actual, Weld):
+            self.place(expected.pose.position, actual.pose.position, f"{where}.pose")
+            turned = turn_between(expected.pose.quaternion, actual.pose.quaternion)
+            self.note("joint", "weld, orientation", turned, f"{where}.pose", f"{actual.pose.quaternion}")
+
+    def place(self, expected: Sequence[float], actual: Sequence[float], where: str) -> None:
+        """A point that is held, relative to the larger of 1 m and its distance from the body's origin."""
+        scale = max(1.0, math.sqrt(sum(x * x for x in expected)))
+        self.vector("joint", "held point", expected, actual, where, scale)
 
     def servos(self) -> None:
         """The engine's own controllers: one for each natively driven joint, with its gains and limit."""

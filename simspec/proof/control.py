@@ -21,7 +21,7 @@ from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
 from simspec.world.control import Trajectory
-from simspec.world.kinematics import initial_state, layout_of, rubbing, trees
+from simspec.world.kinematics import held_trees, initial_state, layout_of, rubbing, trees, within
 from simspec.world.types import World
 
 STEPS = 500
@@ -118,6 +118,8 @@ def plan(world: World) -> Response | None:
             places.append(at.start)
             inward = 1.0 if limits is None or q[at.start] < sum(limits) / 2.0 else -1.0
             reach.append(inward * (STEP if limits is None else min(STEP, SHARE * (limits[1] - limits[0]))))
+    if world.constraints:
+        q = Oracle(world).settled(q, initial_state(world)[0])
     amount = np.array(reach)
     for _ in range(HALVINGS):
         asked = _stepped(world, joints, q[places] + amount)
@@ -142,7 +144,7 @@ def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.n
     """The oracle's positions (n, joints) under the world's laws, joints in the world's order, and how many steps are done
     before a joint comes near a limit."""
     driven = set(driven_joints(world))
-    own = [bodies for bodies in trees(world).values() if any(body.joint.name in driven for body in bodies)]
+    own = [bodies for bodies in held_trees(world) if any(body.joint.name in driven for body in bodies)]
     names = {body.name for bodies in own for body in bodies}
     keep_q, keep_v = (
         np.concatenate(
@@ -150,7 +152,7 @@ def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.n
         ).astype(int)
         for parts in (layout_of(world).position, layout_of(world).velocity)
     )
-    world = dataclasses.replace(world, bodies=tuple(body for body in world.bodies if body.name in names))
+    world = within(world, (body for body in world.bodies if body.name in names))
     control = Control(world, reference(world))
     joints = _OracleJoints(world, control, q[keep_q], v[keep_v])
     positions = control.follow(joints, STEPS, EVERY)
@@ -171,7 +173,7 @@ def _closed_form(
         own = {body.joint.name for body in moving}
         laws = [law for law in world.controllers if own & set(law.joints)]
         whole = own <= {name for law in laws for name in law.joints}
-        extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving)
+        extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving) or bool(world.constraints)
         if not laws or not whole or extra or any(law.law != "computed-torque" for law in laws):
             continue
         for law in laws:

@@ -21,7 +21,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, random_states
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
-from simspec.world.kinematics import rubbing
+from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 
 LEVEL = "L6"
@@ -85,9 +85,13 @@ def plan(world: World, oracle: Oracle) -> DryFriction | None:
         if body.joint.position_limits is not None:
             low, high = body.joint.position_limits
             q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
+    q = oracle.settled(q, initial_state(world)[0])
     strength = oracle.mobility(q) * friction
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
     side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
+    if world.constraints:  # joints that are held together slide together
+        along = oracle.held_velocity(q, gain * side)
+        gain, side = np.abs(along), np.sign(along)
     return DryFriction(tuple(_trials(oracle, q, friction, gain, room, side)), places, strength[places])
 
 

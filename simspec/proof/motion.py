@@ -212,6 +212,9 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
             inside = low + 0.1 * (high - low) < own < high - 0.1 * (high - low)
             q[at_q] = own if inside and attempt % 2 == 0 else (low + high) / 2
             v[at_v] *= min(1.0, 0.2 * (high - low))
+    if world.constraints:  # what is held together begins there, and moves so
+        q = oracle.settled(q, start)
+        v = oracle.held_velocity(q, v)
     generator = np.random.default_rng(SEED + 100 + attempt)
     diagonal = np.zeros(oracle.nv)
     for block, mass in zip(oracle.blocks, oracle.mass_blocks(q), strict=True):

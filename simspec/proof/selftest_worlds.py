@@ -10,11 +10,15 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world import frames
 from simspec.world.hull import centred, size_of
+from simspec.world.kinematics import poses
 from simspec.world.types import (
     Body,
+    Connect,
     Contact,
     EngineOptions,
+    Follow,
     Inertial,
     Joint,
     Material,
@@ -22,6 +26,7 @@ from simspec.world.types import (
     Physics,
     Pose,
     Shape,
+    Weld,
     World,
 )
 
@@ -285,6 +290,57 @@ def meshes(engine: str) -> World:
     return World("self-test-meshes", bodies, contact, PHYSICS, engines=options)
 
 
+def held(engine: str) -> World:
+    """An arm whose slide follows its hinge; a chain of a hinge, a ball and a hinge, closed at a point; two free bodies that are
+    held together. Nothing touches anything."""
+    inertial = Inertial(0.7, (0.0, 0.03, 0.05), TENSOR)
+    ratio, offset = -0.3, 0.02
+    leader = _hinge("lead", "base", damping=0.1)
+    slide = Joint(
+        "follow_joint",
+        "slide",
+        "lead",
+        Pose((0.0, 0.1, 0.25), (0.8, 0.0, 0.0, 0.6)),
+        (0.0, 0.6, 0.8),
+        position=(ratio * leader.position[0] + offset,),
+        velocity=(ratio * leader.velocity[0],),
+    )
+    ball = Joint(
+        "swing_joint", "ball", "crank", Pose((0.3, 0.0, 0.0)), position=(0.8, 0.6, 0.0, 0.0), velocity=(0.0, 0.0, 0.0)
+    )
+    crank, tip = (
+        dataclasses.replace(_hinge(name, parent), velocity=(0.0,))
+        for name, parent in (("crank", "base"), ("tip", "swing"))
+    )
+    base = Body("base", "base", Inertial(2.0, inertia=TENSOR), Joint("base_joint", "fixed"))
+    chain = (
+        base,
+        Body("lead", "base", inertial, leader),
+        Body("follow", "base", inertial, slide),
+        Body("crank", "base", inertial, crank),
+        Body("swing", "base", inertial, ball),
+        Body("tip", "base", inertial, tip),
+    )
+    loose = tuple(
+        Body(name, name, inertial, Joint(f"{name}_joint", "free", position=place, velocity=STILL))
+        for name, place in (("near", (1.5, 0.0, 0.4, *FREE)), ("far", (1.8, 0.2, 0.4, 0.8, 0.0, 0.6, 0.0)))
+    )
+    bodies = (*chain, *loose)
+    place = poses(World("", bodies))
+    at = (0.1, 0.0, 0.05)
+    meets = frames.compose(frames.inverse(place["base"]), frames.compose(place["tip"], Pose(at))).position
+    constraints = (
+        Weld("glue", "near", "far", frames.compose(frames.inverse(place["near"]), place["far"])),
+        Follow("mirror", "follow_joint", "lead_joint", ratio, offset),
+        Connect("pin", "tip", "base", at, meets),
+    )
+    joined = [(body.name, body.joint.parent or "") for body in chain[1:]]
+    excluded = {(min(pair), max(pair)) for pair in (*joined, ("far", "near"), ("base", "tip"))}
+    options = _options(engine, outside=("constraint.coupling", "constraint.loop"))
+    contact = Contact(excluded_bodies=tuple(sorted(excluded)))
+    return World("self-test-held", bodies, contact, PHYSICS, engines=options, constraints=constraints)
+
+
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
     "core": core,
@@ -295,6 +351,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "surfaces": surfaces,
     "rolling": rolling,
     "meshes": meshes,
+    "held": held,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
 

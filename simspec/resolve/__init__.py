@@ -9,6 +9,7 @@ from simspec.language.load import Spec
 from simspec.language.problems import in_order
 from simspec.language.strict import bounded_suggestions
 from simspec.resolve.bodies import expand
+from simspec.resolve.constraints import constraints
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
 from simspec.resolve.masses import dependent_joints, without_inertia
@@ -38,13 +39,16 @@ def resolve(spec: Spec) -> World:
     time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
+        held = constraints(spec.source, expansion)
+        expansion.bodies = held.bodies
+        expansion.excluded += held.joined
         laws, problems = contact(spec.source, expansion, time.timestep)
-        driven = controllers(spec.source, expansion.bodies)
+        driven = controllers(spec.source, expansion.bodies, held.followers)
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
     weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
     weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
-    problems = [*expansion.problems, *problems, *driven.problems, *more, *shown, *weightless]
+    problems = [*expansion.problems, *held.problems, *problems, *driven.problems, *more, *shown, *weightless]
     if problems:
         raise SpecError(in_order(problems))
     world = World(
@@ -56,6 +60,7 @@ def resolve(spec: Spec) -> World:
         expectations=expected,
         engines=engines(spec.data.engines, time.timestep),
         controllers=driven.controllers,
+        constraints=held.constraints,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
     if problems:

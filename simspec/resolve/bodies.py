@@ -26,12 +26,28 @@ DEFAULT_MATERIAL = "default"
 
 @dataclass
 class Expansion:
-    """The bodies of the world, the pairs that model files exclude (full names), what was wrong, and the meshes of the spec."""
+    """The bodies of the world, the pairs that model files exclude (full names), what was wrong, and the meshes of the spec.
+
+    positions, velocities  the full names of the joints whose initial position or velocity is stated, and not the default
+    arrays                 of every copy of a loose tree in an array its suffix, and the full names of its joints and bodies by
+                           their names in the spec
+    """
 
     bodies: tuple[Body, ...] = ()
     excluded: list[tuple[str, str]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
     meshes: Meshes = field(default_factory=dict)
+    positions: set[str] = field(default_factory=set)
+    velocities: set[str] = field(default_factory=set)
+    arrays: list[tuple[str, dict[str, str], dict[str, str]]] = field(default_factory=list)
+
+    def note(self, tree: Tree, copies: Sequence[Body]) -> None:
+        """Remember what is stated of a tree's joints, for one copy of it."""
+        for body, copy in zip(tree.bodies, copies, strict=True):
+            if body.joint.name in tree.positions:
+                self.positions.add(copy.joint.name)
+            if body.joint.name in tree.velocities:
+                self.velocities.add(copy.joint.name)
 
 
 @dataclass
@@ -163,6 +179,11 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
         for suffix, element in elements(array):
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
+            expansion.note(tree, copied)
+            if array is not None:
+                own = list(zip(tree.bodies, copied, strict=True))
+                joints = {body.joint.name: copy.joint.name for body, copy in own}
+                expansion.arrays.append((suffix, joints, {body.name: copy.name for body, copy in own}))
             yield _Instance(copied, source, path)
 
 
@@ -182,6 +203,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
                 velocity = (frames.rotate(where.quaternion, linear), frames.rotate(where.quaternion, angular))
             place = frames.compose(where, tree.placement)
             copied = _copy(tree, f"{model}/", "", model, place, velocity)
+            expansion.note(tree, copied)
             if use.attach is not None:
                 copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
             yield _Instance(copied, source, bodies.placed)
@@ -196,7 +218,9 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
         return
     tree = next(resolved_trees(bodies, only, expansion.meshes))
     path = (*bodies.path, owner_of(tree.bodies[0].name))
-    yield _Instance(_copy(tree, "", "", source.content.name, tree.placement, tree.velocity), bodies.source, path)
+    copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
+    expansion.note(tree, copied)
+    yield _Instance(copied, bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
 
 
@@ -214,7 +238,12 @@ def _positioned(tree: Tree, use: Use) -> Tree:
             value = read_velocity(joint.kind, use.velocities[joint.name])
             joint = replace(joint, velocity=value if joint.kind == "ball" else (value,))
         changed.append(replace(body, joint=joint))
-    return replace(tree, bodies=tuple(changed))
+    return replace(
+        tree,
+        bodies=tuple(changed),
+        positions=tree.positions | use.positions.keys(),
+        velocities=tree.velocities | use.velocities.keys(),
+    )
 
 
 def _check_names(instances: Sequence[_Instance], expansion: Expansion) -> None:

@@ -14,18 +14,21 @@ from simspec.resolve.meshes import Meshes, fills
 from simspec.resolve.poses import direction, orientation, pose
 from simspec.resolve.shapes import PIECE, Resolved, resolved_shape
 from simspec.world import frames, mass
-from simspec.world.carriers import carrier_name
+from simspec.world.carriers import carrier_name, owner_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Vector3
 
 
 @dataclass(frozen=True)
 class Tree:
-    """A resolved tree with short names; the root stands first. ``placement`` is the root's own pose."""
+    """A resolved tree with short names; the root stands first. ``placement`` is the root's own pose; ``positions`` and
+    ``velocities``: the joints whose initial ones are stated."""
 
     bodies: tuple[Body, ...]
     own_names: frozenset[str]
     placement: Pose
     velocity: tuple[Vector3, Vector3]
+    positions: frozenset[str] = frozenset()
+    velocities: frozenset[str] = frozenset()
 
 
 def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator[Tree]:
@@ -41,7 +44,7 @@ def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator
         spec = bodies.content(name)
         if spec.parent is None:
             if root is not None:
-                yield _tree(current, named, root)
+                yield _tree(current, named, root, bodies)
             current, named, root = [], set(), spec
         if spec.joint is not None and spec.joint.name is not None:
             named.add(spec.joint.name)
@@ -52,16 +55,33 @@ def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator
         named.update(shape.name for shape in moved[-1].shapes if shape.name.partition(PIECE)[0] in given)
         current += moved
     if root is not None:
-        yield _tree(current, named, root)
+        yield _tree(current, named, root, bodies)
 
 
-def _tree(bodies: list[Body], named: set[str], root: SpecBody) -> Tree:
+def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) -> Tree:
     origin = root.pose
     if origin is None and (root.joint is not None or root.joints):
         origin = (root.joint or root.joints[0]).origin
     zero = (0.0, 0.0, 0.0)
     velocity = (zero, zero) if root.velocity is None else (root.velocity.linear, root.velocity.angular)
-    return Tree(tuple(bodies), frozenset(named), pose(origin), velocity)
+    owners = dict.fromkeys(owner_of(body.name) for body in bodies)
+    joints = [
+        (name, joint)
+        for owner in owners
+        for name, joint in zip(
+            written.joint_names(owner),
+            written.content(owner).joints or [written.content(owner).joint],
+            strict=True,
+        )
+    ]
+    return Tree(
+        tuple(bodies),
+        frozenset(named),
+        pose(origin),
+        velocity,
+        frozenset(name for name, joint in joints if joint is not None and joint.position is not None),
+        frozenset(name for name, joint in joints if joint is not None and joint.velocity is not None),
+    )
 
 
 def _bodies(

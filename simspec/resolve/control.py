@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simspec.control.law import needs_dynamics
@@ -43,8 +44,9 @@ class Driven(NamedTuple):
     problems: list[Problem]
 
 
-def controllers(source: Source, bodies: Sequence[Body]) -> Driven:
-    """The controllers of a spec, and what they say of the ``bodies`` (those of the world, in its order)."""
+def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, str] = MappingProxyType({})) -> Driven:
+    """The controllers of a spec, and what they say of the ``bodies`` (those of the world, in its order). ``followers``: the
+    joints that follow others, with their leaders; patterns leave them out, and whoever names one is told."""
     problems: list[Problem] = []
     own = {body.joint.name: body.joint.velocity_limit for body in bodies}
     limits = {name: limit for name, limit in own.items() if limit is not None}
@@ -52,7 +54,7 @@ def controllers(source: Source, bodies: Sequence[Body]) -> Driven:
     resolved: list[Controller] = []
     taken: dict[str, str] = {}
     for name, written in source.content.control.items():
-        controller = _ControllerDraft(source, ("control", name), written, bodies, taken)
+        controller = _ControllerDraft(source, ("control", name), written, bodies, taken, followers)
         taken.update(dict.fromkeys(controller.joints, name))
         resolved.append(controller.controller(name))
         limits.update(controller.velocity_limits())
@@ -131,10 +133,11 @@ class _ControllerDraft:
         written: SpecController,
         bodies: Sequence[Body],
         taken: Mapping[str, str],
+        followers: Mapping[str, str],
     ):
         self.written = written
         self.problems: list[Problem] = []
-        self._source, self._path = source, path
+        self._source, self._path, self._followers = source, path, followers
         self._types = {body.joint.name: body.joint.kind for body in bodies}
         chosen_joints = self._joints(taken)
         self._own = {body.joint.name: body.joint for body in bodies if body.joint.name in chosen_joints}
@@ -145,9 +148,13 @@ class _ControllerDraft:
 
     def _joints(self, taken: Mapping[str, str]) -> dict[str, None]:
         joints: dict[str, None] = {}
-        movable = [name for name, kind in self._types.items() if kind in SCALAR_JOINTS]
+        movable = [name for name, kind in self._types.items() if kind in SCALAR_JOINTS and name not in self._followers]
         for index, entry in enumerate(self.written.joints):
             place = (*self._path, "joints", index)
+            if entry in self._followers:
+                message = f"{entry} follows {self._followers[entry]}, and has no controller"
+                self._problem(place, message, found=entry, hint=f"drive {self._followers[entry]}")
+                continue
             meant = (
                 chosen(entry, movable) if "*" in entry else [entry] if self._types.get(entry) in SCALAR_JOINTS else []
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
 from simspec.proof.probes import dynamics_operation
+from simspec.proof.selftest_worlds import held
 from simspec.proof.verify import read_back_checks
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -53,6 +55,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,
     "several joints": worlds.several_joints,
+    "held": partial(held, ""),
 }
 """From little to much: an engine may refuse some, by declaration, but not the first two."""
 MUST_BE_THERE = ("fall", "hinges")
@@ -81,6 +84,8 @@ def known(bench: Bench, world: World) -> Known:
     for body, at in zip(world.bodies, oracle.layout.position, strict=True):
         if body.joint.position_limits is not None:
             start[at] = sum(body.joint.position_limits) / 2
+    start = oracle.settled(start, initial_state(world)[0])
+    speed = oracle.held_velocity(start, speed)
     q[0], v[0] = start, speed
     effort = 0.2 * np.diag(oracle.mass_matrix(start))
     channels = () if bench.lacks("energy") else ("energy",)

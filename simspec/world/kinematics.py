@@ -16,8 +16,8 @@ another point gives another discrete motion (measured in one of them: 2e-3 m aft
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -26,7 +26,7 @@ from simspec.world import frames
 from simspec.world.derived import derived
 from simspec.world.gathering import told_inertial
 from simspec.world.tuples import quaternion, vector3
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Pose, World
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, Follow, Pose, World
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +145,49 @@ def trees(world: World) -> Mapping[str, tuple[Body, ...]]:
         root[body.name] = body.name if body.joint.parent is None else root[body.joint.parent]
         by_root.setdefault(root[body.name], []).append(body)
     return MappingProxyType({name: tuple(bodies) for name, bodies in by_root.items()})
+
+
+@derived
+def held_trees(world: World) -> tuple[tuple[Body, ...], ...]:
+    """The bodies of the trees that move together: of one tree, or of several that constraints join; in the world's order."""
+    owner = {body.joint.name: body.name for body in world.bodies}
+    tree = {body.name: root for root, bodies in trees(world).items() for body in bodies}
+    group = {root: root for root in trees(world)}
+
+    def top(root: str) -> str:
+        while group[root] != root:
+            root = group[root]
+        return root
+
+    for constraint in world.constraints:
+        first, second = (
+            (owner[constraint.joint], owner[constraint.leader])
+            if isinstance(constraint, Follow)
+            else (constraint.first, constraint.second)
+        )
+        group[top(tree[second])] = top(tree[first])
+    joined: dict[str, list[Body]] = {}
+    for body in world.bodies:
+        joined.setdefault(top(tree[body.name]), []).append(body)
+    return tuple(tuple(bodies) for bodies in joined.values())
+
+
+def within(world: World, bodies: Iterable[Body]) -> World:
+    """The world with some of its bodies alone (whole trees), and the constraints between them."""
+    kept = tuple(bodies)
+    names = {name for body in kept for name in (body.name, body.joint.name)}
+    return replace(
+        world,
+        bodies=kept,
+        constraints=tuple(held for held in world.constraints if all(name in names for name in members(held))),
+    )
+
+
+def members(constraint: Constraint) -> tuple[str, str]:
+    """The two joints that a coupling is of, the follower first; else the two bodies that are held together."""
+    if isinstance(constraint, Follow):
+        return constraint.joint, constraint.leader
+    return constraint.first, constraint.second
 
 
 @derived

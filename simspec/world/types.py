@@ -379,6 +379,7 @@ class ReadBack:
     servos: tuple[HeldServo, ...] = ()
     inventory: dict[str, HeldValue] = field(default_factory=dict)
     neutral: dict[str, HeldValue] = field(default_factory=dict)
+    constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

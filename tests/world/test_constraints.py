@@ -1,4 +1,4 @@
-"""Constraints outside the tree: in the world's text where there are some, and refused by the oracle and every engine."""
+"""Constraints outside the tree: in the world's text where there are some, and what they need."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ import json
 
 import pytest
 
-from simspec.compiler import compile_world
-from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.registry import engines
-from simspec.errors import UnsupportedError
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
@@ -64,26 +60,6 @@ def test_needs_name_the_constraint():
     places = {need.feature: need.paths for need in needs(world)}
     assert places[Feature.CONSTRAINT_LOOP] == ("constraints.rocker", "constraints.latch")
     assert places[Feature.CONSTRAINT_COUPLING] == ("constraints.mirror",)
-
-
-@pytest.mark.parametrize("name", sorted(engines()))
-@pytest.mark.parametrize(
-    ("world", "feature", "path"),
-    [
-        (constrained.follower, "constraint.coupling", "constraints.mirror"),
-        (constrained.closed_loop, "constraint.loop", "constraints.latch"),
-    ],
-)
-def test_every_engine_refuses_them_by_their_place(name, world, feature, path):
-    with pytest.raises(UnsupportedError, match=f"does not support {feature} yet") as refused:
-        compile_world(world(), [name])
-    assert path in {problem.path for problem in refused.value.problems}
-
-
-@pytest.mark.parametrize("world", [constrained.follower, constrained.closed_loop])
-def test_the_oracle_refuses_them(world):
-    with pytest.raises(ValueError, match="no constraints outside the tree"):
-        Oracle(world())
 
 
 @pytest.mark.parametrize("world", [constrained.follower, constrained.closed_loop])

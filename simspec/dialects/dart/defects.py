@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
-from simspec.dialects.kit.defects import Plant, floats, nudged, one, scaled, sidecar, turned_axis, xml
+from simspec.dialects.kit.defects import CONSTRAINTS, Plant, floats, nudged, one, scaled, sidecar, turned_axis, xml
 from simspec.dialects.kit.mesh_defects import FILES, reordered
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
@@ -114,6 +114,7 @@ def _group(content: dict[str, Any]) -> None:
 
 
 DEFECTS: Mapping[str, Plant | str] = {
+    **CONSTRAINTS,
     "mass": _text(f"{LOWER}/inertia/mass", scaled),
     "centre of mass": _text(f"{LOWER}/inertia/offset", nudged),
     "inertia, diagonal": _text(f"{LOWER}/inertia/moment_of_inertia/ixx", scaled),

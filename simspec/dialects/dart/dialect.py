@@ -38,10 +38,10 @@ from simspec.support.declarations import (
     BETWEEN_JOINTS,
     EXACT,
     GATHERED,
-    NO_CONSTRAINTS_YET,
     Level,
     Support,
     Table,
+    alike,
     exactly,
     never,
     shape_kinds,
@@ -110,7 +110,7 @@ class DartDialect(Dialect):
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        **NO_CONSTRAINTS_YET,
+        **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar

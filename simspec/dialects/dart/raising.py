@@ -80,6 +80,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
         _needed(physics, document.timestep, "time_step"),
         sidecar.friction_cone,
         dict(UNREADABLE),
+        constraints=sidecar.constraints or (),
     )
 
 

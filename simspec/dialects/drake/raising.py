@@ -23,6 +23,7 @@ def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
         document.timestep,
         document.friction_cone,
         servos=_servos(document),
+        constraints=sidecar.constraints or (),
     )
 
 

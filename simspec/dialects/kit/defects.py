@@ -71,6 +71,15 @@ NAMES: Mapping[str, str] = {
     "excluded pair of a mechanism dropped": "model",
     "excluded pair of a mechanism too many": "model",
     "group filter dropped": "model",
+    "coupling, ratio": "held",
+    "coupling, offset": "held",
+    "coupling, sign": "held",
+    "coupling, leader": "held",
+    "coupling dropped": "held",
+    "held point": "held",
+    "loop dropped": "held",
+    "weld, orientation": "held",
+    "weld dropped": "held",
     "gravity": "model",
     "timestep": "model",
 }
@@ -112,6 +121,43 @@ def sidecar(change: Callable[[dict[str, Any]], None]) -> Plant:
         return {**files, SIDECAR: text}
 
     return plant
+
+
+def _constraint(name: str, change: Callable[[dict[str, Any]], None]) -> Plant:
+    def edit(content: dict[str, Any]) -> None:
+        change(next(entry for entry in content["constraints"] if entry["name"] == name))
+
+    return sidecar(edit)
+
+
+def _changed(name: str, key: str, change: Callable[[Any], Any]) -> Plant:
+    return _constraint(name, lambda entry: entry.update({key: change(entry[key])}))
+
+
+def _dropped(name: str) -> Plant:
+    def edit(content: dict[str, Any]) -> None:
+        content["constraints"] = [entry for entry in content["constraints"] if entry["name"] != name]
+
+    return sidecar(edit)
+
+
+def _turned(entry: dict[str, Any]) -> None:
+    turn = frames.from_axis_angle((1.0, 0.0, 0.0), STEP)
+    entry["pose"]["quaternion"] = list(frames.multiply(tuple(entry["pose"]["quaternion"]), turn))
+
+
+CONSTRAINTS: Mapping[str, Plant] = {
+    "coupling, ratio": _changed("mirror", "ratio", lambda ratio: ratio * (1.0 + STEP)),
+    "coupling, offset": _changed("mirror", "offset", lambda offset: offset + STEP),
+    "coupling, sign": _changed("mirror", "ratio", lambda ratio: -ratio),
+    "coupling, leader": _changed("mirror", "leader", lambda _: "crank_joint"),
+    "coupling dropped": _dropped("mirror"),
+    "held point": _changed("pin", "first_point", lambda point: [point[0] + STEP, *point[1:]]),
+    "loop dropped": _dropped("pin"),
+    "weld, orientation": _constraint("glue", _turned),
+    "weld dropped": _dropped("glue"),
+}
+"""For dialects whose sidecar has the constraints."""
 
 
 def one(root: ElementTree.Element, path: str) -> ElementTree.Element:

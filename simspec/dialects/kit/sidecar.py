@@ -19,7 +19,7 @@ from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.canonical import sha256
-from simspec.world.types import Vector3, World
+from simspec.world.types import Constraint, Follow, Vector3, World
 
 SIDECAR = "sidecar.json"
 SIDECAR_SCHEMA = 2
@@ -62,6 +62,8 @@ class Sidecar:
     friction_cone: str
     pair_settings: tuple[SidecarPair, ...] | None = None
     """Settings of pairs of materials that replace ``settings`` in their contacts."""
+    constraints: tuple[Constraint, ...] | None = None
+    """The world's constraints, in the world's frames, where the files do not carry them; None where there are none."""
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -72,6 +74,14 @@ class Sidecar:
         check_distinct((body.name for body in sidecar.bodies), "sidecar.bodies")
         check_known((body.kind for body in sidecar.bodies), JOINT_KINDS, "sidecar.bodies")
         check_known((sidecar.friction_cone,), FRICTION_CONES, "sidecar.friction_cone")
+        check_distinct((held.name for held in sidecar.constraints or ()), "sidecar.constraints")
+        ends = (
+            name
+            for held in sidecar.constraints or ()
+            if not isinstance(held, Follow)
+            for name in (held.first, held.second)
+        )
+        check_known(ends, [body.name for body in sidecar.bodies], "sidecar.constraints")
         sidecar.check()
         return sidecar
 
@@ -98,10 +108,16 @@ class Sidecar:
 
 
 def common_fields(
-    dialect: str, format_name: str, world: World, target: Target, offsets: Mapping[str, Vector3]
+    dialect: str,
+    format_name: str,
+    world: World,
+    target: Target,
+    offsets: Mapping[str, Vector3],
+    constraints: bool = True,
 ) -> dict[str, Any]:
-    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them."""
-    fields = {
+    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``constraints``:
+    whether they stand in the sidecar, and not in the files."""
+    fields: dict[str, Any] = {
         "dialect": dialect,
         "format": format_name,
         "engine": target.engine,
@@ -114,6 +130,8 @@ def common_fields(
     }
     if target.pair_settings:
         fields["pair_settings"] = tuple(_pairs(world, target))
+    if constraints and world.constraints:
+        fields["constraints"] = world.constraints
     return fields
 
 

@@ -19,11 +19,13 @@ from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import Body, Joint, Shape, World
 
 
-def lower_body(body: Body, depth: int, masks: Mapping[Kind, Attributes], restless: bool) -> tree.Body:
+def lower_body(
+    body: Body, depth: int, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.Site, ...] = ()
+) -> tree.Body:
     """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
     joint = None if body.joint.kind == "fixed" else _joint(body.joint)
-    return body_of(body, depth, joint, geoms, (("sleep", "never"),) if restless else ())
+    return body_of(body, depth, joint, geoms, (("sleep", "never"),) if restless else (), sites)
 
 
 def _joint(joint: Joint) -> tree.Joint:

@@ -108,6 +108,16 @@ def joint_references(world: World, target: Target) -> Attributes:
     )
 
 
+def equality_reference(world: World) -> Attributes:
+    """What takes back the whole violation in a step, as hard as MuJoCo allows; the engine's module makes it exact."""
+    dt = world.physics.timestep
+    return (("solref", reference(1.0, 0.0, dt)), ("solimp", _impedance(HARDEST)))
+
+
+HARDEST = 0.9999
+"""The largest impedance that MuJoCo takes."""
+
+
 def friction_reference(world: World, target: Target, kind: str) -> tuple[float, float]:
     """``solreffriction`` of explicit pairs: slip is taken back at ``friction_rate``, without a spring; under coulomb at once.
 

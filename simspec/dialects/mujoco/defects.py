@@ -148,7 +148,33 @@ def _mesh_margin(root: Element) -> None:
         pair.set("margin", "0.001")
 
 
+def _equality(name: str, key: str, change: Callable[[str], str]) -> Plant:
+    return _attribute(f"equality/*[@name='{name}']", key, change)
+
+
+def _no_equality(name: str) -> Plant:
+    """Without an equality, and without the sites that it is of."""
+
+    def edit(root: Element) -> None:
+        equality = one(root, "equality")
+        equality.remove(one(equality, f"*[@name='{name}']"))
+        for parent in root.iter():
+            for site in [child for child in parent if child.tag == "site" and f"/{name}/" in child.attrib["name"]]:
+                parent.remove(site)
+
+    return xml(MODEL, edit)
+
+
 DEFECTS: Mapping[str, Plant | str] = {
+    "coupling, ratio": _equality("mirror", "polycoef", lambda text: scaled(text, 1)),
+    "coupling, offset": _equality("mirror", "polycoef", nudged),
+    "coupling, sign": _equality("mirror", "polycoef", lambda text: scaled(text, 1, -1.0)),
+    "coupling, leader": _equality("mirror", "joint2", lambda _: "crank_joint"),
+    "coupling dropped": _no_equality("mirror"),
+    "held point": _attribute(".//site[@name='constraint/pin/1']", "pos", nudged),
+    "loop dropped": _no_equality("pin"),
+    "weld, orientation": _attribute(".//site[@name='constraint/glue/1']", "quat", lambda text: nudged(text, 1)),
+    "weld dropped": _no_equality("glue"),
     "mass": _attribute(INERTIAL, "mass", scaled),
     "centre of mass": _attribute(INERTIAL, "pos", nudged),
     "inertia, diagonal": _attribute(INERTIAL, "diaginertia", scaled),

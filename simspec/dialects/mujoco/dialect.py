@@ -26,6 +26,7 @@ from simspec.dialects.mujoco.choices import (
 from simspec.dialects.mujoco.contact import (
     classes,
     contact_reference,
+    equality_reference,
     explicit_pairs,
     friction_hardness,
     joint_references,
@@ -37,13 +38,13 @@ from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
+from simspec.formats.mjcf.equality import equalities, sites_of
 from simspec.formats.mjcf.filter import collision_masks
 from simspec.formats.mjcf.from_world import CONES, KINDS, depth_first, keyframe, meshes_of
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
     GATHERED,
-    NO_CONSTRAINTS_YET,
     Level,
     Support,
     Table,
@@ -113,7 +114,8 @@ class MujocoDialect(Dialect):
         Feature.JOINT_SEVERAL: Support(
             Level.EXACT, "bodies of 1.1e-15 kg and kg m² stand between the joints: MuJoCo refuses less on a joint"
         ),
-        **NO_CONSTRAINTS_YET,
+        Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
+        Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:
@@ -125,6 +127,7 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
+        sites = sites_of(world, offsets)
         model = Model(
             world.name,
             COMPILER,
@@ -139,7 +142,9 @@ class MujocoDialect(Dialect):
                 )
             ),
             classes(world, target),
-            tuple(lower_body(body, depth, masks, body.name in restless) for body, depth in order),
+            tuple(
+                lower_body(body, depth, masks, body.name in restless, sites.get(body.name, ())) for body, depth in order
+            ),
             pairs,
             tuple(
                 Exclude(file_name(first), file_name(second))
@@ -148,12 +153,13 @@ class MujocoDialect(Dialect):
             tuple(actuators(world)),
             (keyframe(KEYFRAME, [body.joint for body, _ in order]),),
             meshes_of(world),
+            equalities(world, equality_reference(world)),
         )
         in_force = dataclasses.replace(target, settings=_in_force(world, target))
         return Lowered(
             model,
             MujocoSidecar(
-                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets),
+                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, constraints=False),
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},

@@ -23,6 +23,9 @@ from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
+    Connect,
+    Constraint,
+    Follow,
     HeldPair,
     HeldServo,
     HeldValue,
@@ -34,6 +37,7 @@ from simspec.world.types import (
     Shape,
     Surface,
     Vector3,
+    Weld,
 )
 
 UNREADABLE: Final = {"collision_group": "the file carries bit masks and excluded pairs, not the names of groups"}
@@ -56,7 +60,8 @@ MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
 AS_NONE: Final = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
 """What stands for no mass, between two joints."""
-IN_BODIES: Final = {"inertial", "joint", "geom", "body"}
+IN_BODIES: Final = {"inertial", "joint", "geom", "site", "body"}
+NO_OFFSET: Final = (0.0, 0.0, 0.0)
 Meaning = TypeVar("Meaning")
 
 
@@ -80,6 +85,7 @@ def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
         raising.pairs(),
         raising.servos(),
         raising.settings(),
+        constraints=raising.constraints(),
     )
 
 
@@ -328,6 +334,45 @@ class _Raising:
             stiffness = item.number("kp") if "kp" in stated else 0.0
             held.append(HeldServo(item.text("joint"), stiffness, item.number("kv"), limit))
         return tuple(held)
+
+    def constraints(self) -> tuple[Constraint, ...]:
+        """The equalities: of two joints, whose first follows the second, and of two sites."""
+        sites = {
+            site.text("name"): (world_name(body.item.text("name")), site)
+            for body in self._document.bodies
+            for site in body.all("site")
+        }
+        held: list[Constraint] = []
+        used: list[str] = []
+        for item in self._document.section("equality"):
+            name = item.text("name")
+            if item.values.get("active", "true") != "true":
+                raise item.refused("is not active")
+            if item.tag == "joint":
+                offset, ratio, *more = item.numbers("polycoef", 5)
+                if any(more):
+                    raise item.refused("is not linear")
+                held.append(Follow(name, item.text("joint1"), item.text("joint2"), ratio, offset))
+                continue
+            if item.tag not in ("connect", "weld") or item.values.get("torquescale", "1") != "1":
+                raise item.refused("not a constraint that is read")
+            ends = [item.text("site1"), item.text("site2")]
+            if missing := [end for end in ends if end not in sites]:
+                raise item.refused(f"there is no site {missing[0]!r}")
+            used += ends
+            (first, near), (second, far) = (self._end(*sites[end]) for end in ends)
+            if item.tag == "connect":
+                held.append(Connect(name, first, second, near.position, far.position))
+            else:
+                held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+        if sorted(used) != sorted(sites):
+            raise ValueError(f"{self._document.file}: sites that no constraint is of: {sorted(set(sites) - set(used))}")
+        return tuple(sorted(held, key=lambda constraint: constraint.name))
+
+    def _end(self, body: str, site: Item) -> tuple[str, Pose]:
+        """A site's body, and where it is in the world's frame of that."""
+        place = frames.add(_vector(site, "pos"), self._sidecar.offsets.get(body, NO_OFFSET))
+        return body, Pose(place, _turn(site, "quat"))
 
     def _inverse_masses(self) -> dict[str, float]:
         """1/m of the body of each geom; 0 of bodies without a joint up to the world."""

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from simspec.dialects.kit.defects import (
+    CONSTRAINTS,
     Plant,
     flipped_product,
     floats,
@@ -113,6 +114,7 @@ def halved(text: str | None) -> str:
 
 
 DEFECTS: Mapping[str, Plant | str] = {
+    **CONSTRAINTS,
     **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),
     "position limit dropped": xml(ARM, _not_limited),

@@ -34,9 +34,9 @@ from simspec.support.declarations import (
     BETWEEN_JOINTS,
     EXACT,
     GATHERED,
-    NO_CONSTRAINTS_YET,
     Support,
     Table,
+    alike,
     never,
     shape_kinds,
     via_api,
@@ -120,7 +120,7 @@ class PybulletDialect(Dialect):
         Feature.TIMESTEP: via_api(_SIDECAR),
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        **NO_CONSTRAINTS_YET,
+        **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

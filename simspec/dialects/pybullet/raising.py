@@ -96,6 +96,7 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
         sidecar.timestep,
         sidecar.friction_cone,
         dict(UNREADABLE),
+        constraints=sidecar.constraints or (),
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import (
+    CONSTRAINTS,
     Plant,
     floats,
     nudged,
@@ -176,6 +177,7 @@ LANGUAGE: Mapping[str, Plant] = {
 
 DEFECTS: Mapping[str, Plant | str] = {
     **LANGUAGE,
+    **CONSTRAINTS,
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
     "mesh, margin": "plain URDF has no margins",

@@ -33,7 +33,6 @@ from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
 from simspec.support.declarations import (
     GATHERED,
-    NO_CONSTRAINTS_YET,
     Table,
     alike,
     exactly,
@@ -82,7 +81,7 @@ class UrdfDialect(Dialect):
         **exactly(*_NOT_OF_FILES),
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING),
         **GATHERED,
-        **NO_CONSTRAINTS_YET,
+        **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

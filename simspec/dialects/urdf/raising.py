@@ -74,6 +74,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         sidecar.timestep,
         sidecar.friction_cone,
         dict(UNREADABLE),
+        constraints=sidecar.constraints or (),
         pairs=tuple(HeldPair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
     )
 

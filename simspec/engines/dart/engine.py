@@ -34,16 +34,17 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
+from simspec.engines.kit.outside import HOW, SHORT, Outside, constraints_felt
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     EXACT,
-    NO_CONSTRAINTS_YET,
     Level,
     Refinement,
     Support,
     Table,
+    alike,
     approximate,
     exactly,
     never,
@@ -79,6 +80,11 @@ _HOPS = "with a restitution of 0.5 a body hops for ever, 2 mm and 0.16 m/s: g dt
 
 DANTZIG = ("contact_solver", "dantzig")
 _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
+
+
+def _held_alone(world: World) -> Refinement | None:
+    """Not supported where something would not feel a constraint that is computed outside DART."""
+    return constraints_felt(world, Dart.TITLE)
 
 
 def _coulomb(world: World) -> Refinement | None:
@@ -211,7 +217,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
         Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
-        **NO_CONSTRAINTS_YET,
+        **alike(outside(HOW, _held_alone, SHORT), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
@@ -251,6 +257,10 @@ class Dart(SimulatedEngine[Simulation]):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._held: Outside | None = None
+
     @classmethod
     def prepare(cls) -> None:
         import_dartpy()
@@ -262,10 +272,17 @@ class Dart(SimulatedEngine[Simulation]):
             raise EngineError(self.NAME, str(error)) from error
         return Simulation(folder, typed)
 
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._held = None
+        super().load(folder, sidecar)
+        if held := self._simulation.sidecar.constraints:
+            self._held = Outside(self, held)
+
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        applied = () if self._held is None else self._held.constraints
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim), constraints=applied)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         armature = self._simulation.efforts.armature
@@ -288,10 +305,14 @@ class Dart(SimulatedEngine[Simulation]):
         return self._simulation.world
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        self._simulation.advance(count, effort)
+        if self._held is None:
+            self._simulation.advance(count, effort)
+            return
+        for _ in range(count):
+            self._simulation.advance(1, self._held.effort(effort))
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        quick = JointArrays.suits(self._simulation)
+        quick = self._held is None and JointArrays.suits(self._simulation)
         return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def track(

@@ -30,20 +30,22 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
+from simspec.engines.kit.outside import HOW, SHORT, Outside, constraints_felt
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
-    NO_CONSTRAINTS_YET,
     Attempt,
     Level,
     Refinement,
     Support,
     Table,
+    alike,
     approximate,
     exactly,
     never,
     not_here,
     not_yet,
+    outside,
     shape_kinds,
     via_api,
 )
@@ -65,6 +67,11 @@ _LIFTS_IMPACT = (
 _SLOW_RECOVERY = (
     "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
 )
+
+
+def _held_alone(world: World) -> Refinement | None:
+    """Not supported where something would not feel a constraint that is computed outside Drake."""
+    return constraints_felt(world, Drake.TITLE)
 
 
 def planes_covered(world: World) -> Refinement | None:
@@ -184,7 +191,7 @@ class Drake(SimulatedEngine[Simulation]):
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
-        **NO_CONSTRAINTS_YET,
+        **alike(outside(HOW, _held_alone, SHORT), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
@@ -276,6 +283,10 @@ class Drake(SimulatedEngine[Simulation]):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._held: Outside | None = None
+
     @classmethod
     def prepare(cls) -> None:
         import_drake()
@@ -283,10 +294,17 @@ class Drake(SimulatedEngine[Simulation]):
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)
 
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._held = None
+        super().load(folder, sidecar)
+        if held := self._simulation.constraints:
+            self._held = Outside(self, held)
+
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        applied = () if self._held is None else self._held.constraints
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim), constraints=applied)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         return pick_blocks(blocks, self._simulation.mass_parts())
@@ -295,7 +313,11 @@ class Drake(SimulatedEngine[Simulation]):
         return self._simulation.bias()
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        self._simulation.advance(count, effort)
+        if self._held is None:
+            self._simulation.advance(count, effort)
+            return
+        for _ in range(count):
+            self._simulation.advance(1, self._held.effort(effort))
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray

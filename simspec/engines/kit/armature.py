@@ -11,7 +11,7 @@ from simspec.world.types import Body, World
 
 def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Body]], str | None]) -> Refinement | None:
     """Not supported where something in a tree with armature would not feel it: a controller of the engine (``title``), what
-    ``impulses`` names, or contact.
+    ``impulses`` names, or contact. What they say of constraints is the engine's to say, in ``impulses``.
 
     ``impulses`` is given the name of a body whose joint has armature and all bodies of its tree, and gives the
     reason why what else the engine solves in the tree would not feel it; None where it would.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from simspec.engines.kit.contract import Actuation
-from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.support.declarations import Refinement, not_here
@@ -65,11 +64,18 @@ class Drive:
         self._control[self._places] = np.where(self._by_position, position, 0.0) + self._lead * velocity
 
 
+class Stepper(Protocol):
+    """What steps in MuJoCo's place."""
+
+    def advance(self, count: int) -> None:
+        """``count`` steps under the efforts that were given."""
+
+
 class JointArrays(Actuation):
     """Hinges and slides by MuJoCo's own arrays, at the places ``q`` and ``v`` in them."""
 
-    def __init__(self, model: Any, data: Any, advance: Any, coulomb: Coulomb | None, q: np.ndarray, v: np.ndarray):
-        self._model, self._data, self._advance, self._coulomb = model, data, advance, coulomb
+    def __init__(self, model: Any, data: Any, advance: Any, stepper: Stepper | None, q: np.ndarray, v: np.ndarray):
+        self._model, self._data, self._advance, self._stepper = model, data, advance, stepper
         self._positions, self._velocities, self._forces = data.qpos, data.qvel, data.qfrc_applied
         self._q, self._v = q, v
 
@@ -80,7 +86,7 @@ class JointArrays(Actuation):
         self._forces[self._v] = effort
 
     def step(self) -> None:
-        if self._coulomb is not None:
-            self._coulomb.advance(1)
+        if self._stepper is not None:
+            self._stepper.advance(1)
         else:
             self._advance(self._model, self._data)

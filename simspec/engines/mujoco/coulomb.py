@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.mujoco.equality import Equalities
+
 MOST_SOLVES = 10
 """Solves in a step. What slides or lands alone needs two or three; in a pile of 216 spheres 0.1 % of the steps of the first
 1.5 s are not converged after ten at μ = 0.3, 5 % at 0.5 and 35 % at 1 (measured: docs/contact.md)."""
@@ -37,8 +39,9 @@ and μ no larger than the first of these; the others are between 1 and 1 + k μ�
 class Coulomb:
     """Steps one ``mjData`` under Coulomb's law; the motion depends on the state and on MuJoCo's warm start alone."""
 
-    def __init__(self, mujoco: Any, model: Any, data: Any):
+    def __init__(self, mujoco: Any, model: Any, data: Any, equalities: Equalities | None = None):
         self._mujoco, self._model, self._data = mujoco, model, data
+        self._equalities = equalities
         self._dt = float(model.opt.timestep)
         self._near = FALL * self._dt * (float(np.linalg.norm(model.opt.gravity)) or NO_GRAVITY)
         self._rows_of = _Pyramid if mujoco.mj_isPyramidal(model) else _Cone
@@ -55,6 +58,9 @@ class Coulomb:
 
     def advance(self, count: int) -> None:
         """``count`` steps under the efforts and actuator targets that the data holds."""
+        if not self._any_friction and self._equalities is not None:
+            self._equalities.advance(count)
+            return
         if not self._any_friction:
             self._mujoco.mj_step(self._model, self._data, nstep=count)
             return
@@ -64,16 +70,29 @@ class Coulomb:
     def step(self) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
         mujoco.mj_step1(model, data)
+        if self._equalities is not None:
+            self._equalities.begin()
         rows = self._contact_rows()
-        if rows is None:
+        if rows is None and self._equalities is None:
             mujoco.mj_step2(model, data)
             return
-        rows.begin(data.efc_vel, data.efc_aref, self._dt)
+        if rows is not None:
+            rows.begin(data.efc_vel, data.efc_aref, self._dt)
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        self._solve(rows)
+        if rows is not None:
+            self._solve(rows)
+        else:
+            self._constrain()
         mujoco.mj_checkAcc(model, data)
         mujoco.mj_Euler(model, data)
+
+    def _constrain(self) -> None:
+        """One solve of the step."""
+        if self._equalities is not None:
+            self._equalities.solve()
+        else:
+            self._mujoco.mj_fwdConstraint(self._model, self._data)
 
     def log(self) -> list[str]:
         """How often, and by how much, the correction was not found."""
@@ -107,14 +126,14 @@ class Coulomb:
         Steps are each contact's own, by the secant of its last two, which finds what slides alone in three solves; every second
         one is Anderson's of depth one, over all contacts, for those that press on each other.
         """
-        mujoco, model, data, dt = self._mujoco, self._model, self._data, self._dt
+        data, dt = self._data, self._dt
         reference, normal = data.efc_aref, rows.normal
         plain = reference[normal]
         self.stepped += 1
         if rows.rests(
             data.efc_vel, self._near
         ):  # then there is nothing to correct, unless a force sets it in motion now
-            mujoco.mj_fwdConstraint(model, data)
+            self._constrain()
             found = self._lift(rows, data.qacc)
             if float(found @ found) <= self._near * self._near:
                 return
@@ -125,7 +144,7 @@ class Coulomb:
         last: tuple[np.ndarray, np.ndarray] | None = None
         for solve in range(MOST_SOLVES):
             reference[normal] = plain - rows.spread(found) / dt
-            mujoco.mj_fwdConstraint(model, data)
+            self._constrain()
             # a contact that carries nothing has no friction to correct
             off = (self._lift(rows, data.qacc) - found) * rows.pressed(data.efc_force)
             if (np.abs(off) <= self._near + RELATIVE * found).all():

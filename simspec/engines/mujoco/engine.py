@@ -23,7 +23,6 @@ from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
 from simspec.formats.mjcf.from_world import KINDS
 from simspec.support.declarations import (
-    NO_CONSTRAINTS_YET,
     Level,
     Support,
     Table,
@@ -36,6 +35,9 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.types import HeldValue, ReadBack, World
 
+EQUALITIES = (
+    "MuJoCo's equalities, solved some three times in a step, each with the reference that the last solve missed by"
+)
 DISTRIBUTIONS = ("mujoco-core", "mujoco")
 """Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
 
@@ -90,7 +92,8 @@ class MuJoCo(MujocoSimulation):
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
-        **NO_CONSTRAINTS_YET,
+        Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, EQUALITIES),
+        Feature.CONSTRAINT_LOOP: Support(Level.EXACT, EQUALITIES),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS

@@ -33,8 +33,8 @@ BY_POSITION, BY_VELOCITY = 1, 2
 """MuJoCo's numbers of the integrator and of the choice of Jacobian."""
 SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 """Flags that are always set. Others are never, but for those that settings switch."""
-SOFT, CUSHION = 1e-4, 0.01
-"""Impedance of springs, and of a frictional contact at first touch."""
+SOFT, CUSHION, HARDEST = 1e-4, 0.01, 0.9999
+"""Impedance of springs, of a frictional contact at first touch, and the largest there is."""
 DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 BETWEEN_JOINTS = 1.1e-15
 """kg of a body between two joints, which MuJoCo refuses without mass."""
@@ -81,6 +81,9 @@ class _Expected:
         pairs, _ = self._explicit
         for pair, one, two in pairs:
             found |= self._pair(self.laws[pair], one, two)
+        for constraint in self.world.constraints:
+            found[f"eq.{constraint.name}.solref"] = (-1.0 / self.dt**2, -1.0 / self.dt)
+            found[f"eq.{constraint.name}.solimp"] = _flat_impedance(HARDEST)
         found |= self._touching.masks()
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
@@ -174,6 +177,8 @@ class _Expected:
             "nout": servos,
             "nkey": 1,
             "nmesh": len(self._hulls),
+            "neq": len(self.world.constraints),
+            "nsite": 2 * sum(constraint.kind != "follow" for constraint in self.world.constraints),
             "nuser_jnt": 2,
         }
         own = {name: value for name, value in self.neutral.items() if name.startswith("count.")}

@@ -71,7 +71,7 @@ class _Inventory:
         found |= self._options(self._model.opt) | self._flags()
         found |= self._counts(self._model)
         found |= self._unlike_neutral()
-        found |= self._joints() | self._geoms() | self._pairs()
+        found |= self._joints() | self._geoms() | self._pairs() | self._rows("eq", ("solref", "solimp"))
         if hasattr(self._model, "actuator_ctrlspec"):
             found |= self._rows("actuator", ("ctrlspec",))
         found |= self._masks() | self._excludes()

@@ -20,6 +20,9 @@ from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
+    Connect,
+    Constraint,
+    Follow,
     HeldPair,
     HeldServo,
     Inertial,
@@ -29,6 +32,7 @@ from simspec.world.types import (
     Shape,
     Surface,
     Vector3,
+    Weld,
 )
 
 UNREADABLE = {
@@ -50,6 +54,8 @@ HALVED = {
 """Which numbers of a geom's size are half lengths."""
 SERVO = (0, 0, 0, 1)
 """MuJoCo's numbers of an actuator on a joint, without dynamics, with a fixed gain and an affine bias."""
+EQUALITIES = {"mjEQ_JOINT": "follow", "mjEQ_CONNECT": "connect", "mjEQ_WELD": "weld"}
+"""MuJoCo's kinds of equalities, as constraints."""
 CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
 AS_NONE = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
@@ -114,7 +120,42 @@ class _ReadBack:
             dict(UNREADABLE),
             self._pairs(),
             self._servos(),
+            constraints=self._constraints(),
         )
+
+    def _constraints(self) -> tuple[Constraint, ...]:
+        """The equalities, of two joints and of two sites."""
+        model, kinds = self._model, self._mujoco.mjtEq.__members__
+        names = {int(kinds[name]): word for name, word in EQUALITIES.items()}
+        held: list[Constraint] = []
+        for row in range(model.neq):
+            name = self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_EQUALITY, row) or ""
+            kind = names.get(int(model.eq_type[row]))
+            one, other, data = int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), model.eq_data[row].tolist()
+            if kind is None or not model.eq_active0[row]:
+                raise EngineError("mujoco", f"holds the equality {name!r}, which is none that simspec writes")
+            if kind == "follow":
+                joints = self._names["JOINT"]
+                if any(data[2:5]) or other < 0:
+                    raise EngineError("mujoco", f"holds the equality {name!r} of another form than a coupling's")
+                held.append(Follow(name, joints[one], joints[other], data[1], data[0]))
+                continue
+            if int(model.eq_objtype[row]) != int(self._mujoco.mjtObj.mjOBJ_SITE):
+                raise EngineError("mujoco", f"holds the equality {name!r} of bodies, not of sites")
+            (first, near), (second, far) = self._end(one), self._end(other)
+            if kind == "connect":
+                held.append(Connect(name, first, second, near.position, far.position))
+            else:
+                held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
+        return tuple(sorted(held, key=lambda constraint: constraint.name))
+
+    def _end(self, site: int) -> tuple[str, Pose]:
+        """A site's body, and where it is in the world's frame of that."""
+        model = self._model
+        body = world_name(self._names["BODY"][int(model.site_bodyid[site])])
+        place = _pose(model.site_pos[site], model.site_quat[site])
+        offset = self._sidecar.offsets.get(body, (0.0, 0.0, 0.0))
+        return body, Pose(frames.add(place.position, offset), place.quaternion)
 
     def _body(self, index: int, name: str, model_name: str) -> Body:
         model = self._model

@@ -22,6 +22,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_ve
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.mujoco.actuation import Drive, JointArrays
 from simspec.engines.mujoco.coulomb import Coulomb
+from simspec.engines.mujoco.equality import Equalities
 from simspec.engines.mujoco.readback import JOINT_KINDS, read_back
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
@@ -42,6 +43,8 @@ class MujocoSimulation(Engine, abstract=True):
         self._log: list[str] = []
         self._mujoco: Any = None
         self._coulomb: Coulomb | None = None
+        self._stepper: Coulomb | Equalities | None = None
+        """What steps in MuJoCo's place where its own step is not the world's."""
         self._pushed = False
 
     # --- life -----------------------------------------------------------------------------------------------------
@@ -69,7 +72,9 @@ class MujocoSimulation(Engine, abstract=True):
         self.data = mujoco.MjData(self.model)
         self._probe = mujoco.MjData(self.model)
         coulomb = self._sidecar.settings["friction"] == COULOMB
-        self._coulomb = Coulomb(mujoco, self.model, self.data) if coulomb else None
+        held = Equalities(mujoco, self.model, self.data) if self.model.neq else None
+        self._coulomb = Coulomb(mujoco, self.model, self.data, held) if coulomb else None
+        self._stepper = self._coulomb or held
         self._index(self._sidecar.bodies)
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME)
         if key < 0:
@@ -129,7 +134,7 @@ class MujocoSimulation(Engine, abstract=True):
     def close(self) -> None:
         if self._mujoco is not None:
             self._mujoco.set_mju_user_warning(None)
-            self._mujoco = self._coulomb = None
+            self._mujoco = self._coulomb = self._stepper = None
             for name in ("data", "_probe", "model"):  # of which a refused file leaves some unmade
                 self.__dict__.pop(name, None)
         self._log.clear()
@@ -202,14 +207,14 @@ class MujocoSimulation(Engine, abstract=True):
         elif self._pushed:
             self.data.qfrc_applied[:] = 0.0
             self._pushed = False
-        if self._coulomb is not None:
-            self._coulomb.advance(count)
+        if self._stepper is not None:
+            self._stepper.advance(count)
         else:
             self._mujoco.mj_step(self.model, self.data, nstep=count)
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         self._pushed = True  # what is given there must not be left behind for steps without effort
-        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._coulomb, self._q[q], self._v[v])
+        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._stepper, self._q[q], self._v[v])
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray

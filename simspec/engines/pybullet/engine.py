@@ -11,7 +11,8 @@ inertial axes; ``_Simulation`` turns both into the generalised coordinates of ``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,24 +31,24 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
 from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
+from simspec.engines.pybullet.holding import one_error_reduction
 from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
-from simspec.engines.pybullet.settings import SETTINGS
+from simspec.engines.pybullet.settings import LOOP_ITERATIONS, SETTINGS
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
-    NO_CONSTRAINTS_YET,
     Level,
     Refinement,
     Support,
@@ -62,6 +63,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.hull import FlatError
 from simspec.world.inset import inset
+from simspec.world.kinematics import members
 from simspec.world.types import Body, HeldValue, ReadBack, Shape, World
 
 _NO_LINKS = "PyBullet supports at most 127 links besides the base in one tree"
@@ -71,10 +73,13 @@ _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where a computed torque is not exact."""
-    return armature_felt(world, PyBullet.TITLE, _not_felt)
+    held = {name for constraint in world.constraints for name in members(constraint)}
+    return armature_felt(world, PyBullet.TITLE, functools.partial(_not_felt, held))
 
 
-def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
+def _not_felt(held: Container[str], armed: str, bodies: Sequence[Body]) -> str | None:
+    if named := next((body.name for body in bodies if body.name in held or body.joint.name in held), None):
+        return f"the tree of {armed!r} is held at {named!r} by a constraint, whose impulses would ignore the armature"
     if not {body.joint.kind for body in bodies} <= {"fixed", *SCALAR_JOINTS}:
         return f"the tree of {armed!r} has a free or ball joint; only trees of hinges and slides on a fixed base"
     if any(body.joint.dry_friction for body in bodies):
@@ -200,7 +205,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
-        **NO_CONSTRAINTS_YET,
+        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", one_error_reduction),
+        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
@@ -213,8 +219,21 @@ class PyBullet(SimulatedEngine[Simulation]):
     }
 
     @classmethod
+    def chosen_settings(cls, world: World, settings: Mapping[str, Value]) -> Mapping[str, Value]:
+        """More sweeps where loops are closed, unless the spec says how many."""
+        closed = any(constraint.kind != "follow" for constraint in world.constraints)
+        if not closed or "iterations" in dict(world.options(cls.NAME).settings):
+            return settings
+        return {**settings, "iterations": LOOP_ITERATIONS}
+
+    @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
-        found = expected(world, resolve_settings(cls, world), contact_plan(world, cls.RULES, cls.LAYERS), neutral)
+        found = expected(
+            world,
+            cls.chosen_settings(world, resolve_settings(cls, world)),
+            contact_plan(world, cls.RULES, cls.LAYERS),
+            neutral,
+        )
         return found | expected_labels(cls, world)
 
     def __init__(self) -> None:
@@ -275,7 +294,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         if self._probe is None:
             if self._source is None:
                 raise RuntimeError("load first")
-            sim = Simulation(*self._source)
+            folder, sidecar = self._source
+            sim = Simulation(folder, dataclasses.replace(sidecar, constraints=None))
             self._probe = (sim, Probe(sim))
         return self._probe[1]
 

@@ -35,6 +35,8 @@ ROUND = ("sphere", "capsule", "plane")
 """Kinds of shapes without a margin of their own."""
 FIXED = 4
 """Joint type."""
+STRONG, UNSAID = 1e9, 0
+"""The largest force of a constraint, and what PyBullet reports for the link of a gear's housing where it was told none."""
 NEVER = 1e30
 """A velocity clamp that never acts."""
 SLEEPY, SLOW = 1, 1e-4
@@ -136,10 +138,12 @@ def _world(
     rubs = any(part.surface.friction for body in world.bodies for part in parts(body, plan))
     elliptic = rubs and world.contact.friction_cone == "elliptic"
     mode = int(neutral["world.solverInfo.solverMode"])  # type: ignore[arg-type]
+    closed = any(constraint.kind != "follow" for constraint in world.constraints)
+    joint_erp = 1.0 if closed else settings["joint_erp"]
     told: dict[str, HeldValue] = {
         "numSolverIterations": settings["iterations"],
         "solverResidualThreshold": settings["residual_threshold"],
-        "erp": settings["joint_erp"],
+        "erp": joint_erp,
         "frictionERP": settings["friction_erp"],
         "restitutionVelocityThreshold": max((x.restitution_threshold for x in laws if x.restitution), default=0.0),
         "contactBreakingThreshold": settings["contact_breaking_threshold"],
@@ -148,14 +152,19 @@ def _world(
         "numSubSteps": 0,
     }
     found["world.solverInfo.numIterations"] = found["parameter.numSolverIterations"] = settings["iterations"]
-    found["world.solverInfo.erp"] = settings["joint_erp"]
+    found["world.solverInfo.erp"] = joint_erp
     found["world.solverInfo.solverMode"] = mode & ~NO_CONE if elliptic else mode | NO_CONE
     if not any(law.hardness.kind == "native" for law in laws):
         told |= {"contactERP": settings["contact_erp"], "contactSlop": settings["contact_slop"]}
         found["world.solverInfo.erp2"] = settings["contact_erp"]
         found["world.solverInfo.linearSlop"] = settings["contact_slop"]
     found |= {f"calls.setPhysicsEngineParameter.{name}": value for name, value in told.items()}
-    return found | {"count.constraints": 0, "count.user_data": 0}
+    for constraint in world.constraints:
+        held: dict[str, HeldValue] = {"max_force": STRONG, "erp": 1.0, "auxiliary": UNSAID}
+        found |= {f"constraint.{constraint.name}.{key}": value for key, value in held.items()}
+    if world.constraints:
+        found["calls.createConstraint"] = found["calls.changeConstraint"] = len(world.constraints)
+    return found | {"count.constraints": len(world.constraints), "count.user_data": 0}
 
 
 def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[str, HeldValue]:

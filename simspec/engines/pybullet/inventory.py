@@ -88,6 +88,11 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
+    for held in sim.held:
+        info = p.getConstraintInfo(held.number, physicsClientId=client)
+        found[f"constraint.{held.name}.max_force"] = info[10]
+        found[f"constraint.{held.name}.erp"] = info[14]
+        found[f"constraint.{held.name}.auxiliary"] = info[12]
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
     blocks = dump(sim)
     found.update(_world(blocks))

@@ -13,6 +13,7 @@ from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.dump import colliders, dump
 from simspec.engines.pybullet.efforts import Efforts
+from simspec.engines.pybullet.holding import read_held
 from simspec.engines.pybullet.meshes import Hulls, Points, alike
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
@@ -71,6 +72,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
         tuple(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
         held["fixedTimeStep"],
         sim.sidecar.friction_cone,
+        constraints=read_held(sim),
     )
 
 

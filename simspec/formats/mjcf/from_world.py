@@ -88,7 +88,12 @@ def size_of(shape: Shape) -> tuple[float, ...]:
 
 
 def body_of(
-    body: Body, depth: int, joint: tree.Joint | None, geoms: tuple[tree.Geom, ...], more: tree.Attributes = ()
+    body: Body,
+    depth: int,
+    joint: tree.Joint | None,
+    geoms: tuple[tree.Geom, ...],
+    more: tree.Attributes = (),
+    sites: tuple[tree.Site, ...] = (),
 ) -> tree.Body:
     """A body in its parent, with its inertia; ``joint`` None: welded to it."""
     place = place_of(body.joint)
@@ -101,6 +106,7 @@ def body_of(
         () if joint is None else (joint,),
         geoms,
         more,
+        sites,
     )
 
 

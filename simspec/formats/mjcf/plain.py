@@ -15,6 +15,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import gather
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.equality import equalities, sites_of
 from simspec.formats.mjcf.filter import Kind, collision_masks
 from simspec.formats.mjcf.from_world import (
     CONES,
@@ -32,7 +33,6 @@ from simspec.formats.mjcf.names import LEAST_MASS, file_name
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.support.declarations import (
     GATHERED,
-    NO_CONSTRAINTS_YET,
     Level,
     Support,
     Table,
@@ -93,7 +93,8 @@ SUPPORT: Final[Table] = {
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
     Feature.JOINT_SEVERAL: Support(Level.EXACT, f"bodies of {LEAST_MASS:g} kg and kg m² stand between the joints"),
     **GATHERED,
-    **NO_CONSTRAINTS_YET,
+    Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
+    Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
 }
 """What plain MJCF carries of each feature."""
 
@@ -107,6 +108,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
     too_many = _upper_bound(world, unlike_rule) > MOST_PAIRS
     order = depth_first(world)
+    sites = sites_of(world, {})
     model = Model(
         world.name,
         COMPILER,
@@ -118,7 +120,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         FLAGS,
         default=Default(),
         classes=tuple(_classes(world)),
-        bodies=tuple(_body(body, depth, masks) for body, depth in order),
+        bodies=tuple(_body(body, depth, masks, sites.get(body.name, ())) for body, depth in order),
         pairs=() if too_many else tuple(_pairs(world, laws, unlike_rule)),
         excludes=tuple(
             tree.Exclude(file_name(first), file_name(second))
@@ -127,6 +129,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         actuators=tuple(_actuators(world)),
         keys=(keyframe(KEYFRAME, [body.joint for body, _ in order]),),
         meshes=meshes_of(world),
+        equalities=equalities(world),
     )
     return model, tuple(_more(world, unlike_rule if too_many else []))
 
@@ -239,9 +242,9 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
 # --- bodies -------------------------------------------------------------------------------------------------------
 
 
-def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes]) -> tree.Body:
+def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes], sites: tuple[tree.Site, ...]) -> tree.Body:
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
-    return body_of(body, depth, None if body.joint.kind == "fixed" else _joint(body.joint), geoms)
+    return body_of(body, depth, None if body.joint.kind == "fixed" else _joint(body.joint), geoms, sites=sites)
 
 
 def _joint(joint: Joint) -> tree.Joint:

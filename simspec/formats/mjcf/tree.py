@@ -60,6 +60,15 @@ class Geom:
 
 
 @dataclass(frozen=True, slots=True)
+class Site:
+    """A frame in a body."""
+
+    name: str
+    position: Vector3
+    orientation: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
 class Body:
     """A body. ``depth``: how many bodies it stands in; bodies are listed depth first, so that none refers to its parent."""
 
@@ -71,6 +80,7 @@ class Body:
     joints: tuple[Joint, ...] = ()
     geoms: tuple[Geom, ...] = ()
     more: Attributes = ()
+    sites: tuple[Site, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +106,15 @@ class Exclude:
 
     body1: str
     body2: str
+
+
+@dataclass(frozen=True, slots=True)
+class Equality:
+    """A constraint; ``type`` is its element."""
+
+    type: str
+    name: str
+    more: Attributes = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,3 +153,4 @@ class Model:
     actuators: tuple[Actuator, ...] = ()
     keys: tuple[Key, ...] = ()
     meshes: tuple[Mesh, ...] = ()
+    equalities: tuple[Equality, ...] = ()

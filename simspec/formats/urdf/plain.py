@@ -12,24 +12,39 @@ from simspec.formats.urdf.standard import standard_robot
 from simspec.formats.urdf.tree import Robots
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
-    NO_CONSTRAINTS_YET,
+    Level,
+    Refinement,
+    Support,
     Table,
     alike,
     approximate,
     exactly,
     never,
+    not_here,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
-from simspec.world.types import Body, World
+from simspec.world.types import Body, Follow, World
 
 PLACEMENT: Final = "placement.json"
 PLACEMENT_SCHEMA: Final = 1
 
 _NO_CONTACT = "URDF has no numbers of contact"
 _IN_PLACEMENT = f"in {PLACEMENT}"
+
+
+def within_trees(world: World) -> Refinement | None:
+    """Not supported where a joint follows one of another tree, which stands in another file."""
+    root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
+    across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
+    return not_here(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
+
+
+def _follows(world: World) -> Iterator[Follow]:
+    return (held for held in world.constraints if isinstance(held, Follow))
+
 
 SUPPORT: Final[Table] = {
     **exactly(
@@ -40,7 +55,6 @@ SUPPORT: Final[Table] = {
         *(Feature.TREE_SIZE, Feature.TREE_DEPTH, Feature.SHAPE_VISUAL),
         Feature.SHAPES_PER_BODY,
     ),
-    **NO_CONSTRAINTS_YET,
     Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
     Feature.INITIAL_POSITION: via_api(_IN_PLACEMENT),
     Feature.INITIAL_VELOCITY: via_api(_IN_PLACEMENT),
@@ -52,6 +66,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
+    Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),
     Feature.BALL_SPRING: never("URDF has no springs"),
@@ -82,7 +97,9 @@ def robots_and_placement(world: World) -> tuple[Robots, str]:
     first: dict[str, tuple[Body, ...]] = {}
     placed = []
     for bodies in trees(world).values():
-        file = files.add(standard_robot(bodies))
+        joints = {body.joint.name for body in bodies}
+        within = [held for held in _follows(world) if {held.joint, held.leader} <= joints]
+        file = files.add(standard_robot(bodies, follows=within))
         placed.append(_placed(file, first.setdefault(file, bodies), bodies))
     return files.robots, json_text({"schema": PLACEMENT_SCHEMA, "trees": placed})
 

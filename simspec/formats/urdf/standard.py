@@ -8,7 +8,7 @@ left out. Where the language demands limits and the world has none, they are ``U
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 from simspec.formats.urdf.from_world import (
@@ -23,10 +23,10 @@ from simspec.formats.urdf.from_world import (
     unlike,
     visual_of,
 )
-from simspec.formats.urdf.tree import Collision, Dynamics, Joint, Link, Origin, Robot, Visual
+from simspec.formats.urdf.tree import Collision, Dynamics, Joint, Link, Mimic, Origin, Robot, Visual
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Pose, Shape, Vector3
+from simspec.world.types import Body, Follow, Inertial, Pose, Shape, Vector3
 
 PLANE_EDGE: Final = 200.0
 """Metres: length and width of the box that stands for a plane; its top is in the plane."""
@@ -43,12 +43,13 @@ AXES: Final[tuple[tuple[str, Vector3], ...]] = (
 """Of the three hinges of a ball joint, from the parent on."""
 
 
-def standard_robot(bodies: tuple[Body, ...], kinds: Collection[str] = ()) -> Robot:
+def standard_robot(bodies: tuple[Body, ...], kinds: Collection[str] = (), follows: Iterable[Follow] = ()) -> Robot:
     """The robot that a tree is; of shapes only those of ``kinds``, where some are given. Links stand in the order of the
-    bodies, after the world's."""
+    bodies, after the world's. ``follows``: the couplings within the tree that it is to say."""
     root = bodies[0]
     link_names = {body.name for body in bodies}
     joint_names = {body.joint.name for body in bodies}
+    mimics = {follow.joint: Mimic(follow.leader, follow.ratio, follow.offset) for follow in follows}
     links: list[Link] = []
     joints: list[Joint] = []
     world_link = unlike(WORLD_LINK, link_names)
@@ -65,7 +66,7 @@ def standard_robot(bodies: tuple[Body, ...], kinds: Collection[str] = ()) -> Rob
                 links.extend(() if link is None else (link,))
                 joints.append(joint)
         elif body.joint.kind != "free":
-            joints.append(_joint(body, body.joint.parent or world_link))
+            joints.append(_joint(body, body.joint.parent or world_link, mimics.get(body.joint.name)))
         links.append(Link(body.name, inertial, tuple(visuals), tuple(collisions)))
     return Robot(root.model, tuple(links), tuple(joints))
 
@@ -106,7 +107,7 @@ def _collision(shape: Shape) -> Collision:
     return collision_of(shape, geometry_of(shape))
 
 
-def _joint(body: Body, parent: str) -> Joint:
+def _joint(body: Body, parent: str, mimic: Mimic | None) -> Joint:
     joint = body.joint
     limits = dict(limits_of(body))
     kind = "fixed"
@@ -127,6 +128,7 @@ def _joint(body: Body, parent: str) -> Joint:
         joint.axis if moves else None,
         Dynamics(joint.damping, joint.dry_friction) if moves else None,
         tuple(limits.items()) if moves else (),
+        mimic,
     )
 
 

@@ -110,6 +110,15 @@ class Dynamics:
 
 
 @dataclass(frozen=True, slots=True)
+class Mimic:
+    """That a joint's position is ``multiplier`` times another's, plus ``offset`` (rad, m)."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A joint: ``origin`` is its frame in the parent's, which is the child's where the joint is at zero; ``axis`` is in that
     frame. ``limit``: attributes of the element, none: no such element."""
@@ -122,6 +131,7 @@ class Joint:
     axis: Vector3 | None = None
     dynamics: Dynamics | None = None
     limit: tuple[tuple[str, float], ...] = ()
+    mimic: Mimic | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +150,11 @@ Robots = Mapping[str, Robot]
 def nameless(robot: Robot) -> Robot:
     """The same robot with all names replaced by their places: equal ones can share a file."""
     links = {link.name: str(index) for index, link in enumerate(robot.links)}
+    joints = {joint.name: str(index) for index, joint in enumerate(robot.joints)}
+
+    def bare(mimic: Mimic | None) -> Mimic | None:
+        return None if mimic is None else dataclasses.replace(mimic, joint=joints[mimic.joint])
+
     return Robot(
         "",
         tuple(
@@ -159,7 +174,9 @@ def nameless(robot: Robot) -> Robot:
             for link in robot.links
         ),
         tuple(
-            dataclasses.replace(joint, name="", parent=links[joint.parent], child=links[joint.child])
+            dataclasses.replace(
+                joint, name="", parent=links[joint.parent], child=links[joint.child], mimic=bare(joint.mimic)
+            )
             for joint in robot.joints
         ),
     )

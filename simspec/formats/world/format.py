@@ -24,7 +24,7 @@ from simspec.formats.world.tree import (
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import NO_CONSTRAINTS_YET, Table, exactly, shape_kinds
+from simspec.support.declarations import Table, exactly, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
@@ -64,10 +64,10 @@ class WorldJson(Format):
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
             *(Feature.CONTROL, Feature.CONTROL_NATIVE),
+            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("world.json", SHAPES),
-        **NO_CONSTRAINTS_YET,
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
 

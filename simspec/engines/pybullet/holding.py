@@ -1,0 +1,147 @@
+"""Constraints outside the tree as PyBullet's own: gears between joints, points and frames of two links.
+
+Facts marked *measured*: pybullet 3.2.7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from simspec.engines.pybullet.turns import told_turn
+from simspec.errors import EngineError
+from simspec.support.declarations import Refinement, not_here
+from simspec.world import frames
+from simspec.world.rotations import to_xyzw_of
+from simspec.world.types import Connect, Constraint, Follow, Pose, Quaternion, Vector3, Weld, World
+
+if TYPE_CHECKING:
+    from simspec.engines.pybullet.simulation import Simulation
+
+STRONG = 1e9
+"""The largest force of a constraint (N, N m), of which none may be felt."""
+WHOLE = 1.0
+"""Share of a violation that is taken back in each step: the law of constraints."""
+AXIS = (1.0, 0.0, 0.0)
+"""PyBullet asks for one and makes no use of it."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """A constraint that PyBullet was told, by its number."""
+
+    name: str
+    number: int
+    kind: str
+
+
+def one_error_reduction(world: World) -> Refinement | None:
+    """Not supported where a loop would share its error reduction with limits."""
+    limited = next((body.name for body in world.bodies if body.joint.position_limits is not None), None)
+    if limited is None:
+        return None
+    return not_here(
+        "PyBullet has one error reduction for loops and for position limits, and a loop's is 1: the joint of "
+        f"{limited!r} would rebound from its limits at the speed of its arrival"
+    )
+
+
+def hold(sim: Simulation, constraints: Sequence[Constraint]) -> tuple[Held, ...]:
+    """Tell PyBullet the constraints; what they are is read back by :func:`read_held`."""
+    p, client = sim.bullet, sim.client
+    joints = _joints(sim)
+    held = []
+    for constraint in constraints:
+        if isinstance(constraint, Follow):
+            ends = [joints.get(name) for name in (constraint.joint, constraint.leader)]
+            if None in ends:
+                raise EngineError("pybullet", f"the constraint {constraint.name!r} names a joint that is not there")
+            (uid, link), (lead_uid, lead_link) = (end for end in ends if end is not None)
+            number = p.createConstraint(
+                uid, link, lead_uid, lead_link, p.JOINT_GEAR, AXIS, (0.0,) * 3, (0.0,) * 3, physicsClientId=client
+            )
+            p.changeConstraint(
+                number,
+                gearRatio=-constraint.ratio,
+                relativePositionTarget=constraint.offset,
+                erp=WHOLE,
+                maxForce=STRONG,
+                physicsClientId=client,
+            )
+        else:
+            number = _joined(sim, constraint)
+        held.append(Held(constraint.name, number, constraint.kind))
+    return tuple(held)
+
+
+def _joints(sim: Simulation) -> dict[str, tuple[int, int]]:
+    """(tree, link) of every joint, by its name."""
+    return {
+        name: (tree.uid, link.link)
+        for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True)
+        for link, name in zip(tree.links, instance.joints, strict=True)
+    }
+
+
+def _joined(sim: Simulation, constraint: Connect | Weld) -> int:
+    p = sim.bullet
+    links = {link.index: (tree.uid, link.link) for tree in sim.trees for link in tree.links}
+    first, second = (sim.place[name] for name in (constraint.first, constraint.second))
+    if isinstance(constraint, Connect):
+        kind, places = p.JOINT_POINT2POINT, (Pose(constraint.first_point), Pose(constraint.second_point))
+    else:
+        kind, places = p.JOINT_FIXED, (constraint.pose, Pose())
+    near, far = (
+        frames.compose(frames.inverse(inertial_frame(sim, index)), place)
+        for index, place in zip((first, second), places, strict=True)
+    )
+    number: int = p.createConstraint(
+        *links[first],
+        *links[second],
+        kind,
+        AXIS,
+        near.position,
+        far.position,
+        to_xyzw_of(near.quaternion),
+        to_xyzw_of(far.quaternion),
+        physicsClientId=sim.client,
+    )
+    p.changeConstraint(number, erp=WHOLE, maxForce=STRONG, physicsClientId=sim.client)
+    return number
+
+
+def inertial_frame(sim: Simulation, index: int) -> Pose:
+    """Where PyBullet has the inertial frame of a body, in the world's frame of it."""
+    offset: Vector3 = tuple(sim.offsets[index].tolist())
+    centre: Vector3 = tuple(sim.centre[index].tolist())
+    turn: Quaternion = tuple(sim.turn[index].tolist())
+    return Pose(frames.add(offset, centre), turn)
+
+
+def read_held(sim: Simulation) -> tuple[Constraint, ...]:
+    """The constraints as PyBullet gives them back."""
+    p = sim.bullet
+    joint_of = {place: name for name, place in _joints(sim).items()}
+    body_of = {(tree.uid, link.link): link.index for tree in sim.trees for link in tree.links}
+    names = {p.JOINT_GEAR: "follow", p.JOINT_POINT2POINT: "connect", p.JOINT_FIXED: "weld"}
+    found: list[Constraint] = []
+    for held in sim.held:
+        info: tuple[Any, ...] = p.getConstraintInfo(held.number, physicsClientId=sim.client)
+        one, other, kind = (info[0], info[1]), (info[2], info[3]), names.get(info[4], str(info[4]))
+        if kind == "follow":
+            found.append(Follow(held.name, joint_of[one], joint_of[other], -info[11], info[13]))
+            continue
+        first, second = body_of[one], body_of[other]
+        near, far = (
+            frames.compose(inertial_frame(sim, index), Pose(tuple(info[at]), told_turn(info[at + 2])))
+            for index, at in ((first, 6), (second, 7))
+        )
+        if kind == "connect":
+            found.append(Connect(held.name, sim.names[first], sim.names[second], near.position, far.position))
+        elif kind == "weld":
+            place = frames.compose(near, frames.inverse(far))
+            found.append(Weld(held.name, sim.names[first], sim.names[second], place))
+        else:
+            raise EngineError("pybullet", f"holds the constraint {held.name!r} as {kind}, unknown here")
+    return tuple(sorted(found, key=lambda constraint: constraint.name))

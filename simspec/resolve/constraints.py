@@ -1,0 +1,359 @@
+"""Constraints of the world: names resolved, copies made, followers put where their leaders want them, and what is wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from simspec.errors import Problem
+from simspec.language.constraints import Connect as SpecConnect
+from simspec.language.constraints import Constraint as SpecConstraint
+from simspec.language.constraints import Displacement
+from simspec.language.constraints import Follow as SpecFollow
+from simspec.language.constraints import Weld as SpecWeld
+from simspec.language.document import Details, Key
+from simspec.language.sources import Source
+from simspec.language.strict import Faults, near, required
+from simspec.language.trees import model_of, placed
+from simspec.language.units import article
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.resolve.bodies import Expansion, elements
+from simspec.resolve.poses import pose
+from simspec.world import frames
+from simspec.world.kinematics import initial_state, poses, rigid_groups
+from simspec.world.types import Body, Connect, Constraint, Follow, Pose, Weld, World
+from simspec.world.violation import ROWS, Violation
+
+AGREE = 1e-9
+"""How far an initial position or velocity of a follower that is stated may be from its leader's, relative to the larger of it
+and 1 (rad, m, and per second): round-off of a spec's arithmetic. What is off is taken back in the first step, at φ/dt."""
+MEET = 1e-6
+"""The same for the two points of a connect and the two frames of a weld (m, rad), whose places follow from positions that are
+written with as many digits as somebody cares to: at 1 ms it is taken back at 1 mm/s."""
+MOST_NAMED = 8
+
+
+class Constrained(NamedTuple):
+    """What `constraints` makes of a world.
+
+    constraints  sorted by name
+    bodies       the world's bodies, the initial positions and velocities of followers filled in
+    joined       pairs of bodies that are held together, and do not touch
+    problems     what is wrong; then the rest is what could be made of it
+    """
+
+    constraints: tuple[Constraint, ...]
+    bodies: tuple[Body, ...]
+    joined: list[tuple[str, str]]
+    problems: list[Problem]
+
+    @property
+    def followers(self) -> dict[str, str]:
+        """The joints that follow, each with its leader."""
+        return {held.joint: held.leader for held in self.constraints if isinstance(held, Follow)}
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A constraint of a spec, once for each copy: its full name, where it stands, and the full names of the joints and bodies
+    that it names."""
+
+    name: str
+    file: Source
+    path: tuple[Key, ...]
+    content: SpecConstraint
+    prefix: str = ""
+    joints: Mapping[str, str] = field(default_factory=dict)
+    bodies: Mapping[str, str] = field(default_factory=dict)
+
+    def joint(self, name: str) -> str:
+        return self.joints.get(name, self.prefix + name)
+
+    def body(self, name: str) -> str:
+        return self.bodies.get(name, self.prefix + name)
+
+
+def constraints(source: Source, expansion: Expansion) -> Constrained:
+    """The constraints of a spec, and what they say of the bodies of ``expansion``."""
+    draft = _Draft(expansion)
+    for written in _all(source, expansion):
+        draft.add(written)
+    if not draft.problems and not expansion.problems:
+        draft.settle()
+    if not draft.problems and not expansion.problems:
+        draft.close()
+    resolved = tuple(sorted(draft.resolved.values(), key=lambda constraint: constraint.name))
+    joined = [(held.first, held.second) for held in resolved if not isinstance(held, Follow)]
+    return Constrained(resolved, tuple(draft.bodies.values()), joined, draft.problems)
+
+
+# --- which there are -------------------------------------------------------------------------------------------------
+
+
+def _all(source: Source, expansion: Expansion) -> Iterator[_Written]:
+    """Every constraint of every model and of the scenario, in every copy of it."""
+    if (own := model_of(source)) is not None:
+        for file, path, name, content in _of_files(own.files):
+            yield _Written(name, file, path, content)
+    for placement, use, bodies in placed(source):
+        if use is None:
+            continue  # has errors, which are reported elsewhere
+        place: tuple[Key, ...] = ("models", placement, "constraints")
+        here = [(source, (*place, name), name, content) for name, content in use.constraints.items()]
+        for suffix, _ in elements(use.array):
+            prefix = f"{placement}{suffix}/"
+            for file, path, name, content in (*_of_files(bodies.files), *here):
+                yield _Written(prefix + name, file, path, content, prefix)
+    for name, content in source.content.constraints.items():
+        yield from _of_scenario(source, name, content, expansion)
+
+
+def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecConstraint]]:
+    """The constraints of the model files that lead to a model; what holds its bodies comes first."""
+    for file in reversed(files):
+        model = file.file.model if file.file is not None else None
+        for name, content in (model.constraints if model is not None else {}).items():
+            yield file, ("model", "constraints", name), name, content
+
+
+def _of_scenario(source: Source, name: str, content: SpecConstraint, expansion: Expansion) -> Iterator[_Written]:
+    """A constraint of the scenario; one within a loose tree of an array once for each copy of the tree."""
+    copied = False
+    for suffix, joints, bodies in expansion.arrays:
+        known = joints if content.follow is not None else bodies
+        if all(named in known for named in _named(content)):
+            copied = True
+            yield _Written(name + suffix, source, ("constraints", name), content, "", joints, bodies)
+    if not copied:
+        yield _Written(name, source, ("constraints", name), content)
+
+
+def _named(content: SpecConstraint) -> tuple[str, ...]:
+    """The joints or bodies that a constraint names."""
+    if content.follow is not None:
+        return content.follow.joint, content.follow.leader
+    held: SpecConnect | SpecWeld = required(content.connect if content.connect is not None else content.weld)
+    return held.bodies
+
+
+# --- what they are ---------------------------------------------------------------------------------------------------
+
+
+class _Draft:
+    """Constraints while they are resolved: ``resolved`` and where each was ``written``, by name."""
+
+    def __init__(self, expansion: Expansion):
+        self.bodies = {body.name: body for body in expansion.bodies}
+        self.owner = {body.joint.name: body.name for body in expansion.bodies}
+        self.resolved: dict[str, Constraint] = {}
+        self.written: dict[str, _Written] = {}
+        self.problems: list[Problem] = []
+        self.follows: dict[str, Follow] = {}
+        """By the joint that follows."""
+        self._expansion = expansion
+        self._groups = rigid_groups(World("", expansion.bodies)) if not expansion.problems else {}
+        self._refused: set[tuple[int, tuple[Key, ...]]] = set()
+
+    def problem(self, written: _Written, below: tuple[Key, ...], message: str, **more: str | bool | None) -> None:
+        """Note what is wrong, once for all copies of a constraint."""
+        key = (id(written.file), written.path)
+        if key in self._refused:
+            return
+        self._refused.add(key)
+        details: Details = more  # type: ignore[assignment]
+        self.problems.append(written.file.document.problem((*written.path, *below), message, **details))
+
+    def add(self, written: _Written) -> None:
+        """Resolve the names of one."""
+        content = written.content
+        if written.name in self.written:
+            self.problem(written, (), f"there is a constraint {written.name!r} already", key=True, hint="another name")
+            return
+        self.written[written.name] = written
+        if content.follow is not None:
+            self._follow(written, content.follow)
+        elif content.connect is not None:
+            self._held(written, "connect", content.connect)
+        else:
+            self._held(written, "weld", required(content.weld))
+
+    def _follow(self, written: _Written, content: SpecFollow) -> None:
+        names = {"joint": written.joint(content.joint), "leader": written.joint(content.leader)}
+        for key, name in names.items():
+            place = ("follow", key)
+            if name not in self.owner:
+                known = [joint for joint, body in self.owner.items() if self.bodies[body].joint.kind in SCALAR_JOINTS]
+                self.problem(written, place, f"there is no joint {name!r}", found=name, hint=near(name, known))
+                return
+            kind = self.bodies[self.owner[name]].joint.kind
+            if kind not in SCALAR_JOINTS:
+                self.problem(
+                    written, place, f"{name} is {article(kind)} joint", found=name, allowed="hinges and slides"
+                )
+                return
+        joint, leader = names["joint"], names["leader"]
+        if joint in self.follows:
+            other = self.follows[joint]
+            message = f"{joint} follows {other.leader} already, by the constraint {other.name!r}"
+            self.problem(written, ("follow", "joint"), message, found=joint, hint="a joint follows one other at most")
+            return
+        offset = 0.0
+        if content.offset is not None:
+            try:
+                offset = Displacement().number(self.bodies[self.owner[joint]].joint.kind).read(content.offset)
+            except Faults as error:
+                wrong = error.faults[0]
+                more = {"found": wrong.found, "allowed": wrong.allowed, "hint": wrong.hint}
+                self.problem(written, ("follow", "offset"), wrong.message, **more)
+                return
+        self.follows[joint] = Follow(written.name, joint, leader, content.ratio, offset)
+        self.resolved[written.name] = self.follows[joint]
+
+    def _held(self, written: _Written, kind: str, content: SpecConnect | SpecWeld) -> None:
+        first, second = (written.body(name) for name in content.bodies)
+        for index, name in enumerate((first, second)):
+            if name not in self.bodies:
+                hint = near(name, self.bodies)
+                self.problem(written, (kind, "bodies", index), f"there is no body {name!r}", found=name, hint=hint)
+                return
+        if self._groups and self._groups[first] == self._groups[second]:
+            message = f"{first} and {second} are joined rigidly already"
+            self.problem(written, (kind, "bodies"), message, hint="remove the constraint")
+            return
+        # what is not said follows from the initial positions, in ``close``
+        if isinstance(content, SpecConnect):
+            nowhere = (math.nan,) * 3
+            self.resolved[written.name] = Connect(written.name, first, second, content.at, content.second_at or nowhere)
+        else:
+            place = Pose((math.nan,) * 3) if content.pose is None else pose(content.pose)
+            self.resolved[written.name] = Weld(written.name, first, second, place)
+
+    # --- initial state ------------------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Put followers where their leaders want them, each after its leader; what is stated must agree."""
+        done: set[str] = set()
+        for start in self.follows:
+            chain: list[str] = []
+            joint = start
+            while joint in self.follows and joint not in done and joint not in chain:
+                chain.append(joint)
+                joint = self.follows[joint].leader
+            if joint in chain:
+                circle = [*chain[chain.index(joint) :], joint]
+                shown = " -> ".join(circle[:MOST_NAMED]) + (" -> ..." if len(circle) > MOST_NAMED else "")
+                message = f"these joints follow each other: {shown}"
+                hint = "one of them must follow none"
+                self.problem(self.written[self.follows[joint].name], ("follow", "leader"), message, hint=hint)
+                return
+            for follower in reversed(chain):
+                self._settle(self.follows[follower])
+                done.add(follower)
+
+    def _settle(self, follow: Follow) -> None:
+        written = self.written[follow.name]
+        body, lead = (self.bodies[self.owner[name]] for name in (follow.joint, follow.leader))
+        wanted = {
+            "position": follow.ratio * lead.joint.position[0] + follow.offset,
+            "velocity": follow.ratio * lead.joint.velocity[0],
+        }
+        for key, value in wanted.items():
+            is_stated = follow.joint in (self._expansion.positions if key == "position" else self._expansion.velocities)
+            own = getattr(body.joint, key)[0]
+            if not is_stated:
+                continue
+            if abs(own - value) > AGREE * max(1.0, abs(value)):
+                self.problem(
+                    written,
+                    ("follow",),
+                    f"the initial {key} of {follow.joint} is not where {follow.leader} wants it",
+                    found=f"{own:.9g}",
+                    allowed=f"{value:.9g}",
+                    hint=f"leave out the {key} of {follow.joint}: it follows from {follow.leader}'s",
+                )
+                return
+            wanted[key] = own
+        limits = body.joint.position_limits
+        if limits is not None and not limits[0] <= wanted["position"] <= limits[1]:
+            self.problem(
+                written,
+                ("follow",),
+                f"{follow.leader} wants {follow.joint} to begin beyond its limits",
+                found=f"{wanted['position']:.9g}",
+                allowed=f"{limits[0]:g} to {limits[1]:g}",
+                hint=f"another initial position of {follow.leader}, or another ratio or offset",
+            )
+            return
+        joint = dataclasses.replace(body.joint, position=(wanted["position"],), velocity=(wanted["velocity"],))
+        self.bodies[body.name] = dataclasses.replace(body, joint=joint)
+
+    def close(self) -> None:
+        """Fill in points and poses that follow from the initial positions; what is stated must agree with them."""
+        held = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        if not held:
+            return
+        place = poses(World("", tuple(self.bodies.values())))
+        for constraint in held:
+            between = frames.compose(frames.inverse(place[constraint.second]), place[constraint.first])
+            if isinstance(constraint, Connect):
+                self._close_point(constraint, between)
+            else:
+                self._close_frame(constraint, frames.inverse(between))
+        if not self.problems:
+            self._check_speeds(place)
+
+    def _check_speeds(self, place: Mapping[str, Pose]) -> None:
+        """Bodies that are held together begin with velocities that keep them so."""
+        bodies = tuple(self.bodies.values())
+        held = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        violation = Violation(bodies, held)
+        rows = np.array([[*place[body.name].position, *place[body.name].quaternion] for body in bodies])
+        rates = violation.jacobian(rows) @ initial_state(World("", bodies))[1]
+        start = 0
+        for constraint in held:
+            own = rates[start : start + ROWS[constraint.kind]]
+            start += ROWS[constraint.kind]
+            if (fastest := float(np.abs(own).max())) > MEET:
+                self.problem(
+                    self.written[constraint.name],
+                    (constraint.kind,),
+                    f"the initial velocities of {constraint.first} and {constraint.second} would part them",
+                    found=f"{fastest:.3g} m/s or rad/s",
+                    hint="initial velocities that fit each other, or none",
+                )
+
+    def _close_point(self, constraint: Connect, first_in_second: Pose) -> None:
+        meets = frames.compose(first_in_second, Pose(constraint.first_point)).position
+        if math.isnan(constraint.second_point[0]):
+            self.resolved[constraint.name] = dataclasses.replace(constraint, second_point=meets)
+        elif (away := math.dist(meets, constraint.second_point)) > MEET:
+            shown = ", ".join(f"{value:.9g}" for value in meets)
+            self.problem(
+                self.written[constraint.name],
+                ("connect", "second_at"),
+                f"the points of {constraint.first} and {constraint.second} do not meet initially",
+                found=f"{away:.3g} m apart",
+                allowed=f"second_at: [{shown}]",
+                hint="leave out second_at: it follows from the initial positions; or change those",
+            )
+
+    def _close_frame(self, constraint: Weld, second_in_first: Pose) -> None:
+        if math.isnan(constraint.pose.position[0]):
+            self.resolved[constraint.name] = dataclasses.replace(constraint, pose=second_in_first)
+            return
+        away = math.dist(second_in_first.position, constraint.pose.position)
+        turn = frames.multiply(frames.conjugate(constraint.pose.quaternion), second_in_first.quaternion)
+        angle = 2.0 * math.sqrt(sum(value * value for value in turn[1:]))
+        if max(away, angle) > MEET:
+            self.problem(
+                self.written[constraint.name],
+                ("weld", "pose"),
+                f"{constraint.second} is not initially where {constraint.first} holds it",
+                found=f"{away:.3g} m and {angle:.3g} rad away",
+                hint="leave out pose: it follows from the initial positions; or change those",
+            )

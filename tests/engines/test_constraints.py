@@ -1,0 +1,97 @@
+"""Constraints in every engine: certified motion, and the worlds that are refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.engines.kit.registry import engines
+from simspec.errors import UnsupportedError
+from simspec.proof.selftest_worlds import held
+from simspec.proof.verify import verify
+from simspec.testing.worlds import accepting, with_options
+from simspec.world.types import Body, Contact, Follow, Material, PairContact, Shape, World
+from tests import constrained
+
+OUTSIDE = ("dart", "drake")
+
+
+def solid(base: World) -> World:
+    """The same world, with a ball on every body."""
+
+    def ball(body: Body) -> Body:
+        return dataclasses.replace(body, shapes=(Shape(f"{body.name}_0", "sphere", (0.02,), material="steel"),))
+
+    contact = Contact(materials=(Material("steel"),), pairs=(PairContact("steel", "steel", 0.0, 0.0),))
+    return dataclasses.replace(base, bodies=tuple(map(ball, base.bodies)), contact=contact)
+
+
+def jointed(base: World, **more: float) -> World:
+    """The same world, the joint of its last hinge with other numbers."""
+    last = base.bodies[-1]
+    joint = dataclasses.replace(last.joint, **more)
+    return dataclasses.replace(base, bodies=(*base.bodies[:-1], dataclasses.replace(last, joint=joint)))
+
+
+@pytest.mark.parametrize("name", sorted(engines()))
+def test_motion_and_what_is_held_are_certified(name):
+    certificate = verify(held(name), [name], levels={"L0", "L1", "L2", "L3", "L6"})
+    assert certificate.failures() == []
+    checks = {check.name: check for check in certificate.engines[name].checks if check.level != "L0"}
+    assert checks["ratio"].count == 1
+    assert checks["held point"].count == 3
+    assert checks["weld, orientation"].count == 1
+    assert checks["motion"].worst is not None
+    assert checks["motion"].worst < 1e-9
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_what_is_computed_outside_is_asked_for_by_name_and_where_nothing_else_acts(name):
+    follower = constrained.follower()
+    with pytest.raises(UnsupportedError, match=r"outside: \[constraint.coupling\]"):
+        compile_world(follower, [name])
+    asked = with_options(follower, name, outside=("constraint.coupling",), accept=("joint.dry_friction",))
+    with pytest.raises(UnsupportedError, match=r"may touch .* contact would ignore 'mirror'"):
+        compile_world(solid(asked), [name])
+
+
+def test_dry_friction_would_not_feel_what_is_computed_outside():
+    rough = jointed(constrained.follower(), dry_friction=0.1)
+    asked = with_options(rough, "dart", outside=("constraint.coupling",), accept=("joint.dry_friction",))
+    with pytest.raises(UnsupportedError, match="dry friction, whose impulses would ignore 'mirror'"):
+        compile_world(asked, ["dart"])
+
+
+def test_pybullet_has_one_error_reduction_for_loops_and_limits():
+    limited = jointed(constrained.closed_loop(), position_limits=(-3.0, 3.0))
+    with pytest.raises(UnsupportedError, match="one error reduction for loops and for position limits"):
+        compile_world(with_options(limited, "pybullet", accept=("joint.limits.position",)), ["pybullet"])
+
+
+def test_pybullet_s_armature_would_not_be_felt_by_a_constraint():
+    armed = jointed(constrained.follower(), armature=0.1)
+    with pytest.raises(UnsupportedError, match="by a constraint, whose impulses would ignore the armature"):
+        compile_world(with_options(armed, "pybullet", outside=("joint.armature",)), ["pybullet"])
+
+
+@pytest.mark.parametrize("name", ["mujoco", "pybullet"])
+def test_a_coupling_holds_in_contact(name, tmp_path):
+    """Two arms on one leader and its follower fall onto each other: whatever presses, the coupling holds to round-off."""
+    from simspec.compiler import write_folder
+    from simspec.engines.kit.session import Session
+
+    world = solid(constrained.follower())
+    world = dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=1))
+    accepted = accepting(world, name)
+    write_folder(compile_world(accepted, [name])[name].files, tmp_path / name)
+    (mirror,) = world.constraints
+    assert isinstance(mirror, Follow)
+    with Session(name, tmp_path / name) as session:
+        worst = 0.0
+        for _ in range(50):
+            session.step(20)
+            q, _ = session.get_state()
+            worst = max(worst, constrained.violation(world, q))
+    assert worst < 1e-9
