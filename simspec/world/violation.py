@@ -15,9 +15,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout
 from simspec.world.rotations import conjugate, logarithm, multiply, rotate
-from simspec.world.types import Body, Connect, Constraint, Follow, Weld
+from simspec.world.types import Body, Connect, Constraint, Follow, Weld, World
 
 Array = NDArray[np.float64]
 ROWS = {"follow": 1, "connect": 3, "weld": 6}
@@ -30,6 +31,7 @@ class Violation:
     def __init__(self, bodies: Sequence[Body], constraints: Sequence[Constraint]):
         self.constraints = tuple(constraints)
         self._bodies = tuple(bodies)
+        self._world = World("", self._bodies)
         self._layout = layout(self._bodies)
         self.nv = self._layout.nv
         self._row = {body.name: row for row, body in enumerate(self._bodies)}
@@ -103,7 +105,7 @@ class Violation:
                 rows[:3, place] += sign * rotate(turn, np.array(joint.axis))[:, None]
                 continue
             if joint.kind == "free":
-                at = at + rotate(turn, np.array(self._bodies[above].inertial.centre_of_mass))
+                at = at + rotate(turn, np.array(told_inertial(self._world, self._bodies[above]).centre_of_mass))
                 rows[:3, place.start : place.start + 3] += sign * np.eye(3)
                 place = slice(place.start + 3, place.stop)
             axes = np.array([joint.axis]) if joint.kind == "hinge" else np.eye(3)
