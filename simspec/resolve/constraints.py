@@ -137,8 +137,7 @@ def _named(content: SpecConstraint) -> tuple[str, ...]:
     """The joints or bodies that a constraint names."""
     if content.follow is not None:
         return content.follow.joint, content.follow.leader
-    held: SpecConnect | SpecWeld = required(content.connect if content.connect is not None else content.weld)
-    return held.bodies
+    return content.connect.bodies if content.connect is not None else required(content.weld).bodies
 
 
 # --- what they are ---------------------------------------------------------------------------------------------------

@@ -10,15 +10,16 @@ weld      the same for the origin of the second body's frame, then the rotation 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout
-from simspec.world.rotations import conjugate, logarithm, multiply, rotate
-from simspec.world.types import Body, Connect, Constraint, Follow, Weld, World
+from simspec.world.rotations import conjugate, logarithm, matrices, multiply
+from simspec.world.types import Body, Constraint, Follow, Vector3, Weld, World
 
 Array = NDArray[np.float64]
 ROWS = {"follow": 1, "connect": 3, "weld": 6}
@@ -30,89 +31,123 @@ class Violation:
 
     def __init__(self, bodies: Sequence[Body], constraints: Sequence[Constraint]):
         self.constraints = tuple(constraints)
-        self._bodies = tuple(bodies)
-        self._world = World("", self._bodies)
-        self._layout = layout(self._bodies)
-        self.nv = self._layout.nv
-        self._row = {body.name: row for row, body in enumerate(self._bodies)}
-        self._joint = {body.joint.name: row for row, body in enumerate(self._bodies)}
+        places = layout(bodies)
+        self.nv = places.nv
         self.count = sum(ROWS[constraint.kind] for constraint in self.constraints)
-        self._above = [self._path(row) for row in range(len(self._bodies))]
+        row = {body.name: index for index, body in enumerate(bodies)}
+        joint = {body.joint.name: index for index, body in enumerate(bodies)}
+        self._identity = len(bodies)
+        self._linear = np.zeros((self.count, self.nv))
+        follows: list[tuple[int, int, int, float, float]] = []
+        ends: list[tuple[int, Vector3, int]] = []
+        self._welds: list[tuple[int, int, int, Array]] = []
+        start = 0
+        for constraint in self.constraints:
+            if isinstance(constraint, Follow):
+                own, lead = joint[constraint.joint], joint[constraint.leader]
+                self._linear[start, places.velocity[own]] += 1.0
+                self._linear[start, places.velocity[lead]] -= constraint.ratio
+                at = (places.position[own].start, places.position[lead].start)
+                follows.append((start, *at, constraint.ratio, constraint.offset))
+            else:
+                first, second = row[constraint.first], row[constraint.second]
+                if isinstance(constraint, Weld):
+                    points: tuple[Vector3, Vector3] = (constraint.pose.position, (0.0, 0.0, 0.0))
+                    self._welds.append((start + 3, first, second, np.array(constraint.pose.quaternion)))
+                else:
+                    points = (constraint.first_point, constraint.second_point)
+                ends += [(first, points[0], start), (second, points[1], start)]
+            start += ROWS[constraint.kind]
+        columns = list(zip(*follows, strict=True)) if follows else [()] * 5
+        self._follow_rows, self._own, self._lead = (np.array(column, dtype=np.intp) for column in columns[:3])
+        self._ratio, self._offset = (np.array(column, dtype=float) for column in columns[3:])
+        self._end_body = np.array([body for body, _, _ in ends], dtype=np.intp)
+        self._end_point = np.array([point for _, point, _ in ends], dtype=float).reshape(-1, 3)
+        self._end_rows = np.array([begin for _, _, begin in ends], dtype=np.intp)[::2, None] + np.arange(3)
+        welded = {begin - 3 for begin, _, _, _ in self._welds}
+        self._columns(bodies, row, places.velocity, ends, welded)
 
-    def _path(self, row: int) -> list[int]:
-        """The bodies whose joints move a body, itself first."""
-        path = []
-        at: int | None = row
-        while at is not None:
-            joint = self._bodies[at].joint
-            if joint.kind != "fixed":
-                path.append(at)
-            at = None if joint.parent is None else self._row[joint.parent]
-        return path
+    def _columns(
+        self,
+        bodies: Sequence[Body],
+        row: Mapping[str, int],
+        velocity: Sequence[slice],
+        ends: Sequence[tuple[int, Vector3, int]],
+        welded: Container[int],
+    ) -> None:
+        """Of every end and every coordinate that moves it: the place in J, and the axis about or along which it does."""
+        world = World("", tuple(bodies))
+        entries: list[tuple[int, int, int, Vector3, bool, Vector3, int, int, float]] = []
+        for end, (body, _, begin) in enumerate(ends):
+            above: int | None = body
+            while above is not None:
+                joint, at = bodies[above].joint, velocity[above].start
+                nowhere, sign = (0.0, 0.0, 0.0), -1.0 if end % 2 else 1.0
+                turning: Sequence[Vector3] = UNIT
+                if joint.kind == "free":
+                    nowhere = told_inertial(world, bodies[above]).centre_of_mass
+                    for index, axis in enumerate(UNIT):  # along the world's axes
+                        entries.append((end, above, self._identity, axis, True, nowhere, begin, at + index, sign))
+                    at += 3
+                elif joint.kind in SCALAR_JOINTS:
+                    turning = (joint.axis,)
+                for index, axis in enumerate(turning if joint.kind != "fixed" else ()):
+                    along = joint.kind == "slide"
+                    entries.append((end, above, above, axis, along, nowhere, begin, at + index, sign))
+                above = None if joint.parent is None else row[joint.parent]
+        columns = list(zip(*entries, strict=True)) if entries else [()] * 9
+        self._end, self._above, self._frame = (np.array(column, dtype=np.intp) for column in columns[:3])
+        self._axis = np.array(columns[3], dtype=float).reshape(-1, 3)
+        self._along = np.array(columns[4], dtype=bool)
+        self._centre = np.array(columns[5], dtype=float).reshape(-1, 3)
+        begins, self._column = (np.array(column, dtype=np.intp) for column in columns[6:8])
+        self._sign = np.array(columns[8], dtype=float)
+        self._rows = begins[:, None] + np.arange(3)
+        self._turned = np.array(
+            [begin in welded and not along for begin, along in zip(begins, self._along, strict=True)], bool
+        )
 
     def of(self, q: Array, poses: Array) -> Array:
         """φ (rows,) at positions ``q`` (nq,), where bodies are at ``poses`` (bodies, 7) x y z w x y z."""
-        parts = []
-        for constraint in self.constraints:
-            if isinstance(constraint, Follow):
-                own, lead = (q[self._layout.position[self._joint[name]]] for name in self._coupled(constraint))
-                parts.append(own - constraint.ratio * lead - constraint.offset)
-                continue
-            first, second = (poses[self._row[name]] for name in (constraint.first, constraint.second))
-            points = self._points(constraint, first, second)
-            parts.append(points[0] - points[1])
-            if isinstance(constraint, Weld):
-                wanted = multiply(first[3:], np.array(constraint.pose.quaternion))
-                parts.append(logarithm(multiply(wanted, conjugate(second[3:]))))
-        return np.concatenate([np.zeros(0), *parts])
+        violation = np.zeros(self.count)
+        violation[self._follow_rows] = q[self._own] - self._ratio * q[self._lead] - self._offset
+        if len(self._end_body):
+            points = self._points(poses, matrices(poses[:, 3:]))
+            violation[self._end_rows] = points[::2] - points[1::2]
+        for start, first, second, turn in self._welds:
+            wanted = multiply(poses[first, 3:], turn)
+            violation[start : start + 3] = logarithm(multiply(wanted, conjugate(poses[second, 3:])))
+        return violation
+
+    def _points(self, poses: Array, turns: Array) -> Array:
+        """The points of all ends, in the world."""
+        points: Array = poses[self._end_body, :3] + _turned(turns[self._end_body], self._end_point)
+        return points
 
     def jacobian(self, poses: Array) -> Array:
         """J (rows, nv) where bodies are at ``poses`` (bodies, 7)."""
-        full = np.zeros((self.count, self.nv))
-        start = 0
-        for constraint in self.constraints:
-            rows = full[start : start + ROWS[constraint.kind]]
-            start += ROWS[constraint.kind]
-            if isinstance(constraint, Follow):
-                own, lead = (self._layout.velocity[self._joint[name]] for name in self._coupled(constraint))
-                rows[:, own] += 1.0
-                rows[:, lead] -= constraint.ratio
-                continue
-            first, second = (self._row[name] for name in (constraint.first, constraint.second))
-            points = self._points(constraint, poses[first], poses[second])
-            for body, point, sign in ((first, points[0], 1.0), (second, points[1], -1.0)):
-                self._add(rows, body, point, sign, poses)
+        full = self._linear.copy()
+        if not len(self._end_body):
+            return full
+        turns = np.concatenate([matrices(poses[:, 3:]), np.eye(3)[None]])
+        axes = _turned(turns[self._frame], self._axis) * self._sign[:, None]
+        centres = poses[self._above, :3] + _turned(turns[self._above], self._centre)
+        arms = self._points(poses, turns)[self._end] - centres
+        moved = np.where(self._along[:, None], axes, np.cross(axes, arms))
+        np.add.at(full, (self._rows, self._column[:, None]), moved)
+        if self._welds:
+            at = self._turned
+            np.add.at(full, (self._rows[at] + 3, self._column[at, None]), axes[at])
         return full
 
-    @staticmethod
-    def _coupled(follow: Follow) -> tuple[str, str]:
-        return follow.joint, follow.leader
 
-    @staticmethod
-    def _points(constraint: Connect | Weld, first: Array, second: Array) -> tuple[Array, Array]:
-        """The two points that should be one, in the world."""
-        if isinstance(constraint, Weld):
-            return first[:3] + rotate(first[3:], np.array(constraint.pose.position)), second[:3]
-        at = first[:3] + rotate(first[3:], np.array(constraint.first_point))
-        return at, second[:3] + rotate(second[3:], np.array(constraint.second_point))
+UNIT: tuple[Vector3, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-    def _add(self, rows: Array, body: int, point: Array, sign: float, poses: Array) -> None:
-        """Add the velocity of a body's ``point`` (in the world), and its angular velocity where there are rows for it."""
-        for above in self._above[body]:
-            joint, place = self._bodies[above].joint, self._layout.velocity[above]
-            at, turn = poses[above, :3], poses[above, 3:]
-            if joint.kind == "slide":
-                rows[:3, place] += sign * rotate(turn, np.array(joint.axis))[:, None]
-                continue
-            if joint.kind == "free":
-                at = at + rotate(turn, np.array(told_inertial(self._world, self._bodies[above]).centre_of_mass))
-                rows[:3, place.start : place.start + 3] += sign * np.eye(3)
-                place = slice(place.start + 3, place.stop)
-            axes = np.array([joint.axis]) if joint.kind == "hinge" else np.eye(3)
-            world_axes = rotate(turn[None], axes)
-            rows[:3, place] += sign * np.cross(world_axes, point - at).T
-            if len(rows) == ROWS["weld"]:
-                rows[3:, place] += sign * world_axes.T
+
+def _turned(turns: Array, vectors: Array) -> Array:
+    """Vectors (n, 3) turned by matrices (n, 3, 3)."""
+    turned: Array = (turns @ vectors[:, :, None])[:, :, 0]
+    return turned
 
 
 def impulse(mass: Array, jacobian: Array, velocity: Array, violation: Array, timestep: float) -> Array:

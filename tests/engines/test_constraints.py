@@ -1,4 +1,5 @@
-"""Constraints in every engine: certified motion, and the worlds that are refused by name."""
+"""Constraints in engines: worlds that are refused by name, and couplings in contact. That motion and what is held are right is
+seen by the suites, in the world ``held``."""
 
 from __future__ import annotations
 
@@ -7,10 +8,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
-from simspec.proof.selftest_worlds import held
-from simspec.proof.verify import verify
 from simspec.testing.worlds import accepting, with_options
 from simspec.world.types import Body, Contact, Follow, Material, PairContact, Shape, World
 from tests import constrained
@@ -33,18 +31,6 @@ def jointed(base: World, **more: float) -> World:
     last = base.bodies[-1]
     joint = dataclasses.replace(last.joint, **more)
     return dataclasses.replace(base, bodies=(*base.bodies[:-1], dataclasses.replace(last, joint=joint)))
-
-
-@pytest.mark.parametrize("name", sorted(engines()))
-def test_motion_and_what_is_held_are_certified(name):
-    certificate = verify(held(name), [name], levels={"L0", "L1", "L2", "L3", "L6"})
-    assert certificate.failures() == []
-    checks = {check.name: check for check in certificate.engines[name].checks if check.level != "L0"}
-    assert checks["ratio"].count == 1
-    assert checks["held point"].count == 3
-    assert checks["weld, orientation"].count == 1
-    assert checks["motion"].worst is not None
-    assert checks["motion"].worst < 1e-9
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

@@ -75,11 +75,9 @@ NAMES: Mapping[str, str] = {
     "coupling, offset": "held",
     "coupling, sign": "held",
     "coupling, leader": "held",
-    "coupling dropped": "held",
     "held point": "held",
-    "loop dropped": "held",
     "weld, orientation": "held",
-    "weld dropped": "held",
+    "constraint dropped": "held",
     "gravity": "model",
     "timestep": "model",
 }
@@ -151,11 +149,9 @@ CONSTRAINTS: Mapping[str, Plant] = {
     "coupling, offset": _changed("mirror", "offset", lambda offset: offset + STEP),
     "coupling, sign": _changed("mirror", "ratio", lambda ratio: -ratio),
     "coupling, leader": _changed("mirror", "leader", lambda _: "crank_joint"),
-    "coupling dropped": _dropped("mirror"),
     "held point": _changed("pin", "first_point", lambda point: [point[0] + STEP, *point[1:]]),
-    "loop dropped": _dropped("pin"),
     "weld, orientation": _constraint("glue", _turned),
-    "weld dropped": _dropped("glue"),
+    "constraint dropped": _dropped("glue"),
 }
 """For dialects whose sidecar has the constraints."""
 

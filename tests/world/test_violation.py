@@ -1,0 +1,76 @@
+"""φ and J of constraints: φ is zero where they hold, and J is its derivative, by differences and by Pinocchio's Jacobians."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simspec.dynamics.oracle_tree import Tree
+from simspec.proof.selftest_worlds import held
+from simspec.world.kinematics import initial_state
+from simspec.world.violation import ROWS, Violation, impulse
+
+
+def test_the_jacobian_is_the_derivative_of_the_violation():
+    world = held("")
+    tree = Tree(world, constrained=True)
+    violation = Violation(world.bodies, world.constraints)
+    q, _ = initial_state(world)
+    assert np.abs(violation.of(q, tree.body_poses(q))).max() < 1e-15
+    q = tree.moved(q, 0.1 * np.random.default_rng(1).normal(size=tree.nv))
+    settled = tree.settled(q)
+    assert settled is not None
+    jacobian = violation.jacobian(tree.body_poses(settled))
+    np.testing.assert_allclose(jacobian, tree.jacobian(settled), rtol=0, atol=1e-13)
+    step = 1e-6
+    for column in range(tree.nv):
+        way = np.zeros(tree.nv)
+        way[column] = step
+        ahead, behind = (tree.moved(settled, sign * way) for sign in (1.0, -1.0))
+        rate = (violation.of(ahead, tree.body_poses(ahead)) - violation.of(behind, tree.body_poses(behind))) / (
+            2 * step
+        )
+        np.testing.assert_allclose(rate, jacobian[:, column], rtol=0, atol=1e-8)
+
+
+def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
+    """Pinocchio's constrained dynamics, of another algorithm, gives the same acceleration where φ is zero and the drift of J
+    is left out by beginning at rest."""
+    import pinocchio
+
+    world = held("")
+    tree = Tree(world, constrained=True)
+    q, v = initial_state(world)
+    v = np.zeros_like(v)
+    dt = world.physics.timestep
+    free = dt * tree.acceleration(q, v, np.zeros(tree.nv))
+    jacobian = tree.jacobian(q)
+    violation = np.random.default_rng(2).normal(size=len(jacobian)) * 1e-6
+    after = free + impulse(tree.mass_matrix(q), jacobian, free, violation, dt)
+    np.testing.assert_allclose(jacobian @ after, -violation / dt, rtol=0, atol=1e-12)
+    # the loop and the weld alone: Pinocchio has no couplings of joints
+    models = pinocchio.StdVec_RigidConstraintModel()
+    joints = {body.name: (tree.body_joint[row], tree.body_placement[row]) for row, body in enumerate(world.bodies)}
+    for constraint in world.constraints:
+        if constraint.kind == "follow":
+            continue
+        (one, near), (other, far) = joints[constraint.first], joints[constraint.second]
+        if constraint.kind == "weld":
+            kind = pinocchio.ContactType.CONTACT_6D
+            near = near * tree._placement(constraint.pose)
+        else:
+            kind = pinocchio.ContactType.CONTACT_3D
+            near = near * pinocchio.SE3(np.eye(3), np.array(constraint.first_point))
+            far = far * pinocchio.SE3(np.eye(3), np.array(constraint.second_point))
+        models.append(pinocchio.RigidConstraintModel(kind, tree.model, one, near, other, far))
+    data = pinocchio.StdVec_RigidConstraintData()
+    data.extend(model.createData() for model in models)
+    pinocchio.initConstraintDynamics(tree.model, tree.data, models, data)
+    ours_q, ours_v = tree.spread(q, v)
+    effort = np.zeros(tree.model.nv)
+    effort[tree.v_index] = tree.joint_effort(q, v)
+    settings = pinocchio.ProximalSettings(1e-14, 1e-14, 100)
+    theirs = pinocchio.constraintDynamics(tree.model, tree.data, ours_q, ours_v, effort, models, data, settings)
+    parts = [np.full(ROWS[held.kind], held.kind != "follow") for held in world.constraints]
+    own = jacobian[np.concatenate(parts)]
+    made = free + impulse(tree.mass_matrix(q), own, free, np.zeros(len(own)), dt)
+    np.testing.assert_allclose(made / dt, theirs[tree.v_index], rtol=0, atol=1e-8)
