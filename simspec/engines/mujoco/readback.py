@@ -124,7 +124,7 @@ class _ReadBack:
         )
 
     def _constraints(self) -> tuple[Constraint, ...]:
-        """The equalities, of two joints and of two sites."""
+        """The equalities of the forms that simspec writes, of two joints and of two sites; others are counted (``count.neq``)."""
         model, kinds = self._model, self._mujoco.mjtEq.__members__
         names = {int(kinds[name]): word for name, word in EQUALITIES.items()}
         held: list[Constraint] = []
@@ -133,15 +133,15 @@ class _ReadBack:
             kind = names.get(int(model.eq_type[row]))
             one, other, data = int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), model.eq_data[row].tolist()
             if kind is None or not model.eq_active0[row]:
-                raise EngineError("mujoco", f"holds the equality {name!r}, which is none that simspec writes")
+                continue
             if kind == "follow":
                 joints = self._names["JOINT"]
                 if any(data[2:5]) or other < 0:
-                    raise EngineError("mujoco", f"holds the equality {name!r} of another form than a coupling's")
+                    continue
                 held.append(Follow(name, joints[one], joints[other], data[1], data[0]))
                 continue
             if int(model.eq_objtype[row]) != int(self._mujoco.mjtObj.mjOBJ_SITE):
-                raise EngineError("mujoco", f"holds the equality {name!r} of bodies, not of sites")
+                continue
             (first, near), (second, far) = self._end(one), self._end(other)
             if kind == "connect":
                 held.append(Connect(name, first, second, near.position, far.position))
