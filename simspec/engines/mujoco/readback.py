@@ -124,7 +124,7 @@ class _ReadBack:
         )
 
     def _constraints(self) -> tuple[Constraint, ...]:
-        """The equalities of the forms that simspec writes, of two joints and of two sites; others are counted (``count.neq``)."""
+        """The equalities as simspec writes them, of two joints and of two sites; others are counted (``count.neq``)."""
         model, kinds = self._model, self._mujoco.mjtEq.__members__
         names = {int(kinds[name]): word for name, word in EQUALITIES.items()}
         held: list[Constraint] = []
