@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.dart.detectors import UNSOUND
+from simspec.dialects.dart.detectors import REFUSED, UNSOUND
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.session import Session
 from simspec.language.vocabulary import SHAPE_KINDS
@@ -59,7 +59,9 @@ PLACES = 2.0
 EXACT = 1e-6
 """m: how far coal's distance may be from the wanted one."""
 PAIRS = tuple(
-    pair for pair in itertools.combinations_with_replacement(sorted(SHAPE_KINDS), 2) if pair != ("plane",) * 2
+    pair
+    for pair in itertools.combinations_with_replacement(sorted(SHAPE_KINDS), 2)
+    if pair != ("plane",) * 2 and pair not in REFUSED
 )
 
 
