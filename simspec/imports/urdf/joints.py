@@ -8,6 +8,7 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, angle, numbers, plain, pose, renamed
 from simspec.imports.elements import NO_RATING, Element
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED, attributes_unused
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose
 
@@ -63,7 +64,7 @@ def read_joint(element: Element, given: str, draft: Draft) -> Joint:
         joint.origin = Pose(xyz, frames.from_rpy(*rpy))
         if where := pose(xyz, rpy):
             joint.data["origin"] = where
-    if joint.kind in ("hinge", "slide"):
+    if joint.kind in SCALAR_JOINTS:
         _moving(joint, word, draft)
     else:
         for other in element.look("axis", "limit", "dynamics"):

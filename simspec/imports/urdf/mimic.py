@@ -9,9 +9,9 @@ from simspec.imports.draft import Draft, plain
 from simspec.imports.urdf.joints import Joint
 from simspec.imports.urdf.table import INFORMATION, LOST, PHYSICS, attributes_unused
 from simspec.language.models import Model
+from simspec.language.vocabulary import SCALAR_JOINTS
 
 SUPPORTED: Final = "constraints" in Model.model_fields
-SCALAR: Final = ("hinge", "slide")
 
 
 def constraints(joints: Sequence[Joint], draft: Draft) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def _follow(joint: Joint, by_name: Mapping[str, Joint], draft: Draft) -> dict[st
     if not found:
         return None
     mimic = found[0]
-    if joint.kind not in SCALAR:
+    if joint.kind not in SCALAR_JOINTS:
         attributes_unused(mimic, f"a {joint.kind} joint has no position to follow with")
         return None
     with draft.collecting():
@@ -45,7 +45,7 @@ def _follow(joint: Joint, by_name: Mapping[str, Joint], draft: Draft) -> dict[st
             draft.defect(mimic, f"there is no joint {name[:80]!r}", found=name)
         elif leader is joint:
             draft.defect(mimic, "a joint cannot follow itself", found=name)
-        elif leader.kind not in SCALAR:
+        elif leader.kind not in SCALAR_JOINTS:
             why = f"the joint {leader.name} is {leader.kind}, and has no position to be followed: this one moves on its own"
         elif ratio == 0.0:
             why = "with a multiplier of 0 the joint follows nothing: it moves on its own"
