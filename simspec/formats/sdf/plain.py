@@ -39,6 +39,8 @@ SIZES: Final = {
 """For each kind of shape which part of its size goes into which element."""
 KINDS: Final = ("plane", *SIZES)
 RESERVED: Final = re.compile(r"__.*__|world")
+ODD: Final = re.compile(r"[^A-Za-z0-9_-]")
+"""What no name of a spec has, though names of placed models and of bodies between joints do."""
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: the language demands a positive one."""
 MOST_FACTORS: Final = 1000
@@ -216,8 +218,9 @@ def _names(world: World) -> dict[tuple[str, str], str]:
         for what in ("body", "joint"):
             for body in bodies:
                 prefix = f"{_model_name(bodies)}/"
-                wanted = (body.joint.name if what == "joint" else body.name).removeprefix(prefix).replace("/", "_")
-                plain = f"_{wanted}" if RESERVED.fullmatch(wanted) else wanted
+                wanted = (body.joint.name if what == "joint" else body.name).removeprefix(prefix)
+                wanted = ODD.sub("_", wanted)
+                plain = f"n{wanted}" if RESERVED.fullmatch(wanted) else wanted
                 name, count = plain, 2
                 while name in taken:
                     name, count = f"{plain}_{count}", count + 1
@@ -294,7 +297,7 @@ def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.Shap
         surface = tree.Surface(law.friction, law.torsional_friction, law.restitution, law.restitution_threshold)
     colour = shape.colour if shape.visual else None
     return tree.Shape(
-        shape.name.removeprefix(prefix).replace("/", "_"), shape.kind, shape.size, shape.pose, surface, colour
+        ODD.sub("_", shape.name.removeprefix(prefix)), shape.kind, shape.size, shape.pose, surface, colour
     )
 
 
