@@ -14,7 +14,6 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.poses import direction
 from simspec.support.declarations import (
     EXACT,
-    NO_CONSTRAINTS_YET,
     Level,
     Refinement,
     Support,
@@ -101,7 +100,8 @@ SUPPORT: Final[Table] = {
     Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
     Feature.CONTROL: never("SDF has no control laws"),
     Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
-    **NO_CONSTRAINTS_YET,
+    Feature.CONSTRAINT_LOOP: never("simspec writes no loops into SDF"),
+    Feature.CONSTRAINT_COUPLING: never("simspec writes no couplings into SDF"),
 }
 """What plain SDF carries of each feature."""
 
