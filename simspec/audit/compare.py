@@ -13,7 +13,7 @@ from simspec.audit.meaning import Meaning, plain_text
 from simspec.audit.placed import WORLD, folded, full, groups_of, match, zero_poses
 from simspec.audit.shapes import compare_shapes
 from simspec.engines.kit.foreign import MESH, Own
-from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.distances import relative, turn_between
 from simspec.world import frames
 from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
@@ -60,7 +60,7 @@ class Comparison:
                 partner = self._matched.own.get(body.name)
                 if partner is not None:
                     self._body(body, partner)
-                elif body.joint.kind in ("hinge", "slide", "ball"):
+                elif body.joint.kind in TREE_JOINTS:
                     self.add(What.DROPPED, Severity.PHYSICS, body, "joint", body.joint.kind, None)
             self._static()
             self._extra()

@@ -20,6 +20,7 @@ from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
 from simspec.imports.mjcf.features import Features
 from simspec.language.document import Path_
 from simspec.language.models import Body
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 
 GROUND: Final = "ground"
@@ -254,7 +255,7 @@ class Bodies:
         armature = float(model["dof_armature"][at])
         stiffness = 0.0 if model.disabled("spring") else float(model["jnt_stiffness"][number])
         self._polynomials(number, at, part.element)
-        if kind in ("hinge", "slide"):
+        if kind in SCALAR_JOINTS:
             joint["axis"] = numbers(model["jnt_axis"][number])
             self._along(number, joint)
             values = {"damping": damping, "dry_friction": dry, "armature": armature}

@@ -14,6 +14,7 @@ from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number_of, unused, vector
 from simspec.language.foreign import Severity
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -70,7 +71,7 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
     in_child = _between(graph, scope, element, name, child)
     kind = KINDS[word]
     data: dict[str, Any] = {}
-    if kind in ("hinge", "slide"):
+    if kind in SCALAR_JOINTS:
         data = _axis(graph, scope, name, child, limited=word != "continuous", turns=kind == "hinge")
     elif element.look("axis"):
         unused(element.look("axis")[0], f"a {word} joint has no axis")
