@@ -16,6 +16,7 @@ from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
 from simspec.support.declarations import BETWEEN_JOINTS, GATHERED, Table
 from simspec.support.features import Feature
+from simspec.world.gathering import NOTHING
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
@@ -71,13 +72,15 @@ class DrakeDialect(Dialect):
 
 
 def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
+    # what cannot move may be written without mass and with moments, which Drake refuses
+    inertial = body.inertial if body.inertial.mass else NOTHING
     return tree.Body(
         body.name,
         body.model,
         body.collision_group,
-        body.inertial.mass,
-        body.inertial.centre_of_mass,
-        body.inertial.inertia,
+        inertial.mass,
+        inertial.centre_of_mass,
+        inertial.inertia,
         _joint(body.joint, servo),
         tuple(_shape(shape, plan) for shape in body.shapes),
     )

@@ -17,6 +17,7 @@ from simspec.engines.drake.inventory import finite
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed, named_set
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
+from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World
 
@@ -130,7 +131,7 @@ def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
             "actuator.controller": False,
         }
     if still:
-        mass = body.inertial
+        mass = body.inertial if body.inertial.mass else NOTHING
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return {f"body.{body.name}.{field}": value for field, value in found.items()}
 

@@ -13,7 +13,7 @@ from simspec.engines.drake.engine import Drake
 from simspec.formats.world.tree import Document
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
-from simspec.world.types import World
+from simspec.world.types import Inertial, World
 from tests import worlds
 
 
@@ -76,3 +76,14 @@ def test_a_plan_that_lacks_a_number_is_an_error():
     )
     with pytest.raises(ValueError, match="lacks the friction"):
         DrakeDialect().lower(world, dataclasses.replace(target, plan=plan))
+
+
+def test_what_cannot_move_and_has_no_mass_has_no_moments_either():
+    """Drake refuses moments without mass; a spec may write them on what is fixed to the world."""
+    world = WORLDS["model"]("drake")
+    floor = dataclasses.replace(
+        world.bodies[0], inertial=Inertial(0.0, (0.1, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    )
+    told = lowered(dataclasses.replace(world, bodies=(floor, *world.bodies[1:]))).tree.bodies[0]
+    assert floor.joint.kind == "fixed"
+    assert (told.mass, told.centre_of_mass, told.inertia) == (0.0, (0.0,) * 3, (0.0,) * 6)
