@@ -25,7 +25,7 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
     ),
     *same_hint(
         "screw helical gearbox",
-        f"this kind of joint is {NOT_YET}",
+        f"this kind of joint is {NOT_YET}; a slide can follow a hinge (constraints)",
         "Joint.type=hinge",
         "Joint.type=slide",
     ),

@@ -70,7 +70,7 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) 
         for owner in owners
         for name, joint in zip(
             written.joint_names(owner),
-            written.content(owner).joints or [written.content(owner).joint],
+            _written_joints(written.content(owner)),
             strict=True,
         )
     ]
@@ -82,6 +82,11 @@ def _tree(bodies: list[Body], named: set[str], root: SpecBody, written: Bodies) 
         frozenset(name for name, joint in joints if joint is not None and joint.position is not None),
         frozenset(name for name, joint in joints if joint is not None and joint.velocity is not None),
     )
+
+
+def _written_joints(spec: SpecBody) -> Sequence[SpecJoint | None]:
+    """The joints of a body as they are written; None for an implied one."""
+    return spec.joints or [spec.joint]
 
 
 def _bodies(

@@ -199,6 +199,13 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
 
 
+NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
+    not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
+    *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+)
+"""For formats, dialects and engines that nobody has told ``World.constraints``."""
+
+
 GATHERED: Mapping[Feature, Support] = alike(
     Support(Level.EXACT, "the topmost body of the rigid group is told the inertia of the whole group"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),

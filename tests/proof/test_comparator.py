@@ -16,7 +16,9 @@ from simspec.proof.distances import held_apart
 from simspec.world import frames
 from simspec.world.types import (
     Body,
+    Connect,
     Contact,
+    Follow,
     Hardness,
     HeldPair,
     HeldServo,
@@ -28,6 +30,7 @@ from simspec.world.types import (
     ReadBack,
     Shape,
     Surface,
+    Weld,
     World,
 )
 from tests import worlds
@@ -325,7 +328,11 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "servos",
             "inventory",
             "neutral",
+            "constraints",
         },
+        Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},
+        Connect: {"name", "first", "second", "first_point", "second_point", "kind"},
+        Weld: {"name", "first", "second", "pose", "kind"},
         HeldServo: {"joint", "kp", "kd", "effort_limit"},
     }
     for kind, fields in named.items():
