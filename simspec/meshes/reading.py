@@ -20,7 +20,7 @@ from simspec.meshes.files import MeshError, MeshFile
 from simspec.world.solid import Points, Triangles
 
 START_SECONDS, FILE_SECONDS = 60.0, 60.0
-"""Deadline of the process, for its start and for each file, where the process does not end itself: it does so after 8 s of
+"""Deadline of the process, for its start and for each file, where the process does not end itself: it does so after 5 s of
 processor time for one file, and machines are busy."""
 BATCH = 32
 """Files for one process."""

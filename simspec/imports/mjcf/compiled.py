@@ -72,8 +72,8 @@ class MeshFile:
 
 
 def _mesh_file(mesh: Mapping[str, Any], assembly: Assembly) -> MeshFile:
-    vectors = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat"))
-    return MeshFile(assembly.mesh_files.get(mesh["file"]), *vectors, mesh["faces"], tuple(mesh["extent"]))
+    scale, origin, turn = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat"))
+    return MeshFile(assembly.mesh_files.get(mesh["file"]), scale, origin, turn, mesh["faces"], tuple(mesh["extent"]))
 
 
 class Compiled:
