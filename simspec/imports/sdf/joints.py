@@ -162,6 +162,8 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
     elif lower > -UNLIMITED or upper < UNLIMITED:
         if not (lower > -UNLIMITED and upper < UNLIMITED):
             raise limit.error("a joint with one limit is not supported", hint="give both limits, or none")
+        if math.inf in (lower, -upper):
+            raise limit.error("a limit that nothing reaches", found=f"{lower:g} to {upper:g}")
         data["position"] = [angle(value) if turns else value for value in (lower, upper)]
     for tag in ("velocity", "effort"):
         value = number_of(limit, tag, -1.0)

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_FRICTION, IN_SURFACE, set_aside
-from simspec.imports.sdf.values import finite_of, flag_of, lost, number_of, unused
+from simspec.imports.sdf.values import finite_of, flag_of, lost, unused
 
 NO_BOUNCE: Final = 100_000.0
 """The default of ``bounce/threshold`` (m/s): nothing is as fast."""
@@ -73,7 +73,7 @@ def _friction(friction: Element) -> tuple[float, float]:
     ode = friction.child("ode")
     mu = 1.0
     if ode is not None:
-        mu = number_of(ode, "mu", 1.0)
+        mu = finite_of(ode, "mu", 1.0)
         other = finite_of(ode, "mu2", 1.0)
         if other != mu:
             lost(next(iter(ode.look("mu2")), None), "friction is the same in every direction; `mu` is carried")

@@ -13,6 +13,10 @@ from simspec.world.kinematics import trees
 from tests.imports.sdf.texts import imported, joint, link, lost, model, sdf
 
 PAIR = link("base") + link("arm")
+SLIPPERY = (
+    "<collision name='c'><geometry><sphere/></geometry><surface><friction><ode><mu>inf</mu></ode></friction></surface>"
+)
+SLIPPERY += "</collision>"
 CIRCLE = "<frame name='f'><pose relative_to='g'/></frame><frame name='g'><pose relative_to='f'/></frame>"
 
 
@@ -268,6 +272,12 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
         ),
         (PAIR + joint("revolute", "<axis><xyz>0 0 0</xyz></axis>"), "no length"),
         (PAIR + joint("revolute", "<axis><xyz>0 0 nan</xyz></axis>"), "3 finite numbers"),
+        (PAIR + joint("revolute", "<axis><limit><lower>inf</lower><upper>1</upper></limit></axis>"), "nothing reaches"),
+        (
+            PAIR + joint("revolute", "<axis><limit><lower>0</lower><upper>-inf</upper></limit></axis>"),
+            "nothing reaches",
+        ),
+        (link("a", SLIPPERY), "<mu> should be finite"),
         (PAIR + joint("revolute", "<axis><mimic joint='x'/></axis>"), "couplings"),
         (link("a", "<pose>1 2 3</pose>"), "6 finite numbers"),
         (link("a", "<pose rotation_format='quat_xyzw'>0 0 0 1 1 1 1</pose>"), "not a unit quaternion"),
