@@ -35,7 +35,9 @@ INERT: tuple[Inert, ...] = (
         Inert(f"geom@{name}", "shapes have no mass of their own: inertiafromgeom is off")
         for name in ("mass", "density", "shellinertia")
     ),
-    Inert("geom@fitscale", "for meshes only"),
+    Inert("geom@fitscale", "for shapes that are fitted to meshes only"),
+    *(Inert(f"mesh@{name}", "visual only") for name in ("smoothnormal", "texcoord")),
+    Inert("mesh@class", "the class that it takes anyway"),
     Inert("geom@fluidcoef", "for shapes with a fluidshape only"),
     *(
         Inert(f"geom@{name}", "the same as the default", ("attribute removed",))

@@ -80,7 +80,7 @@ def test_what_is_absent_has_the_languages_value():
     assert pose_of(upper.inertial.origin) == Pose((0.0, 0.0, 0.5))
     assert inertial_of(None) == Inertial(0.0)
     assert inertial_of(upper.inertial).inertia == (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
-    with pytest.raises(ValueError, match=r"arm\.urdf:12: a <mesh> is not read here"):
+    with pytest.raises(ValueError, match=r"arm\.urdf:12: the mesh 'a\.stl' is missing"):
         shapes_of(upper)
 
 
