@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location
+from simspec.imports.draft import plain
 from simspec.imports.files import Files
 from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
 from simspec.imports.mjcf.bodies import Bodies, numbers
@@ -91,7 +92,18 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         ".".join(map(str, (*at, given))): f"named {name!r} in the file"
         for name, given in bodies.renamed.changed.items()
     }
-    return Imported(data, places, account(assembly, features), files=bodies.files, read=files.read, comments=comments)
+    return Imported(
+        _tidy(data), places, account(assembly, features), files=bodies.files, read=files.read, comments=comments
+    )
+
+
+def _tidy(value: Any) -> Any:
+    """Plain data with whole numbers as a person writes them."""
+    if isinstance(value, dict):
+        return {key: _tidy(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_tidy(item) for item in value]
+    return plain(value) if isinstance(value, float) else value
 
 
 def _name(assembly: Assembly, files: Files) -> str:

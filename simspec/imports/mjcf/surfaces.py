@@ -90,11 +90,14 @@ class Surfaces:
             solid = set(surfaces.values())
             touching = {one for one in solid if any(self.meets(one, other) for other in solid)}
             self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
+        self._grouped = self._groups(set(self._of.values()))
+        names: dict[tuple[Any, ...], str] = {}
         for surface in self._of.values():
-            if surface not in self.materials:
-                number = len(self.materials) + 1
-                self.materials[surface] = "surface" if number == 1 else f"surface_{number}"
-        if len(self.materials) > MOST_MATERIALS:
+            # bits that groups say make no other materials
+            key = surface if self._grouped is None else surface[2:]
+            name = "surface" if not names else f"surface_{len(names) + 1}"
+            self.materials.setdefault(surface, names.setdefault(key, name))
+        if len(names) > MOST_MATERIALS:
             for number in self._of:
                 self.features.add("contact.materials", model.part("geom", number).element)
             first = next(iter(self.materials.values()))
@@ -186,11 +189,10 @@ class Surfaces:
         says how materials combine."""
         contact = self._of_all()
         pairs = self._pairs()
-        groups = self._groups()
-        if groups is None:
+        if self._grouped is None:
             pairs += self._filtered()
-        elif groups:
-            contact["groups"] = groups
+        elif self._grouped:
+            contact["groups"] = self._grouped
         if pairs:
             contact["pairs"] = pairs
         excluded = self._excluded(names)
@@ -226,7 +228,7 @@ class Surfaces:
 
     def _pairs(self) -> list[dict[str, Any]]:
         """Laws that the larger of two values does not give."""
-        pairs = []
+        pairs: dict[tuple[str, str], dict[str, Any]] = {}
         for (first, name), (second, other) in combinations(self.materials.items(), 2):
             if name == other or not self.meets(first, second):
                 continue
@@ -237,23 +239,16 @@ class Surfaces:
                 if value != max(getattr(one, key), getattr(two, key))
             }
             if differing:
-                pairs.append({"between": [name, other], **differing})
-        return pairs
+                pairs.setdefault((min(name, other), max(name, other)), {"between": [name, other], **differing})
+        return list(pairs.values())
 
-    def _groups(self) -> dict[str, Any] | None:
-        """Collision groups that say what the bits do; None where the shapes of one body differ in theirs."""
-        if all(
-            self.meets(one, other)
-            for one in self.materials
-            for other in self.materials
-            if one is not other or not one.own
-        ):
-            return {}
-        if any(
-            one.own and other.own and self._stated(one, other) and not meets(one, other)
-            for one, other in combinations(self.materials, 2)
-        ):
+    def _groups(self, surfaces: set[Surface]) -> dict[str, Any] | None:
+        """Collision groups that say what the bits do; None where the shapes of one body differ in theirs, or a pair of the file
+        lets shapes touch that their bits keep apart."""
+        if any(not meets(one, other) and self._stated(one, other) for one, other in combinations(surfaces, 2)):
             return None
+        if all(self.meets(one, other) for one in surfaces for other in surfaces if one is not other or not one.own):
+            return {}
         bits: dict[int, tuple[int, int]] = {}
         for geom, surface in self._of.items():
             body = int(self.model["geom_bodyid"][geom])
