@@ -215,7 +215,7 @@ conaffinity="0"/></body>
 <body name="b" pos="1 0 1"><joint name="j2" axis="0 1 0" pos=".2 0 0"/><geom size="1" contype="0" conaffinity="0"/></body>
 </worldbody><equality>
 <weld body1="m" body2="f" solref="0.01 1"/>
-<joint joint1="j1" joint2="j2" polycoef="0.1 -2 0 0 0"/>
+<joint joint1="j1" joint2="j2" polycoef="0 -2 0 0 0"/>
 <connect body1="a" body2="b" anchor="0.5 0.1 0.2"/>
 <joint joint1="j2" polycoef="0.1 0 0 0 0"/>
 <weld body1="a" body2="f" relpose="1 2 3 1 0 0 0"/>
@@ -230,7 +230,7 @@ def test_equalities_are_constraints(tmp_path, monkeypatch):
     weld, follow, connect = imported.data["constraints"].values()
     assert weld["weld"]["bodies"] == ["m", "f"]
     assert weld["weld"]["pose"]["xyz"] == pytest.approx([0, 0, 0.2])
-    assert follow == {"follow": {"joint": "j1", "leader": "j2", "ratio": -2.0, "offset": 0.1}}
+    assert follow == {"follow": {"joint": "j1", "leader": "j2", "ratio": -2}}
     assert connect["connect"]["at"] == pytest.approx([0.4, 0.1, 0.2])
     assert connect["connect"]["second_at"] == pytest.approx([-0.7, 0.1, 0.2])
     told = {(entry.location.line, entry.severity, entry.reason) for entry in imported.losses()}
