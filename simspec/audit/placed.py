@@ -110,10 +110,11 @@ def match(bodies: Sequence[Body], held: Sequence[Body]) -> Matched:
             if body is not None and partner is not None:
                 own[body.name] = partner
                 taken.add(partner.name)
-    lone = [body for body in bodies if body.joint.parent is None], [body for body in held if body.joint.parent is None]
-    if not own and len(lone[0]) == len(lone[1]) == 1:
-        own[lone[0][0].name] = lone[1][0]  # one is named after its model
-        taken.add(lone[1][0].name)
+    roots = [body for body in bodies if body.joint.parent is None]
+    held_roots = [body for body in held if body.joint.parent is None]
+    if not own and len(roots) == len(held_roots) == 1 and held_roots[0].name != WORLD:
+        own[roots[0].name] = held_roots[0]  # one is named after its model
+        taken.add(held_roots[0].name)
     carrier: dict[str, str | None] = {}
     for body in bodies:
         if body.name in own:

@@ -49,6 +49,7 @@ def test_where_bodies_are_that_an_engine_does_not_have():
 def test_the_only_root_of_each_side():
     assert pairs(["shelf"], ["pod_link"]) == {"shelf": "pod_link"}
     assert pairs(["shelf", "other"], ["pod_link", "more"]) == {}
+    assert pairs(["shelf"], [WORLD]) == {}
 
 
 def test_parents_come_first_whatever_the_order():

@@ -1,0 +1,41 @@
+"""A fixed few of the files of ``make corpora``: those that an engine's own package brings."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from simspec.audit.audit import audit
+from simspec.audit.findings import FileAudit
+from simspec.engines.kit.registry import engines
+from simspec.language.foreign import ImportOptions
+
+READERS = [name for name, engine in engines().items() if "urdf" in engine.FOREIGN and engine.version() is not None]
+FOUND = find_spec("pybullet_data")
+pytestmark = pytest.mark.skipif(FOUND is None, reason="pybullet_data is not installed")
+
+
+def audited(name: str) -> FileAudit:
+    assert FOUND is not None
+    assert FOUND.submodule_search_locations is not None
+    return audit(Path(FOUND.submodule_search_locations[0]) / name, READERS, ImportOptions(), allow_outside=True)
+
+
+def test_a_finger_is_imported_and_certified():
+    found = audited("gripper/wsg50_one_motor_gripper_left_finger.urdf")
+    assert not found.defects
+    valid = {name: None if name == "drake" else True for name in READERS}  # it has a mesh
+    assert {one.engine: one.valid for one in found.compiled} == valid
+    silent = {one.engine: {finding.quantity for finding in one.silent} for one in found.engines}
+    assert "inertia" in silent.pop("pybullet")
+    assert not any(silent.values())
+
+
+def test_a_robot_with_impossible_inertias_is_refused_by_name():
+    found = audited("TwoJointRobot_w_fixedJoints.urdf")
+    assert [defect.count("breaks the triangle inequality") for defect in found.defects] == [1, 1]
+    assert not found.compiled
+    loads = {one.engine: one.loaded for one in found.engines}
+    assert loads == {name: name != "mujoco" for name in READERS}
