@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
@@ -18,7 +17,7 @@ from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact, Names
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
-from simspec.language.foreign import ImportOptions
+from simspec.language.import_options import Import
 from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
@@ -178,29 +177,6 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
         yield Fault((), "inertia without mass", None, "both, or neither")
     if "centre_of_mass" in data and "inertia" not in data:
         yield Fault(("centre_of_mass",), "centre_of_mass goes with inertia; otherwise it follows from the shapes")
-
-
-class Import(Strict):
-    """What is said to the importer of a file of another language."""
-
-    packages: dict[NameOf, Annotated[str, FileName()]] = Field(
-        {}, description="Folders of packages that the file names, by their names, relative to this file"
-    )
-    package_path: list[Annotated[str, FileName()]] = Field(
-        [], description="Folders in which packages are looked for, relative to this file"
-    )
-    arguments: dict[NameOf, Annotated[str, Text()]] = Field(
-        {}, description="Arguments of a file that is a program (xacro), by name"
-    )
-    repair: list[Annotated[str, Text()]] = Field(
-        [], description="Rules by which defects of the file are repaired; none is applied unasked"
-    )
-
-    def options(self, folder: Path, project: Path | None) -> ImportOptions:
-        """The same as importers take it; ``folder``: that of the file which says so."""
-        return ImportOptions(
-            self.packages, tuple(self.package_path), self.arguments, tuple(self.repair), project, folder
-        )
 
 
 class _WithUse(Strict):

@@ -14,9 +14,10 @@ from pydantic import ValidationError
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Document, Key, read
 from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
+from simspec.language.import_options import Import
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.language.mesh import named_files
-from simspec.language.models import File, Import
+from simspec.language.models import File
 from simspec.language.problems import of_validation
 from simspec.language.strict import show
 from simspec.language.words import LONGEST_TEXT

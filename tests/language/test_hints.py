@@ -84,7 +84,6 @@ BODY = {"mass": 1, "shapes": [{"sphere": {"radius": 0.1}}]}
         ({"damping": 1}, "joint: {damping"),
         ({"geom": []}, "shapes: ["),
         ({"static": True}, "fixed: true"),
-        ({"joints": []}, "write joint: {...} in each body"),
         ({"mas": 1}, "did you mean 'mass'?"),
     ],
 )
