@@ -32,8 +32,9 @@ RARE = {
     Feature.HARDNESS_STIFFNESS,
     Feature.CONSTRAINT_LOOP,
     Feature.CONSTRAINT_COUPLING,
+    Feature.SHAPE_MESH,
 }
-"""What is an engine's matter (pairs), refused in most worlds, or not yet in the language (constraints)."""
+"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints), or in need of a file (meshes)."""
 
 
 @pytest.fixture(scope="module")

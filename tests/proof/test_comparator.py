@@ -14,6 +14,7 @@ from simspec.contact.rules import Rules
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.distances import held_apart
 from simspec.world import frames
+from simspec.world.inset import inset
 from simspec.world.types import (
     Body,
     Connect,
@@ -220,11 +221,19 @@ def _shape_cases():
     for shape in body_of(HELD, "link0").shapes:
         for i in range(len(shape.size)):
             found = with_shape(HELD, "link0", shape.name, size=moved(shape.size, i))
-            yield f"{shape.name} size {i}", "L4", "shape size", found
+            yield f"{shape.name} size {i}", "L4", "shape hull" if shape.kind == "mesh" else "shape size", found
         for i in range(3):
             pose = dataclasses.replace(shape.pose, position=moved(shape.pose.position, i))
             found = with_shape(HELD, "link0", shape.name, pose=pose)
             yield f"{shape.name} position {i}", "L4", "shape position", found
+        if shape.kind == "mesh":
+            for label, changes in (
+                ("corner missing", {"size": shape.size[3:]}),
+                ("corner more", {"size": (*shape.size, 0.1, 0.1, 0.1)}),
+                ("no solid", {"size": shape.size[:9]}),
+                ("rounded", {"rounding": MISS}),
+            ):
+                yield f"{shape.name} {label}", "L4", "shape hull", with_shape(HELD, "link0", shape.name, **changes)
         if shape.kind != "sphere":
             pose = dataclasses.replace(shape.pose, quaternion=turned(shape.pose.quaternion))
             found = with_shape(HELD, "link0", shape.name, pose=pose)
@@ -292,7 +301,14 @@ def test_a_perfect_read_back_passes():
     assert all(check.worst <= 1e-15 for check in checks)  # quaternions are multiplied
     counts = {check.name: check.count for check in checks}
     numbers = {"mass": 5, "inertia tensor": 5, "joint type": 6, "axis": 2, "damping": 3, "position limits": 4}
-    numbers |= {"shape type": 7, "friction": 1, "restitution": 1, "gravity": 1}  # surfaces: per pair that can meet
+    numbers |= {
+        "shape type": 8,
+        "shape size": 7,
+        "shape hull": 1,
+        "friction": 1,
+        "restitution": 1,
+        "gravity": 1,
+    }  # surfaces: per pair that can meet
     assert numbers.items() <= counts.items(), "a check that looks at fewer things than there are proves less"
 
 
@@ -310,7 +326,9 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
     named = {
         Body: {"name", "inertial", "joint", "shapes", "collision_group", "model"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
-        Shape: {"name", "kind", "size", "pose", "material", "collision", "visual", "colour", "surfaces"},
+        Shape: {
+            *("name", "kind", "size", "pose", "material", "collision", "visual", "colour", "surfaces", "rounding"),
+        },
         Surface: set(SURFACE_FIELDS),
         Hardness: {"kind", "time_constant", "damping_ratio", "stiffness", "damping"},
         HeldPair: {"first", "second", "surface"},
@@ -381,6 +399,11 @@ def _same_cases():
     plane = Pose(along, frames.multiply(tilt.quaternion, about_z))
     yield "plane shifted in itself", with_shape(HELD, "floor", "floor_0", pose=plane)
     shapes = body_of(HELD, "link0").shapes
+    size = worlds.SIZES["mesh"]
+    yield "mesh's corners in another order", with_shape(HELD, "link0", "shape_mesh", size=(*size[3:], *size[:3]))
+    inner = (*size, 0.0, 0.0, 0.0)
+    yield "mesh with a point inside", with_shape(HELD, "link0", "shape_mesh", size=inner)
+    yield "mesh rounded", with_shape(HELD, "link0", "shape_mesh", size=inset(size, 0.001), rounding=0.001)
     yield "shapes in another order", with_body(HELD, "link0", shapes=shapes[::-1])
     yield "bodies in another order", dataclasses.replace(HELD, bodies=HELD.bodies[::-1])
 
