@@ -34,7 +34,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import HOW, SHORT, Outside, constraints_felt
+from simspec.engines.kit.outside import Outside, computed, constraints_felt
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
@@ -44,7 +44,6 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
     never,
@@ -217,7 +216,8 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
         Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
-        **alike(outside(HOW, _held_alone, SHORT), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
+        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (

@@ -30,7 +30,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import HOW, SHORT, Outside, constraints_felt
+from simspec.engines.kit.outside import Outside, computed, constraints_felt
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
@@ -39,13 +39,11 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
     never,
     not_here,
     not_yet,
-    outside,
     shape_kinds,
     via_api,
 )
@@ -191,7 +189,8 @@ class Drake(SimulatedEngine[Simulation]):
         ),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
-        **alike(outside(HOW, _held_alone, SHORT), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
+        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(

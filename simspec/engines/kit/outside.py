@@ -7,14 +7,15 @@ in v*, so that worlds in which that may happen to a held body are refused.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit.contract import Engine
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, Support, not_here, outside
+from simspec.support.features import Feature
 from simspec.world.kinematics import (
     CollisionFilter,
     held_trees,
@@ -32,9 +33,16 @@ HOW = (
     "−Jᵀ λ/dt from the engine's own M and h before every step, for trees that nothing touches; a joint that arrives at a limit "
     "stops alone, and the constraint is taken up again in the next steps"
 )
-SHORT = "the constraint as an effort before every step, where nothing touches the held trees"
 
 Array = NDArray[np.float64]
+
+
+def computed(feature: Feature, title: str, refine: Callable[[World], Refinement | None]) -> Support:
+    """That simspec computes the constraints of ``feature`` outside an engine (``title``), where ``refine`` has nothing
+    against it. Each feature of each engine has a short reason of its own."""
+    noun = feature.value.rpartition(".")[2]
+    short = f"a {noun} as an effort before every step, outside {title}, where nothing touches the held trees"
+    return outside(HOW, refine, short)
 
 
 def constraints_felt(world: World, title: str) -> Refinement | None:
