@@ -37,6 +37,8 @@ def at(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn=frames.IDENTITY) -> 
 
 # --- coal against closed forms ------------------------------------------------------------------------------------
 
+BLOCK = tuple(x for corner in itertools.product((-0.1, 0.1), (-0.2, 0.2), (-0.3, 0.3)) for x in corner)
+"""The corners of a box."""
 CLOSED_FORMS = [
     # shapes in line along x: how far apart (half widths added up) they touch
     ("sphere", (0.1,), "sphere", (0.2,), 0.3),
@@ -54,6 +56,9 @@ CLOSED_FORMS = [
     ("capsule", (0.1, 0.5), "capsule", (0.2, 0.5), 0.3),
     ("capsule", (0.1, 0.5), "ellipsoid", (0.2, 0.3, 0.4), 0.3),
     ("ellipsoid", (0.1, 0.3, 0.2), "ellipsoid", (0.2, 0.3, 0.4), 0.3),
+    ("sphere", (0.2,), "mesh", BLOCK, 0.3),
+    ("box", (0.4, 0.4, 0.4), "mesh", BLOCK, 0.3),
+    ("mesh", BLOCK, "mesh", BLOCK, 0.2),
 ]
 ITERATED = 2e-6
 """coal's tolerance where it iterates (1e-6, relative to sizes of 1 m)."""
@@ -75,7 +80,7 @@ def test_signed_distances_are_those_of_closed_forms(kind, size, other, other_siz
 @pytest.mark.parametrize("distance", [0.05, -0.02])
 def test_a_plane_is_solid_below(kind, distance):
     turn = frames.from_rpy(0.3, -1.1, 0.7)
-    half = {"sphere": 0.05, "box": 0.15, "cylinder": 0.1, "capsule": 0.115, "ellipsoid": 0.11}[kind]
+    half = {"sphere": 0.05, "box": 0.15, "cylinder": 0.1, "capsule": 0.115, "ellipsoid": 0.11, "mesh": 0.11}[kind]
     tilted = transform(Pose((1.0, 2.0, 3.0), turn))
     found = gap(solid("plane"), tilted, solid(kind, number=1), tilted @ at(5.0, -7.0, half + distance))
     assert found.distance == pytest.approx(distance, abs=ITERATED)
@@ -95,6 +100,7 @@ def support(kind: str, size: tuple[float, ...], normal: np.ndarray) -> float:
         "cylinder": lambda: size[0] * math.hypot(x, y) + size[1] / 2.0 * abs(z),
         "capsule": lambda: size[0] + size[1] / 2.0 * abs(z),
         "ellipsoid": lambda: float(np.linalg.norm(normal * size)),
+        "mesh": lambda: float((np.reshape(size, (-1, 3)) @ normal).max()),
     }[kind]()
 
 
