@@ -7,6 +7,7 @@ The elements and attributes are those that DART's reader supports (its SkelParse
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = (
@@ -181,6 +182,7 @@ TABLE = MutationTable(
     },
     additions={"*.skel": SKEL_ADDITIONS, "sidecar.json": SIDECAR_ADDITIONS},
     inert=(
+        *OF_MESHES,
         *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.skel") for tag in FIRST),
         *(
             Inert(site, FIRST_ONLY, ("element added",), "*.skel")

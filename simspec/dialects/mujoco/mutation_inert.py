@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Inert
+from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 
 NORMALISED = ("scaled", "moved", "sign", "swapped")
 OWN_DEFAULT = "MuJoCo's default, stated explicitly"
 INERT: tuple[Inert, ...] = (
+    *OF_MESHES,
     Inert("mujoco@model", "a name"),
     Inert("compiler*", "how the file is compiled into a model, all of whose active parts are compared"),
     *(Inert(f"{tag}@*", OWN_DEFAULT, ("attribute removed",)) for tag in ("option", "flag", "size")),
@@ -45,7 +47,7 @@ INERT: tuple[Inert, ...] = (
     ),
     *(
         Inert(site, "a quaternion is normalised, and its negative is the same rotation", NORMALISED)
-        for site in ("body@quat", "inertial@quat", "key@qpos")
+        for site in ("body@quat", "inertial@quat", "key@qpos", "site@quat")
     ),
     Inert(
         "geom@quat",
@@ -74,7 +76,16 @@ INERT: tuple[Inert, ...] = (
     ),
     *(
         Inert(site, OWN_DEFAULT, ("attribute removed",))
-        for site in ("body@pos", "body@quat", "geom@pos", "geom@quat", "geom@type", "inertial@quat", "joint@type")
+        for site in (
+            "body@pos",
+            "body@quat",
+            "geom@pos",
+            "geom@quat",
+            "geom@type",
+            "inertial@quat",
+            "joint@type",
+            "site@quat",
+        )
     ),
     *(
         Inert(
@@ -105,6 +116,15 @@ INERT: tuple[Inert, ...] = (
         for name in ("actuatorfrclimited", "limited", "pos", "ref", "springref", "axis", "user")
     ),
     Inert("joint@group", "for viewers only"),
+    # constraints
+    *(
+        Inert(f"site@{name}", "for viewers and sensors only", ("attribute added",))
+        for name in ("class", "group", "rgba", "size", "type", "user")
+    ),
+    *(
+        Inert(f"{tag}@class", "no class sets anything of constraints", ("attribute added",))
+        for tag in ("connect", "weld")
+    ),
     # actuators
     *(
         Inert(f"{tag}@{name}", OWN_DEFAULT, ("attribute removed", "number dropped", "word"))

@@ -7,6 +7,7 @@ does not. See ``dialects/kit/mutations.py``.
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")
@@ -162,6 +163,7 @@ TABLE = MutationTable(
     },
     additions={"*.urdf": URDF_ADDITIONS, "sidecar.json": SIDECAR_ADDITIONS},
     inert=(
+        *OF_MESHES,
         *(Inert(tag, FIRST_ONLY, ("element doubled",), "*.urdf") for tag in FIRST),
         *(
             Inert(site, FIRST_ONLY, ("element added",), "*.urdf")

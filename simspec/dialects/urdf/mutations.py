@@ -7,6 +7,7 @@ Engines that use this dialect may read less than the whole language; the rows ho
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
+from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 HEAVY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -33,6 +34,7 @@ TABLE = MutationTable(
         ),
     },
     inert=(
+        *OF_MESHES,
         *(Inert(site, NAMED, (), "*.urdf") for site in ("robot@name", "material@name")),
         *(Inert(site, SEEN, (), "*.urdf") for site in ("color*", "visual*", "link/visual", "material")),
     ),
