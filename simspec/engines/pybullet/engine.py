@@ -170,7 +170,9 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
-            "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
+            "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded. "
+            "PyBullet finds one new point of contact of a hull in each step: at rest all are there, but one that lands on a "
+            "face is stopped at one point first, and tumbles (measured: boxes do not)",
             refine=_meshes_held,
         ),
         Feature.SHAPE_VISUAL: EXACT,
