@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +54,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "gripper": worlds.gripper,
     "weightless": worlds.weightless,
     "several joints": worlds.several_joints,
-    "held": partial(held, ""),
+    "held": lambda: dataclasses.replace(held(""), engines=()),  # the bench asks for what its engine needs
 }
 """From little to much: an engine may refuse some, by declaration, but not the first two."""
 MUST_BE_THERE = ("fall", "hinges")

@@ -6,7 +6,7 @@ which the second one moves against it. No name in a spec has a point, so no othe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 from simspec.world.tuples import ordered
 from simspec.world.types import Body
@@ -20,6 +20,12 @@ def carrier_name(body: str, joint: str) -> str:
 def is_carrier(name: str) -> bool:
     """Whether a body of this name stands between two joints of another."""
     return "." in name
+
+
+def shown_as(name: str, names: Container[str]) -> str:
+    """The body that tables show for one of this name: the one whose joint it carries, where ``names`` has that."""
+    owner = owner_of(name)
+    return owner if owner in names else name
 
 
 def owner_of(name: str) -> str:
