@@ -87,7 +87,21 @@ class Results(Arrivals):
         open_folder(self._folder, STUDY)
         if study.certificate is None:
             self._drop_certificate()
-        others = {}
+        data = {**study_data(study), "world_sha256": self._hash}
+        if not keep_page and remove_file(self._folder, STUDY, PAGE_FILE):
+            self.notes.append(
+                f"{self._folder / PAGE_FILE} was of earlier runs and was removed: simspec report writes it anew"
+            )
+
+        def change(before: bytes | None) -> str:
+            # looked at while nobody else writes: a run that was stored meanwhile would be lost from the report
+            return text(self._joined({**data, "other_runs": self._others(study)}, before))
+
+        change_file(self._folder, STUDY, REPORT_FILE, change)
+
+    def _others(self, study: Study) -> dict[str, dict[str, bool]]:
+        """Stored runs of other engines than the study's, and whether they are of its world; notes tell of the others."""
+        others: dict[str, dict[str, bool]] = {}
         for name, stored_hash in stored_runs(self._folder).items():
             if name in study.runs:
                 continue
@@ -100,12 +114,7 @@ class Results(Arrivals):
                     else "is of another world (an earlier spec, or another --set)"
                 )
                 self.notes.append(f"{self._folder / name} {why}: it is kept and not compared")
-        data = {**study_data(study), "world_sha256": self._hash, "other_runs": others}
-        if not keep_page and remove_file(self._folder, STUDY, PAGE_FILE):
-            self.notes.append(
-                f"{self._folder / PAGE_FILE} was of earlier runs and was removed: simspec report writes it anew"
-            )
-        change_file(self._folder, STUDY, REPORT_FILE, lambda before: text(self._joined(data, before)))
+        return others
 
     def _drop_certificate(self) -> None:
         """A study without proof leaves the certificate of this world, and removes that of another."""
