@@ -48,6 +48,35 @@ def meeting_laws(world: World) -> Mapping[Pair, PairContact]:
 
 
 @derived
+def meeting_kinds(world: World) -> frozenset[tuple[str, str]]:
+    """The sorted pairs of kinds of collision shapes of which some body may touch some other.
+
+    The search for one such pair of bodies passes over excluded pairs only, so that its cost grows with their number.
+    """
+    allowed = CollisionFilter(world)
+    rigid = rigid_groups(world)
+    ignored = set(world.contact.ignored_groups)
+    classes: dict[str, dict[tuple[bool, str], list[Body]]] = {}
+    for body in world.bodies:
+        key = (rigid[body.name] == "world", body.collision_group)
+        for kind in {shape.kind for shape in solid_shapes(body)}:
+            classes.setdefault(kind, {}).setdefault(key, []).append(body)
+
+    def meet(one: str, other: str) -> bool:
+        for (static, group), bodies in classes[one].items():
+            for (other_static, other_group), others in classes[other].items():
+                if static and other_static:
+                    continue
+                if (min(group, other_group), max(group, other_group)) in ignored:
+                    continue
+                if any(allowed.may_touch(a.name, b.name) for a in bodies for b in others):
+                    return True
+        return False
+
+    return frozenset((one, other) for one in classes for other in classes if one <= other and meet(one, other))
+
+
+@derived
 def frictionless(world: World) -> bool:
     """Whether the world has contact and none of its pairs of materials, also of those that never meet, has friction."""
     return bool(world.contact.pairs) and not any(pair.friction for pair in world.contact.pairs)

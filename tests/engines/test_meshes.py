@@ -102,6 +102,16 @@ def test_a_mesh_that_touches_is_accepted_by_name_in_dart():
         compile_world(worlds.shapes_world(("mesh",)), ["dart"])
 
 
+def test_a_mesh_that_may_land_on_a_face_is_accepted_by_name_in_pybullet():
+    base = worlds.with_options(worlds.shapes_world(("mesh",)), "pybullet", accept=("contact.cone.elliptic",))
+    with pytest.raises(UnsupportedError, match=r"shape\.mesh.* only approximately.*lands on a face"):
+        compile_world(base, ["pybullet"])
+    floor, free = base.bodies
+    ball = dataclasses.replace(floor.shapes[0], kind="sphere", size=(0.5,), pose=Pose((0.0, 0.0, -0.5)))
+    on_a_ball = dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(ball,)), free))
+    assert compile_world(on_a_ball, ["pybullet"])
+
+
 def on_a_link() -> World:
     """A mesh on a hinge of a fixed body with a mesh: on no link of their tree is there a base without mass."""
     base = worlds.shapes_world(("mesh",))

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from simspec.contact.meeting import solid_shapes
+from simspec.contact.meeting import meeting_kinds, solid_shapes
 from simspec.errors import Problem
-from simspec.world.kinematics import CollisionFilter, rigid_groups
-from simspec.world.types import Body, World
+from simspec.world.types import World
 
 Pairs = Mapping[tuple[str, str], str]
 
@@ -185,34 +184,6 @@ def flaws(detector: str, pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, st
     """Of some sorted pairs of kinds of shapes those that the detector is not known to get right, with the reason, sorted."""
     wrong, sound = UNSOUND[detector], SOUND[detector]
     return {pair: wrong.get(pair, _NOT_MEASURED) for pair in sorted(pairs) if pair in wrong or pair not in sound}
-
-
-def meeting_kinds(world: World) -> set[tuple[str, str]]:
-    """The sorted pairs of kinds of collision shapes of which some body may touch some other.
-
-    The search for one such pair of bodies passes over excluded pairs only, so that its cost grows with their number.
-    """
-    allowed = CollisionFilter(world)
-    rigid = rigid_groups(world)
-    ignored = set(world.contact.ignored_groups)
-    classes: dict[str, dict[tuple[bool, str], list[Body]]] = {}
-    for body in world.bodies:
-        key = (rigid[body.name] == "world", body.collision_group)
-        for kind in {shape.kind for shape in solid_shapes(body)}:
-            classes.setdefault(kind, {}).setdefault(key, []).append(body)
-
-    def meet(one: str, other: str) -> bool:
-        for (static, group), bodies in classes[one].items():
-            for (other_static, other_group), others in classes[other].items():
-                if static and other_static:
-                    continue
-                if (min(group, other_group), max(group, other_group)) in ignored:
-                    continue
-                if any(allowed.may_touch(a.name, b.name) for a in bodies for b in others):
-                    return True
-        return False
-
-    return {(one, other) for one in classes for other in classes if one <= other and meet(one, other)}
 
 
 def choose(world: World, engine: str) -> str:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.contact import meeting
+from simspec.contact.meeting import meeting_kinds
 from simspec.dialects.dart import detectors as skel_detectors
-from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws, meeting_kinds
+from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError
@@ -138,7 +140,7 @@ def test_the_search_does_not_try_all_pairs(monkeypatch):
     asked = []
     may_touch = CollisionFilter.may_touch
     monkeypatch.setattr(
-        skel_detectors.CollisionFilter,
+        meeting.CollisionFilter,
         "may_touch",
         lambda self, one, other: asked.append(1) or may_touch(self, one, other),
     )
