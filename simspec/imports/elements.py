@@ -23,6 +23,11 @@ DEEPEST: Final = 200
 """Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
 NOT_READ: Final = "simspec does not read it"
 NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
+HOW_HARD: Final = "how hard contact is: the spec's is rigid, by the law that all engines follow"
+"""Of the softness of contact in the numbers of one solver, in every language: information, since a model states bodies and what
+holds them, and how an engine keeps them apart is chosen for all bodies of a scenario."""
+HARDNESS_HINT: Final = "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it"
+SOLVER: Final = "how hard a constraint is, in the numbers of one solver: those of the spec are rigid"
 _ROOT: Final = re.compile("<[A-Za-z_]")
 _ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
 _PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")

@@ -32,14 +32,17 @@ class NamedMesh:
         return {"file": self.text, "scale": [plain(value) for value in self.scale]}
 
 
-def find_mesh(text: str, scale: tuple[float, float, float], element: Element, files: Files) -> NamedMesh:
-    """The mesh that a text in a file means. Raises MissingFileError where there is no such file, SpecError for one that may
+def find_mesh(
+    text: str, scale: tuple[float, float, float], element: Element, files: Files, beside: Path | None = None
+) -> NamedMesh:
+    """The mesh that a text in a file means; ``beside``: the folder that its path starts from, where that is another than the
+    imported file's. Raises MissingFileError where there is no such file, SpecError for one that may
     not be read, is of no language of meshes, or has no volume."""
     if not text.lower().endswith(SUFFIXES):
         raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
     if 0.0 in scale:
         raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
-    return NamedMesh(text, files.find(text, element), scale)
+    return NamedMesh(text, files.find(text, element, beside), scale)
 
 
 def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from simspec.imports.elements import Element
+from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.language.foreign import Severity
 
 _PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
@@ -74,8 +74,8 @@ FEATURES: Final = {
     "contact.softness": Feature(
         "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
         _INFORMATION,
-        "how hard contact is: the spec's is rigid, by the law that all engines follow",
-        "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it",
+        HOW_HARD,
+        HARDNESS_HINT,
     ),
     "contact.pair": Feature(
         "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined or excluded; the language does not"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from simspec.imports.elements import Element
+from simspec.imports.elements import HOW_HARD, Element
 from simspec.imports.sdf.values import flag, number
 from simspec.language.foreign import Fate, Severity
 
@@ -39,6 +39,7 @@ IN_LINK: Final[Mapping[str, Said]] = {
 }
 IN_COLLISION: Final[Mapping[str, Said]] = {
     "laser_retro": (Fate.LOST, Severity.INFORMATION, "simspec has no lasers"),
+    "material": (Fate.UNUSED, Severity.APPEARANCE, "a collision shape is not drawn"),
     "max_contacts": (Fate.LOST, Severity.INFORMATION, "how many contacts are kept is each engine's setting"),
 }
 IN_VISUAL: Final[Mapping[str, Said]] = {
@@ -50,11 +51,6 @@ IN_VISUAL: Final[Mapping[str, Said]] = {
     "plugin": (Fate.LOST, Severity.APPEARANCE, "a plugin is a program of another simulator"),
 }
 IN_SURFACE: Final[Mapping[str, Said]] = {
-    "contact": (
-        Fate.LOST,
-        Severity.PHYSICS,
-        "how hard a contact is follows from `contact.hardness` in simspec; these numbers are of one solver",
-    ),
     "soft_contact": (Fate.LOST, Severity.PHYSICS, "simspec has no soft bodies"),
 }
 IN_FRICTION: Final[Mapping[str, Said]] = {
@@ -64,9 +60,15 @@ IN_FRICTION: Final[Mapping[str, Said]] = {
 }
 IN_JOINT: Final[Mapping[str, Said]] = {
     "sensor": _NO_SENSOR,
-    "physics": (Fate.LOST, Severity.PHYSICS, "these numbers are of one solver"),
     "plugin": _PLUGIN,
 }
+IN_CONTACT: Final[Mapping[str, Said]] = dict.fromkeys(
+    ("poissons_ratio", "elastic_modulus"),
+    (Fate.LOST, Severity.INFORMATION, HOW_HARD),
+)
+IN_CONTACT_OF_LINK: Final[Mapping[str, Said]] = dict.fromkeys(
+    ("stiffness", "damping", "contact_cfm", "contact_erp"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)
+)
 IN_MODEL: Final[Mapping[str, Said]] = {
     "plugin": _PLUGIN,
     "enable_wind": _NO_AIR,
@@ -111,6 +113,8 @@ DEFAULTS: Final[Mapping[str, bool | float]] = {
     "angular": 0.0,
 }
 """Values that change nothing."""
+EMPTY: Final = ("velocity_decay", "contact")
+"""Elements that say nothing where nothing is in them."""
 
 
 def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
@@ -125,6 +129,8 @@ def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
 def is_default(element: Element) -> bool:
     """Whether an element says only what holds without it. Raises SpecError for values that it may not have."""
     inner = element.look()
+    if element.tag in EMPTY and not inner and not element.text:
+        return True
     if inner:
         return all(child.tag in DEFAULTS and is_default(child) for child in inner)
     if not element.text or element.tag not in DEFAULTS:

@@ -30,14 +30,15 @@ class Graph:
         """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
         *path, last = name.split(SEPARATOR)
         for part in path:
-            if part not in scope.models:
+            around = scope.owner(part)
+            if around is None or part not in around.models:
                 raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
-            scope = scope.models[part]
-        here = (scope.links, scope.joints, scope.frames, scope.models)
-        if last not in (MODEL, WORLD) and not any(last in table for table in here):
-            known = ", ".join(sorted(key for table in here for key in table)[:20])
+            scope = around.models[part]
+        owner = scope.owner(last)
+        if owner is None and last not in (MODEL, WORLD):
+            known = ", ".join(sorted(scope.names())[:20])
             raise asking.error(f"nothing is called {last[:80]!r} here", found=name[:200], allowed=known or None)
-        return scope, last
+        return owner or scope, last
 
     def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
         """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
@@ -89,8 +90,12 @@ class Graph:
         if SEPARATOR in name:
             first, _, rest = name.partition(SEPARATOR)
             self.home(scope, name, asking)
-            return self.pose(scope, first, asking).then(self.pose(scope.models[first], rest, asking))
-        _, name = self.home(scope, name, asking)
+            around = scope.owner(first) or scope
+            inner = self.pose(around, first, asking).then(self.pose(around.models[first], rest, asking))
+            return self.in_scope(scope, around).then(inner)
+        owner, name = self.home(scope, name, asking)
+        if owner is not scope:  # one of a model that is merged into this one
+            return self.in_scope(scope, owner).then(self.pose(owner, name, asking))
         if name == MODEL or (name == WORLD and scope.is_world):
             return Placement()
         if name == WORLD and name not in scope.links:
@@ -113,7 +118,9 @@ class Graph:
             name = placed.relative_to or MODEL
             if name in (MODEL, WORLD) or SEPARATOR in name:
                 break
-            self.home(scope, name, placed.element or element)
+            owner, _ = self.home(scope, name, placed.element or element)
+            if owner is not scope:
+                break
         return chain
 
     def _pose(self, scope: Scope, name: str) -> Placement:

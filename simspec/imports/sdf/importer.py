@@ -15,9 +15,12 @@ from simspec.imports.files import Files
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
 from simspec.imports.sdf.contact import Materials, excluded, silent
 from simspec.imports.sdf.graph import Graph
+from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
+from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.models import Reader, Scope, version_of
-from simspec.imports.sdf.shapes import ShapeRead
-from simspec.imports.sdf.trees import MASSLESS, RULES, BodyRead, ModelRead, Names, body_data, read_model
+from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
+from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, Names, body_data, constraints, read_model
+from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
 from simspec.language.document import Path_
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
@@ -27,6 +30,8 @@ GRAVITY: Final = (0.0, 0.0, -9.8)
 ONLY_LINK: Final = "link"
 """What the only link of a model is called that has no name of its own."""
 STEP: Final = 0.001
+RULES: Final = {**RULES_OF_TREES, **RULES_OF_MESHES}
+"""Rules of repair, with what they do."""
 MOST_PAIRS: Final = 20_000
 """Pairs of bodies of one model that do not touch each other."""
 
@@ -47,20 +52,25 @@ class Sdf:
         reader = Reader(files)
         root = reader.root(path.resolve(), files.content(), shown)
         scopes, world = _outermost(reader, root, path)
-        graph = Graph()
+        graph, meshes = Graph(), Meshes(files, options.repair)
         problems = _unknown_rules(options, shown)
         models: list[ModelRead] = []
         for scope in scopes:
             try:
-                models.append(read_model(graph, scope, options.repair))
+                models.append(read_model(graph, scope, meshes))
             except SpecError as error:
                 problems.extend(error.problems)
+        try:
+            judge_meshes((body.content.shapes for read in models for body in read.bodies), meshes)
+        except SpecError as error:
+            problems.extend(error.problems)
         if problems:
             raise SpecError(problems)
         spec = _Spec(path, graph, world, models)
         spec.fill()
         accounts: list[Account] = [account for root in reader.roots for account in root.accounts()]
-        return Imported(spec.data, spec.places, accounts, spec.repairs, read=files.read, comments=spec.comments)
+        repairs = [*spec.repairs, *meshes.repairs]
+        return Imported(spec.data, spec.places, accounts, repairs, meshes.named, files.read, spec.comments)
 
 
 def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:
@@ -145,6 +155,7 @@ class _Spec:
                         self.materials.name(shape.surface)
         if alone:
             self.data["model"] = {"bodies": self._bodies(model, ("model", "bodies"))}
+            self._constrain(model, self.data["model"], ("model",))
             self._keep_apart(model, "")
         else:
             self._scenario()
@@ -174,6 +185,7 @@ class _Spec:
                 bodies = self._bodies(model, ("models", name, "bodies"))
                 self.data.setdefault("models", {})[name] = {"bodies": bodies}
                 self.places["models", name] = model.scope.element.location
+                self._constrain(model, self.data["models"][name], ("models", name))
                 self._keep_apart(model, f"{name}/", group=name)
                 continue
             loose = roots[0].name == model.scope.name or len(model.bodies) == 1
@@ -186,11 +198,24 @@ class _Spec:
             for body in model.bodies:
                 if body.joint_name and not loose:
                     body.joint_name = f"{model.scope.name}_{body.joint_name}"
+                    body.second_name = f"{model.scope.name}_{body.second_name}"
                 elif body.joint_name == f"{body.name}_joint":
                     body.joint_name = f"{renamed[body.name]}_joint"
                 body.name = renamed[body.name]
             self.data.setdefault("bodies", {}).update(self._bodies(model, ("bodies",)))
+            self._constrain(model, self.data, ())
             self._keep_apart(model, "", group=names.give(model.scope.name))
+
+    def _constrain(self, model: ModelRead, around: dict[str, Any], path: Path_) -> None:
+        """What holds the bodies of a model together outside its trees."""
+        said = constraints(model)
+        if not said:
+            return
+        names = Names(around.get("constraints", ()))
+        held = {names.give(name): constraint for name, constraint in said.items()}
+        around.setdefault("constraints", {}).update(held)
+        for name in held:
+            self.places[(*path, "constraints", name)] = model.scope.element.location
 
     def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
         """The bodies of a model, with their places and comments."""

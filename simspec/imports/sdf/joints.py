@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import angle
-from simspec.imports.elements import NO_RATING, Element
+from simspec.imports.elements import NO_RATING, SOLVER, Element
 from simspec.imports.sdf.aside import IN_JOINT, set_aside
 from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
 from simspec.imports.sdf.models import Scope
-from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number_of, unused, vector
+from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number, number_of, unused, vector
 from simspec.language.foreign import Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -24,18 +24,38 @@ KINDS: Final[Mapping[str, str]] = {
     "prismatic": "slide",
     "ball": "ball",
     "fixed": "fixed",
+    "universal": "universal",
+    "revolute2": "universal",
 }
+"""Kinds of joints; a universal one is two hinges in a row, about the same point."""
 REFUSED: Final[Mapping[str, str]] = {
-    "universal": "two axes in one joint",
-    "revolute2": "two axes in one joint",
     "screw": "a turn that is coupled to a displacement",
     "gearbox": "a coupling of two joints",
 }
+FIRST_AXIS: Final = "axis"
+SECOND_AXIS: Final = "axis2"
 UNLIMITED: Final = 1e16
 """A limit from here on is none."""
+HARD_STOP: Final = f"a limit is a hard, inelastic stop: {SOLVER}"
+ACTING: Final[Mapping[str, str]] = {
+    "max_force": "a motor of one solver; write the actuators as `control` of the scenario",
+    "bounce": "limits are inelastic",
+}
+"""Elements of a joint's `physics` that are not about how hard its constraints are."""
 EXPRESSED_SINCE: Final = (1, 7)
 JOINT_FRAME_SINCE: Final = (1, 5)
 """Axes are in the joint's frame since this version; before, in the model's."""
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """That a joint follows another: ``axis`` is which of the leader's axes."""
+
+    element: Element
+    leader: tuple[Scope, str]
+    axis: str
+    ratio: float
+    offset: float
 
 
 @dataclass
@@ -52,6 +72,16 @@ class JointRead:
     """The joint's frame in that of the child link."""
     data: dict[str, Any]
     """Limits, damping, and the like; the axis in the child link's axes."""
+    second: dict[str, Any] | None = None
+    """The same of the second axis of a universal joint."""
+    mimic: Mimic | None = None
+    second_mimic: Mimic | None = None
+
+    @property
+    def mimics(self) -> list[tuple[Mimic, str]]:
+        """What its axes follow, each with the word of the axis."""
+        both = ((self.mimic, FIRST_AXIS), (self.second_mimic, SECOND_AXIS))
+        return [(mimic, word) for mimic, word in both if mimic is not None]
 
 
 def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
@@ -70,14 +100,20 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
         raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
     in_child = _between(graph, scope, element, name, child)
     kind = KINDS[word]
-    data: dict[str, Any] = {}
-    if kind in SCALAR_JOINTS:
-        data = _axis(graph, scope, name, child, limited=word != "continuous", turns=kind == "hinge")
-    elif element.look("axis"):
-        unused(element.look("axis")[0], f"a {word} joint has no axis")
+    read = JointRead(scope, name, element, kind, parent, child, in_child, {})
+    if kind in SCALAR_JOINTS or kind == "universal":
+        limited, turns = word != "continuous", kind != "slide"
+        read.data, read.mimic = _axis(graph, read, FIRST_AXIS, limited=limited, turns=turns)
+        if kind == "universal":
+            read.second, read.second_mimic = _axis(graph, read, SECOND_AXIS, limited=limited, turns=turns)
+    elif element.look(FIRST_AXIS):
+        unused(element.look(FIRST_AXIS)[0], f"a {word} joint has no axis")
+    if kind != "universal":
+        unused(next(iter(element.look(SECOND_AXIS)), None), f"a {word} joint has one axis at most")
     set_aside(element, IN_JOINT)
-    _rotor(element, data)
-    return JointRead(scope, name, element, kind, parent, child, in_child, data)
+    _solver(element)
+    _rotor(element, read.data)
+    return read
 
 
 def _side(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | None:
@@ -98,13 +134,15 @@ def _between(graph: Graph, scope: Scope, element: Element, name: str, child: Lin
     return link.inverse().then(graph.pose(scope, name, element))
 
 
-def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool, turns: bool) -> dict[str, Any]:
-    """What the language says of the axis, its limits and efforts."""
-    element = scope.joints[name]
-    axis = element.child("axis")
+def _axis(
+    graph: Graph, joint: JointRead, word: str, *, limited: bool, turns: bool
+) -> tuple[dict[str, Any], Mimic | None]:
+    """What the language says of an axis, its limits and efforts; and what it follows."""
+    element = joint.element
+    axis = element.child(word)
     if axis is None:
-        axis = Element("axis", {}, element.location, "", element)
-    data: dict[str, Any] = {"axis": list(_direction(graph, scope, name, child, axis))}
+        axis = Element(word, {}, element.location, "", element)
+    data: dict[str, Any] = {"axis": list(_direction(graph, joint, axis))}
     limit = axis.child("limit")
     if limit is not None:
         limits = _limits(limit, limited=limited, turns=turns)
@@ -124,16 +162,34 @@ def _axis(graph: Graph, scope: Scope, name: str, child: Link, *, limited: bool, 
                 if not rest
                 else {"stiffness": stiffness, "rest": angle(rest) if turns else rest}
             )
-    for child_element in axis.look("mimic"):
-        raise child_element.error("simspec does not read couplings of joints in SDF", hint="leave <mimic> out")
     for child_element in axis.look("initial_position"):
         lost(child_element, "where a joint begins is not read", Severity.PHYSICS, "`positions` of the placed model")
-    return data
+    mimics = axis.look("mimic")
+    for child_element in mimics[1:]:
+        raise child_element.error("a joint follows one other at most")
+    return data, _mimic(graph, joint.scope, mimics[0].take()) if mimics else None
 
 
-def _direction(graph: Graph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
+def _mimic(graph: Graph, scope: Scope, element: Element) -> Mimic | None:
+    """What an axis follows: q = multiplier × (q of the leader − reference) + offset. None where it follows nothing."""
+    leader = graph.home(scope, element.need("joint"), element)
+    axis = element.word("axis") or FIRST_AXIS
+    if leader[1] not in leader[0].joints:
+        raise element.error("not a joint", found=element.attributes["joint"][:80])
+    if axis not in (FIRST_AXIS, SECOND_AXIS):
+        raise element.error("not an axis of a joint", found=axis[:80], allowed=f"{FIRST_AXIS}, {SECOND_AXIS}")
+    ratio, offset = finite_of(element, "multiplier", 1.0), finite_of(element, "offset", 0.0)
+    reference = finite_of(element, "reference", 0.0)
+    if ratio == 0.0:
+        reason = "with a multiplier of 0 the joint follows nothing: it moves on its own"
+        lost(element, reason, hint="make the joint fixed")
+        return None
+    return Mimic(element, leader, axis, ratio, offset - ratio * reference)
+
+
+def _direction(graph: Graph, joint: JointRead, axis: Element) -> Vector3:
     """The axis in the axes of the child link."""
-    element = scope.joints[name]
+    element, scope, name, child = joint.element, joint.scope, joint.name, joint.child
     xyz = axis.child("xyz")
     direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else vector(xyz)
     if not any(direction):
@@ -173,8 +229,23 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
             for child in limit.look(tag):
                 lost(child, NO_RATING, Severity.INFORMATION)
     for child in limit.look("stiffness", "dissipation"):
-        lost(child, "a limit is a hard, inelastic stop")
+        lost(child, HARD_STOP, Severity.INFORMATION)
     return data
+
+
+def _solver(element: Element) -> None:
+    """Numbers of solvers: of most it is said how hard constraints are, some are forces."""
+    for physics in element.look("physics"):
+        waiting = [physics]
+        while waiting:
+            child = waiting.pop()
+            if child.tag in ACTING and number(child):
+                lost(child, ACTING[child.tag])
+                for around in (physics, child.parent):
+                    around.take() if around is not None else None
+            else:
+                lost(child, SOLVER, Severity.INFORMATION)
+                waiting.extend(child.look())
 
 
 def _rotor(element: Element, data: dict[str, Any]) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_LINK, set_aside
-from simspec.imports.sdf.shapes import DENSITY, ShapeRead, read_shapes
+from simspec.imports.sdf.meshes import Meshes
+from simspec.imports.sdf.shapes import DENSITY, Around, ShapeRead, read_shapes
+from simspec.imports.sdf.surfaces import surface_of_link
 from simspec.imports.sdf.values import Placement, at, finite_of, flag, lost, pose_of, unused
 from simspec.world import frames
 from simspec.world.types import Vector3
@@ -35,12 +38,12 @@ class LinkRead:
         )
 
 
-def read_link(link: Element, offset: Vector3, *, static: bool) -> LinkRead:
-    """A link, for a body whose frame is at ``offset`` in the link's. Where it is ``static``, a mass that is not in the file
-    has no effect. Raises SpecError."""
+def read_link(link: Element, offset: Vector3, meshes: Meshes, folder: Path, *, static: bool) -> LinkRead:
+    """A link, for a body whose frame is at ``offset`` in the link's; ``folder``: of its file. Where it is ``static``, a mass
+    that is not in the file has no effect. Raises SpecError."""
     move = at((-offset[0], -offset[1], -offset[2]))
     density = _computed(link)
-    shapes = read_shapes(link, move, density)
+    shapes = read_shapes(link, Around(meshes, folder, move, density, surface_of_link(link)))
     set_aside(link, IN_LINK)
     inertial = link.look("inertial")
     if density is not None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element, parse
 from simspec.imports.files import Files
-from simspec.imports.sdf.values import Placed, flag_of, lost, pose_of, text_of, unused
+from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
 from simspec.language.foreign import Fate, Severity
 from simspec.language.sources import shown_path
 
@@ -42,12 +43,29 @@ class Scope:
     """Its pose, against the frame around it."""
     placement_frame: str = ""
     canonical: str = ""
+    folder: Path = Path()
+    """Of its file."""
     static: bool = False
     self_collide: bool = False
     links: dict[str, Element] = field(default_factory=dict)
     joints: dict[str, Element] = field(default_factory=dict)
     frames: dict[str, Element] = field(default_factory=dict)
     models: dict[str, Scope] = field(default_factory=dict)
+    merged: bool = False
+    """Whether the names in it are names of the scope around it too."""
+
+    def owner(self, name: str) -> Scope | None:
+        """The scope that a name here is in: this one, or one that is merged into it; None for an unknown name."""
+        if any(name in table for table in (self.links, self.joints, self.frames, self.models)):
+            return self
+        inner = (model.owner(name) for model in self.models.values() if model.merged)
+        return next((scope for scope in inner if scope is not None), None)
+
+    def names(self) -> list[str]:
+        """All names in it, those of merged models among them."""
+        own = [*self.links, *self.joints, *self.frames]
+        own += [name for name, model in self.models.items() if not model.merged]
+        return own + [name for model in self.models.values() if model.merged for name in model.names()]
 
     @property
     def is_world(self) -> bool:
@@ -86,6 +104,7 @@ class Reader:
     ) -> Scope:
         """A ``<model>`` with what is in it. Raises SpecError."""
         scope = Scope(_named(element, version >= UNIQUE_SINCE), element, version, parent, pose_of(element))
+        scope.folder = folder
         scope.placement_frame = element.word("placement_frame") or ""
         scope.canonical = element.word("canonical_link") or ""
         scope.static = flag_of(element, "static", False) or (parent is not None and parent.static)
@@ -116,6 +135,9 @@ class Reader:
             else:
                 read = self._include if child.tag == "include" else self.model
                 inner = read(child.take(), scope.version, folder, scope, chain)
+                if inner.merged:
+                    self._merge(child, scope, inner, taken)
+                    continue
                 if not strict and inner.name in taken:
                     inner.name = _another(child, inner.name, taken)
                 name = inner.name
@@ -126,6 +148,18 @@ class Reader:
             if self._links > MOST_LINKS:
                 raise child.error(f"more than {MOST_LINKS:,} links")
 
+    def _merge(self, element: Element, scope: Scope, inner: Scope, taken: set[str]) -> None:
+        """Make the names of an included model names of the scope around it. Raises SpecError for those that are taken."""
+        names = inner.names()
+        for name in names:
+            if name in taken:
+                raise element.error(f"{name!r} is the name of two things in one model")
+        taken.update(names)
+        inner.name = next(name for number in count() if (name := f"__merged_{number}__") not in taken)
+        taken.add(inner.name)
+        inner.static, inner.self_collide = scope.static, scope.self_collide
+        scope.models[inner.name] = inner
+
     def _include(
         self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
     ) -> Scope:
@@ -133,8 +167,10 @@ class Reader:
         self._includes += 1
         if self._includes > MOST_INCLUDES:
             raise element.error(f"more than {MOST_INCLUDES:,} includes")
-        if element.word("merge", "false") not in ("false", "0"):
-            raise element.error("an include that merges is not supported", hint="include the model as it is")
+        merges = flag(element, element.word("merge") or "false")
+        if merges and (parent is None or parent.is_world):
+            hint = "include the model as it is"
+            raise element.error("an include that merges a model into a world is not supported", hint=hint)
         uri = element.child("uri")
         if uri is None or not uri.text:
             raise element.error("<include> has no <uri>")
@@ -146,7 +182,7 @@ class Reader:
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
         scope = self.model(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
-        scope.name = text_of(element, "name", scope.name)
+        scope.name, scope.merged = text_of(element, "name", scope.name), merges
         placed = pose_of(element)
         if placed.element is not None:
             if scope.placed.element is not None:

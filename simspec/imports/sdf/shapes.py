@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
 from simspec.imports.elements import Element
+from simspec.imports.meshes import NamedMesh, read_meshes
 from simspec.imports.sdf.aside import IN_COLLISION, IN_VISUAL, set_aside
+from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.surfaces import Surface, read_surface
-from simspec.imports.sdf.values import Placement, finite_of, lost, pose_of, unused, vector_of
+from simspec.imports.sdf.values import SAME, Placement, finite_of, lost, pose_of, unused, vector_of
 from simspec.language.foreign import Fate, Severity
+from simspec.language.strict import required
+from simspec.meshes.files import MeshError
 from simspec.world import frames
 from simspec.world.types import Pose
 
@@ -31,17 +36,31 @@ class ShapeRead:
     name: str
     surface: Surface | None = None
     """Of a shape that collides."""
+    mesh: NamedMesh | None = None
 
 
-def read_shapes(link: Element, move: Placement, density: float | None) -> list[ShapeRead]:
-    """All shapes of a link, moved; a visual that is the same as a collision is one with it. ``density``: of collisions that say
-    none, where the inertia is to be computed. Raises SpecError with every problem."""
+@dataclass(frozen=True)
+class Around:
+    """What a shape's element does not say itself: the meshes of the import, the folder of its file, and its link's frame in the
+    body's. ``density``: of collisions that say none, where the inertia is to be computed."""
+
+    meshes: Meshes
+    folder: Path
+    move: Placement
+    density: float | None
+    surface: Surface
+    """Of collisions that say none."""
+
+
+def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
+    """All shapes of a link, moved; a visual that is the same as a collision is one with it. Raises SpecError with every
+    problem."""
     shapes: list[ShapeRead] = []
     problems: list[Problem] = []
     for child in link.look("collision", "visual"):
         child.take()
         try:
-            shape = _collision(child, move, density) if child.tag == "collision" else _visual(child, move)
+            shape = _collision(child, around) if child.tag == "collision" else _visual(child, around)
         except SpecError as error:
             problems.extend(error.problems)
             continue
@@ -83,7 +102,6 @@ GEOMETRY: Final[Mapping[str, Callable[[Element], dict[str, Any]]]] = {
     "ellipsoid": _ellipsoid,
 }
 NOT_CARRIED: Final = {
-    "mesh": "simspec does not support meshes of SDF yet",
     "heightmap": "simspec has no height fields",
     "image": "simspec makes no shapes of pictures",
     "polyline": "simspec has no extruded polygons",
@@ -91,8 +109,17 @@ NOT_CARRIED: Final = {
 }
 
 
-def _geometry(shape: Element) -> tuple[dict[str, Any], Placement] | None:
-    """The kind and the size of a shape, with its pose against that of the element; None for what is not carried, which is then
+@dataclass(frozen=True)
+class _Geometry:
+    """The kind and the size of a shape, with its pose against that of the element."""
+
+    data: dict[str, Any]
+    place: Placement = SAME
+    mesh: NamedMesh | None = None
+
+
+def _geometry(shape: Element, around: Around) -> _Geometry | None:
+    """What is in ``<geometry>``; None for what is not carried, which is then
     said. Raises SpecError for geometries that SDF does not have."""
     geometry = shape.child("geometry")
     if geometry is None:
@@ -102,20 +129,23 @@ def _geometry(shape: Element) -> tuple[dict[str, Any], Placement] | None:
         raise geometry.error("<geometry> should have one shape in it", found=str(len(kinds)))
     kind = kinds[0]
     if kind.tag in GEOMETRY:
-        return GEOMETRY[kind.tag](kind.take()), Placement()
+        return _Geometry(GEOMETRY[kind.tag](kind.take()))
+    if kind.tag == "mesh":
+        read = around.meshes.read(shape, kind.take(), around.folder)
+        return None if read is None else _Geometry(read[0], mesh=read[1])
     if kind.tag == "plane":
         kind.take()
         unused(next(iter(kind.look("size")), None), "a plane has no end", Severity.APPEARANCE)
-        return {"plane": {}}, _upright(kind)
+        return _Geometry({"plane": {}}, _upright(kind))
     if kind.tag == "empty":
         kind.take()
         return None
     if kind.tag not in NOT_CARRIED:
         raise kind.error(
-            "not a shape of SDF", found=kind.tag[:60], allowed=", ".join((*GEOMETRY, "plane", *NOT_CARRIED))
+            "not a shape of SDF", found=kind.tag[:60], allowed=", ".join((*GEOMETRY, "plane", "mesh", *NOT_CARRIED))
         )
     if shape.tag == "collision":
-        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, "plane")))
+        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, "plane", "mesh")))
     lost(kind, NOT_CARRIED[kind.tag], Severity.APPEARANCE)
     return None
 
@@ -134,49 +164,58 @@ def _upright(plane: Element) -> Placement:
     return Placement(Pose((0.0, 0.0, 0.0), frames.normalise(half)))
 
 
-def _posed(shape: Element, move: Placement) -> tuple[dict[str, Any], Placement] | None:
-    read = _geometry(shape)
+def _posed(shape: Element, around: Around) -> _Geometry | None:
+    read = _geometry(shape, around)
     pose = pose_of(shape)
     if pose.relative_to:
         raise shape.error("the pose of a shape against another frame is not supported", found=pose.relative_to[:80])
     if read is None:
         return None
-    data, inner = read
-    return data, move.then(pose.placement).then(inner)
+    place = around.move.then(pose.placement).then(read.place)
+    data = {**read.data, "pose": place.data()} if place.data() else read.data
+    return _Geometry(data, place, read.mesh)
 
 
-def _collision(shape: Element, move: Placement, densities: float | None) -> ShapeRead | None:
-    read = _posed(shape, move)
+def _collision(shape: Element, around: Around) -> ShapeRead | None:
+    read = _posed(shape, around)
+    name = shape.word("name") or ""
     set_aside(shape, IN_COLLISION)
-    surface = read_surface(shape)
-    density = finite_of(shape, "density", densities or DENSITY)
-    if densities is None:
+    surface = read_surface(shape, around.surface)
+    density = finite_of(shape, "density", around.density or DENSITY)
+    if around.density is None:
         unused(next(iter(shape.look("density")), None), "the file gives the mass")
     lost(next(iter(shape.look("auto_inertia_params")), None), "simspec computes inertias of its own shapes")
+    _concave(shape, read)
     if read is None:
         return None
-    data, place = read
-    if place.data():
-        data["pose"] = place.data()
-    if densities is not None and "plane" not in data:
+    data = read.data
+    if around.density is not None and "plane" not in data:
         data["density"] = density
     data["visual"] = False
-    return ShapeRead(data, shape, shape.word("name") or "", surface)
+    return ShapeRead(data, shape, name, surface, read.mesh)
 
 
-def _visual(shape: Element, move: Placement) -> ShapeRead | None:
-    read = _posed(shape, move)
+def _concave(shape: Element, read: _Geometry | None) -> None:
+    """An attribute of one reader, for collisions with the surface of a mesh itself."""
+    if read is None or read.mesh is None:
+        shape.set_aside("concave", Fate.UNUSED, "only a mesh can be concave", Severity.INFORMATION)
+    else:
+        reason = "a mesh is its convex hull"
+        shape.set_aside("concave", Fate.LOST, reason, hint="`as: pieces` of the mesh, in the spec")
+
+
+def _visual(shape: Element, around: Around) -> ShapeRead | None:
+    read = _posed(shape, around)
+    name = shape.word("name") or ""
     set_aside(shape, IN_VISUAL)
     colour = _colour(shape)
     if read is None:
         return None
-    data, place = read
-    if place.data():
-        data["pose"] = place.data()
+    data = read.data
     data["collision"] = False
     if colour is not None and colour != COLOUR:
         data["colour"] = list(colour)
-    return ShapeRead(data, shape, shape.word("name") or "")
+    return ShapeRead(data, shape, name, mesh=read.mesh)
 
 
 def _colour(shape: Element) -> tuple[float, ...] | None:
@@ -219,3 +258,25 @@ def _merge(twin: ShapeRead, shape: ShapeRead) -> None:
     if shape.surface is not None:
         twin.surface, twin.name = shape.surface, shape.name
     shape.element.set_aside("name", Fate.UNUSED, "one shape with its collision", Severity.INFORMATION)
+
+
+def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: Meshes) -> None:
+    """Take out of each list of shapes the meshes that cannot be read. Raises SpecError with every one that no rule leaves
+    out."""
+    lists = list(bodies)
+    shapes = [shape for found in lists for shape in found if shape.mesh is not None]
+    made = read_meshes([shape.mesh for shape in shapes if shape.mesh is not None])
+    problems: list[Problem] = []
+    unusable: set[int] = set()
+    for shape, result in zip(shapes, made, strict=True):
+        if not isinstance(result, MeshError):
+            continue
+        unusable.add(id(shape))
+        try:
+            meshes.without(shape.element, shape.element.problem(str(result), required(shape.mesh).text))
+        except SpecError as error:
+            problems.extend(error.problems)
+    if problems:
+        raise SpecError(problems)
+    for found in lists:
+        found[:] = [shape for shape in found if id(shape) not in unusable]

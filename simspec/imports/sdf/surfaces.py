@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from simspec.imports.elements import Element
-from simspec.imports.sdf.aside import IN_FRICTION, IN_SURFACE, set_aside
+from simspec.imports.elements import HOW_HARD, Element
+from simspec.imports.sdf.aside import IN_CONTACT, IN_CONTACT_OF_LINK, IN_FRICTION, IN_SURFACE, set_aside
 from simspec.imports.sdf.values import finite_of, flag_of, lost, unused
+from simspec.language.foreign import Severity
 
 NO_BOUNCE: Final = 100_000.0
 """The default of ``bounce/threshold`` (m/s): nothing is as fast."""
@@ -20,6 +21,14 @@ FILTERS: Final[Mapping[str, tuple[str, ...]]] = {
     "collide_without_contact_bitmask": ("1",),
 }
 """Defaults of what says who touches whom."""
+CONTACT_OF_LINK: Final[Mapping[str, str]] = {
+    "lateral_friction": "friction",
+    "spinning_friction": "torsional",
+    "rolling_friction": "rolling",
+    "restitution": "restitution",
+}
+"""Words of a ``contact`` of a link, which one reader of the language has."""
+MASKS: Final = ("collide_bitmask", "category_bitmask")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +55,19 @@ class Surface:
         return data
 
 
-def read_surface(shape: Element) -> Surface:
-    """The surface of a collision. What the file does not say has SDF's default: friction 1."""
+def read_surface(shape: Element, of_link: Surface) -> Surface:
+    """The surface of a collision; ``of_link``: what its link says of all its collisions, which holds where they say nothing."""
     surface = shape.child("surface")
     if surface is None:
-        return Surface()
+        return of_link
     set_aside(surface, IN_SURFACE)
     for contact in surface.look("contact"):
-        _filters(contact)
-    mu, torsional = 1.0, 0.0
+        _contact(contact)
+    read = of_link
     friction = surface.child("friction")
     if friction is not None:
         mu, torsional = _friction(friction)
-    restitution = threshold = 0.0
+        read = replace(read, friction=mu, torsional=torsional, rolling=0.0)
     bounce = surface.child("bounce")
     if bounce is not None:
         restitution = finite_of(bounce, "restitution_coefficient", 0.0)
@@ -66,7 +75,22 @@ def read_surface(shape: Element) -> Surface:
         if not restitution:
             threshold = 0.0
             unused(next(iter(bounce.look("threshold")), None), "nothing bounces")
-    return Surface(mu, restitution, threshold, torsional)
+        read = replace(read, restitution=restitution, threshold=threshold)
+    return read
+
+
+def surface_of_link(link: Element) -> Surface:
+    """The surface of all collisions of a link, in words of one reader: lengths in m; what it does not say is SDF's default,
+    friction 1."""
+    numbers: dict[str, float] = {}
+    for contact in link.look("contact"):
+        contact.take()
+        set_aside(contact, IN_CONTACT_OF_LINK)
+        for tag, name in CONTACT_OF_LINK.items():
+            for child in contact.look(tag):
+                child.take()
+                numbers[name] = (child.number("value") or 0.0) if child.has("value") else child.content(1)[0]
+    return Surface(**numbers)
 
 
 def _friction(friction: Element) -> tuple[float, float]:
@@ -106,8 +130,24 @@ def _torsional(torsion: Element) -> float:
     return coefficient * 3.0 * math.pi / 16.0 * patch
 
 
-def _filters(contact: Element) -> None:
-    """What an element of contact says of who touches whom: the default changes nothing."""
-    values = {child.tag: child.text for child in contact.look()}
-    if values.keys() <= FILTERS.keys() and all(text.strip().lower() in FILTERS[tag] for tag, text in values.items()):
-        unused(contact, "the default")
+def _contact(contact: Element) -> None:
+    """Who touches whom, and how hard: of one the defaults change nothing, and so do masks with the bit that all defaults
+    have; the other is each solver's."""
+    contact.take()
+    set_aside(contact, IN_CONTACT)
+    for solver in contact.look():
+        if solver.look():
+            lost(solver, HOW_HARD, Severity.INFORMATION)
+    for child in contact.look(*FILTERS):
+        text = child.text.strip().lower()
+        if text in FILTERS[child.tag] or (child.tag in MASKS and _has_first_bit(text)):
+            unused(child, "every collision has this bit, by default too" if child.tag in MASKS else "the default")
+        else:
+            lost(child, "who touches whom is said by groups of bodies", hint="`contact.groups`")
+
+
+def _has_first_bit(text: str) -> bool:
+    try:
+        return int(text, 0) % 2 == 1
+    except ValueError:
+        return False

@@ -15,11 +15,14 @@ from simspec.errors import Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_MODEL, set_aside
 from simspec.imports.sdf.graph import Graph, Link
-from simspec.imports.sdf.joints import JointRead, read_joint
+from simspec.imports.sdf.joints import SECOND_AXIS, JointRead, read_joint
 from simspec.imports.sdf.links import LinkRead, read_link
+from simspec.imports.sdf.loops import closed, refused, spanning
+from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import Placement, at, flag_of
 from simspec.language.foreign import Fate, Severity
+from simspec.world import frames
 from simspec.world.types import Vector3
 
 LONGEST_NAME: Final = 200
@@ -44,6 +47,18 @@ class BodyRead:
     static: bool = False
     self_collide: bool = False
     joint_name: str = ""
+    second_name: str = ""
+    """Of the second hinge of a universal joint."""
+
+
+@dataclass
+class Closing:
+    """A joint that closes a loop, between two bodies."""
+
+    joint: JointRead
+    first: BodyRead
+    second: BodyRead
+    name: str
 
 
 @dataclass
@@ -54,6 +69,8 @@ class ModelRead:
     bodies: list[BodyRead]
     graph: Graph
     repairs: list[tuple[BodyRead, str]] = field(default_factory=list)
+    closing: list[Closing] = field(default_factory=list)
+    """Joints that close loops."""
 
     @property
     def roots(self) -> list[BodyRead]:
@@ -81,9 +98,8 @@ class Names:
         return name
 
 
-def read_model(graph: Graph, model: Scope, repair: tuple[str, ...] = ()) -> ModelRead:
-    """The bodies of a model with all that are within it; ``repair``: rules that are applied. Raises SpecError with all
-    problems."""
+def read_model(graph: Graph, model: Scope, meshes: Meshes) -> ModelRead:
+    """The bodies of a model with all that are within it. Raises SpecError with all problems."""
     problems: list[Problem] = []
     joints: list[JointRead] = []
     scopes = model.within()
@@ -97,10 +113,9 @@ def read_model(graph: Graph, model: Scope, repair: tuple[str, ...] = ()) -> Mode
                 joints.append(read_joint(graph, scope, name))
             except SpecError as error:
                 problems.extend(error.problems)
-    bodies = _bodies(graph, model, joints, problems)
-    read = ModelRead(model, bodies, graph)
+    read = _bodies(graph, model, joints, meshes, problems)
     for root in read.roots:
-        _massless(read, root, repair, problems)
+        _massless(read, root, meshes.repair, problems)
     if problems:
         raise SpecError(problems)
     return read
@@ -119,14 +134,8 @@ def _massless(read: ModelRead, root: BodyRead, repair: tuple[str, ...], problems
     read.repairs.append((root, "it has no mass, and nothing holds it: fixed to the world"))
 
 
-def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[Problem]) -> list[BodyRead]:
-    of_child: dict[tuple[int, str], JointRead] = {}
-    for read in joints:
-        key = (id(read.child[0]), read.child[1])
-        if key in of_child:
-            hint = "simspec reads trees: leave one of the joints out"
-            raise read.element.error(f"a loop: {read.child[1]!r} is the child of several joints", hint=hint)
-        of_child[key] = read
+def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes, problems: list[Problem]) -> ModelRead:
+    of_child, closing = spanning(joints)
     names, joint_names = Names(), Names()
     bodies: dict[tuple[int, str], BodyRead] = {}
     for scope in model.within():
@@ -138,7 +147,8 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[
             offset = _offset(joint)
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
             try:
-                content = read_link(element, offset, static=scope.static or _is_held(key, of_child))
+                is_static = scope.static or _is_held(key, of_child)
+                content = read_link(element, offset, meshes, scope.folder, static=is_static)
             except SpecError as error:
                 problems.extend(error.problems)
                 content = LinkRead({}, [])
@@ -154,15 +164,31 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], problems: list[
                 self_collide=flag_of(element, "self_collide", scope.self_collide),
             )
             bodies[key] = body
+    closed: list[Closing] = []
     for read in joints:
         body = bodies[id(read.child[0]), read.child[1]]
         joint_name = joint_names.give(_long_name(model, read.scope, read.name), read.element)
+        parent = None if read.parent is None else bodies[id(read.parent[0]), read.parent[1]]
         if body.joint is read:
             body.joint_name = joint_name
-            if read.parent is not None:
-                body.parent = bodies[id(read.parent[0]), read.parent[1]]
+            if read.second is not None:
+                body.second_name = joint_names.give(f"{joint_name}_{SECOND_AXIS}")
+            body.parent = parent
+        elif read in closing and not read.scope.static:
+            problems.extend(refused(read))
+            if parent is None:
+                problems.append(
+                    read.element.problem(TO_WORLD, hint="let a link that is fixed to the world be the parent")
+                )
+            elif parent is body:
+                problems.append(read.element.problem("a joint between a link and itself", found=body.name))
+            else:
+                closed.append(Closing(read, parent, body, joint_name))
     _join_static(list(bodies.values()))
-    return _parents_first(list(bodies.values()))
+    return ModelRead(model, _parents_first(list(bodies.values())), graph, closing=closed)
+
+
+TO_WORLD: Final = "a loop that is closed by a joint to the world is not supported"
 
 
 def _is_held(key: tuple[int, str], of_child: dict[tuple[int, str], JointRead]) -> bool:
@@ -181,14 +207,15 @@ def _long_name(model: Scope, scope: Scope, name: str) -> str:
     """A name with those of the models that it is in, below the outermost."""
     parts = [name]
     while scope is not model and scope.parent is not None:
-        parts.append(scope.name)
+        if not scope.merged:
+            parts.append(scope.name)
         scope = scope.parent
     return "_".join(reversed(parts))
 
 
 def _offset(joint: JointRead | None) -> Vector3:
     """Where a body's frame is in its link's: at its joint, unless it does not turn there."""
-    if joint is None or joint.kind not in ("hinge", "ball"):
+    if joint is None or joint.kind not in ("hinge", "ball", "universal"):
         return (0.0, 0.0, 0.0)
     return joint.in_child.pose.position
 
@@ -229,12 +256,11 @@ def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, 
     content, joint = body.content, body.joint
     if body.parent is not None:
         data["parent"] = body.parent.name
-        joined = {"type": joint.kind if joint is not None else "fixed"}
-        data["joint"] = _joint_data(body, joined, _origin(model.graph, body))
+        data.update(_joint_data(body, "fixed" if joint is None else joint.kind, _origin(model.graph, body)))
     else:
         pose = around.then(body.frame)
         if joint is not None and not (joint.kind == "fixed" and body.joint_name == f"{body.name}_joint"):
-            data["joint"] = _joint_data(body, {"type": joint.kind}, pose)
+            data.update(_joint_data(body, joint.kind, pose))
         else:
             if body.static or joint is not None:
                 data["fixed"] = True
@@ -255,11 +281,62 @@ def _origin(graph: Graph, body: BodyRead) -> Placement:
     return body.parent.frame.inverse().then(body.frame)
 
 
-def _joint_data(body: BodyRead, data: dict[str, Any], origin: Placement) -> dict[str, Any]:
+def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
+    """The body's ``joint``, or its two ``joints``."""
+    data: dict[str, Any] = {"type": kind}
     if body.joint_name and body.joint_name != f"{body.name}_joint":
         data = {"name": body.joint_name, **data}
     if origin.data():
         data["origin"] = origin.data()
-    if body.joint is not None:
-        data.update(body.joint.data)
-    return data
+    if body.joint is None:
+        return {"joint": data}
+    data.update(body.joint.data)
+    if body.joint.second is None:
+        return {"joint": data}
+    first = {"name": body.joint_name, **data, "type": "hinge"}
+    return {"joints": [first, {"name": body.second_name, "type": "hinge", **body.joint.second}]}
+
+
+def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
+    """What joints that follow others, and joints that close loops, are in the language, by name. Raises SpecError for joints
+    that follow what has no position."""
+    names = Names()
+    said: dict[str, dict[str, Any]] = {}
+    by_joint = {(id(body.joint.scope), body.joint.name): body for body in read.bodies if body.joint is not None}
+    problems: list[Problem] = []
+    for body in read.bodies:
+        for mimic, word in body.joint.mimics if body.joint is not None else ():
+            leader = by_joint.get((id(mimic.leader[0]), mimic.leader[1]))
+            driven = _axis_name(leader, mimic.axis) if leader is not None else ""
+            if not driven:
+                problems.append(
+                    mimic.element.problem("this axis has no position to be followed", found=mimic.leader[1][:80])
+                )
+                continue
+            follow: dict[str, Any] = {"joint": _axis_name(body, word), "leader": driven}
+            follow.update({"ratio": mimic.ratio} if mimic.ratio != 1.0 else {})
+            follow.update({"offset": mimic.offset} if mimic.offset else {})
+            said[names.give(follow["joint"])] = {"follow": follow}
+    for loop in read.closing:
+        for constraint in _closed(loop):
+            said[names.give(loop.name)] = constraint
+    if problems:
+        raise SpecError(problems)
+    return said
+
+
+def _axis_name(body: BodyRead, axis: str) -> str:
+    """The name of the hinge or slide that an axis of a body's joint is; "" for none."""
+    if body.joint is None or (axis == SECOND_AXIS and body.joint.second is None):
+        return ""
+    if axis == SECOND_AXIS:
+        return body.second_name
+    return body.joint_name if "axis" in body.joint.data else ""
+
+
+def _closed(loop: Closing) -> list[dict[str, Any]]:
+    x, y, z = loop.second.offset
+    joint = loop.joint
+    place = loop.first.frame.inverse().then(loop.second.frame).then(at((-x, -y, -z)))
+    axis = frames.rotate(place.pose.quaternion, joint.data["axis"]) if joint.kind == "hinge" else (0.0, 0.0, 0.0)
+    return closed(joint, (loop.first.name, loop.second.name), place.then(joint.in_child).pose, axis)

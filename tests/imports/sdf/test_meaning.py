@@ -17,6 +17,7 @@ SLIPPERY = (
     "<collision name='c'><geometry><sphere/></geometry><surface><friction><ode><mu>inf</mu></ode></friction></surface>"
 )
 SLIPPERY += "</collision>"
+MESH = "<collision name='c'><geometry><mesh>{}</mesh></geometry></collision>"
 CIRCLE = "<frame name='f'><pose relative_to='g'/></frame><frame name='g'><pose relative_to='f'/></frame>"
 
 
@@ -42,7 +43,7 @@ def test_joints_that_the_language_has(kind, word, tmp_path):
     load(tmp_path / "robot.sdf").resolve()
 
 
-@pytest.mark.parametrize("kind", ["universal", "revolute2", "screw", "gearbox", "planar", "hinge"])
+@pytest.mark.parametrize("kind", ["screw", "gearbox", "planar", "hinge"])
 def test_joints_that_it_does_not_have_are_refused_by_name_and_line(kind, tmp_path):
     said = refused(model(PAIR + "\n" + joint(kind)), tmp_path)
     assert said.startswith("robot.sdf:5:")
@@ -165,8 +166,42 @@ def test_surfaces_are_materials(tmp_path):
     }
     uneven = "<friction><ode><mu>0.5</mu><mu2>0.7</mu2></ode></friction><contact><ode><kp>1</kp></ode></contact>"
     losses = lost(imported(model(link("a", ball(uneven))), tmp_path))
-    assert {name.rpartition("/")[2] for name in losses} == {"mu2", "contact"}
-    assert {severity for severity, _ in losses.values()} == {"physics"}
+    assert {name.rpartition("/")[2]: severity for name, (severity, _) in losses.items()} == {
+        "mu2": "physics",
+        "ode": "information",
+    }
+
+
+def test_how_hard_contact_is_is_each_solvers_and_who_touches_whom_is_physics(tmp_path):
+    def contact(words):
+        ball = f"<collision name='c'><geometry><sphere/></geometry><surface><contact>{words}</contact></surface></collision>"
+        return {severity for severity, _ in lost(imported(model(link("a", ball)), tmp_path)).values()}
+
+    assert contact("<ode><kp>1e5</kp><max_vel>0.1</max_vel></ode><collide_bitmask>0x01</collide_bitmask>") == {
+        "information"
+    }
+    assert contact("<collide_bitmask>6</collide_bitmask>") == {"physics"}
+    assert contact("<collide_without_contact>1</collide_without_contact>") == {"physics"}
+    assert contact("<invented>1</invented>") == {"physics"}
+    soft = "<axis><limit><lower>0</lower><upper>1</upper><stiffness>1e5</stiffness></limit></axis>"
+    soft += "<physics><ode>{}</ode></physics>"
+    for words, severity in (("<cfm_damping>1</cfm_damping>", "information"), ("<max_force>3</max_force>", "physics")):
+        losses = lost(imported(model(PAIR + joint("revolute", soft.format(words))), tmp_path))
+        assert severity in {told for told, _ in losses.values()}
+        assert ("physics" in {told for told, _ in losses.values()}) == (severity == "physics")
+
+
+def test_friction_of_a_link_is_that_of_its_collisions_that_say_none(tmp_path):
+    own = "<surface><friction><ode><mu>0.5</mu><mu2>0.5</mu2></ode></friction></surface>"
+    ball = "<collision name='{}'><geometry><sphere/></geometry>{}</collision>"
+    balls = ball.format("c", "") + ball.format("d", own)
+    words = "<contact><lateral_friction value='0.8'/><rolling_friction>0.04</rolling_friction></contact>"
+    result = imported(model(link("a", words + balls)), tmp_path)
+    assert not lost(result)
+    assert result.data["contact"]["materials"] == {
+        "surface-1": {"friction": 0.8, "rolling_friction": 0.04},
+        "surface-2": {"friction": 0.5},
+    }
 
 
 def test_what_changes_nothing_is_no_loss(tmp_path):
@@ -259,8 +294,14 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (PAIR + joint("revolute") + joint("revolute", name="k", parent="arm", child="base"), "a loop"),
-        (PAIR + joint("fixed") + joint("fixed", name="k"), "a loop"),
+        (
+            PAIR
+            + joint("revolute")
+            + joint("revolute", name="k", parent="world")
+            + joint("ball", name="l", parent="world"),
+            "a joint to the world",
+        ),
+        (PAIR + joint("prismatic") + joint("prismatic", name="k"), "closed by a joint of the type prismatic"),
         (PAIR + joint("fixed", child="world"), "the child of a joint is a link"),
         (PAIR + joint("fixed", child="leg"), "nothing is called 'leg'"),
         (PAIR + joint("fixed", parent="robot::base"), "no model is called 'robot'"),
@@ -278,7 +319,9 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
             "nothing reaches",
         ),
         (link("a", SLIPPERY), "<mu> should be finite"),
-        (PAIR + joint("revolute", "<axis><mimic joint='x'/></axis>"), "couplings"),
+        (PAIR + joint("revolute", "<axis><mimic joint='x'/></axis>"), "nothing is called 'x'"),
+        (PAIR + joint("revolute", "<axis><mimic joint='arm'/></axis>"), "not a joint"),
+        (PAIR + joint("revolute", "<axis><mimic joint='elbow' axis='z'/></axis>"), "not an axis"),
         (link("a", "<pose>1 2 3</pose>"), "6 finite numbers"),
         (link("a", "<pose rotation_format='quat_xyzw'>0 0 0 1 1 1 1</pose>"), "not a unit quaternion"),
         (link("a", "<pose degrees='maybe'>0 0 0 0 0 0</pose>"), "not a flag"),
@@ -288,7 +331,12 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
         ("<link name='a::b'/>", "not a name"),
         ("<include><uri>https://x/y</uri></include>", "nothing from the network"),
         ("<include><uri>../../etc/model.sdf</uri></include>", "leaves the project folder"),
-        ("<include merge='true'><uri>x.sdf</uri></include>", "merges"),
+        ("<include merge='true'><uri>x.sdf</uri></include>", "no such file"),
+        (link("a", "<collision name='c'><geometry><mesh/></geometry></collision>"), "no <uri>"),
+        (link("a", MESH.format("<uri>x.stl</uri>")), "no such file"),
+        (link("a", MESH.format("<uri>../x.stl</uri>")), "leaves the project folder"),
+        (link("a", MESH.format("<uri>x.step</uri>")), "not a file of triangles"),
+        (link("a", MESH.format("<uri>x.stl</uri><submesh><name>s</name></submesh>")), "a part of a file"),
     ],
 )
 def test_what_stands_in_the_way_is_told_by_line(content, said, tmp_path):
