@@ -46,7 +46,7 @@ check: setup
 	$(BIN)/simspec schema --of project --check
 	$(BIN)/simspec schema --of study --check
 	$(BIN)/simspec schema --of figures --check
-	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml specs/studies/*.yaml
+	$(BIN)/simspec fmt --check specs/*.yaml specs/models/*.yaml specs/contact/*.yaml specs/motion/*.yaml specs/studies/*.yaml
 	$(BIN)/simspec engines --markdown --check
 	$(BIN)/simspec compile --check
 	$(BIN)/simspec pages --check $(PAGES)

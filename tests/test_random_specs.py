@@ -33,8 +33,9 @@ RARE = {
     Feature.CONSTRAINT_LOOP,
     Feature.CONSTRAINT_COUPLING,
     Feature.SHAPE_MESH,
+    Feature.FORCES,
 }
-"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints), or in need of a file (meshes)."""
+"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints, forces), or needs a file (meshes)."""
 
 
 @pytest.fixture(scope="module")

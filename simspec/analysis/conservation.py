@@ -1,8 +1,8 @@
 """What a run may not change: energy where nothing acts, and momentum of each free tree of bodies where nothing but
 gravity does.
 
-Contact, controllers, damping, friction and stops may change them, and their times are left out. Contact may take energy away,
-and may not add any: what is gained over a time of contact is told apart.
+Contact, controllers, forces on bodies, damping, friction and stops may change them, and their times are left out. Contact may
+take energy away, and may not add any: what is gained over a time of contact is told apart.
 """
 
 from __future__ import annotations
@@ -105,6 +105,7 @@ def _always_acting(world: World) -> list[str]:
     joints = [body.joint for body in world.bodies]
     named = {
         "controllers": bool(world.controllers),
+        "forces on bodies": bool(world.forces),
         "damping": any(joint.damping for joint in joints),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
@@ -169,7 +170,14 @@ def free_trees(world: World) -> dict[str, list[int]]:
             root = parent
         trees.setdefault(root, []).append(index)
     joints = {body.name: body.joint for body in world.bodies}
-    return {name: rows for name, rows in trees.items() if joints[name].kind == "free" and not joints[name].damping}
+    pushed = {force.body for force in world.forces}
+    return {
+        name: rows
+        for name, rows in trees.items()
+        if joints[name].kind == "free"
+        and not joints[name].damping
+        and not any(world.bodies[row].name in pushed for row in rows)
+    }
 
 
 def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drift | None]:

@@ -383,6 +383,10 @@ def _undriven(world: World) -> World:
     return dataclasses.replace(world, controllers=(), trajectory=None)
 
 
+def _left_alone(world: World) -> World:
+    return dataclasses.replace(world, forces=())
+
+
 def _unlimited(world: World) -> World:
     return _with_bodies(
         world, lambda body: dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=None))
@@ -400,6 +404,7 @@ REMOVALS: dict[str, tuple[Callable[[World], bool], Callable[[World], World]]] = 
     "friction": (_rubs, _smooth),
     "restitution": (lambda world: any(pair.restitution for pair in world.contact.pairs), _dead),
     "controllers": (lambda world: bool(world.controllers), _undriven),
+    "forces on bodies": (lambda world: bool(world.forces), _left_alone),
     "joint limits": (lambda world: any(body.joint.position_limits for body in world.bodies), _unlimited),
     "dry friction of joints": (lambda world: any(body.joint.dry_friction for body in world.bodies), _oiled),
 }

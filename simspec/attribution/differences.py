@@ -61,6 +61,7 @@ GROUPS: Mapping[Keys, str] = {
     ("bodies", "*", "joint", "velocity_limit"): "joint ratings",
     ("controllers",): "controller",
     ("trajectory",): "trajectory",
+    ("forces",): "forces on bodies",
     ("constraints",): "constraints",
 }
 """Of values by their place in the tree of a world, the first that fits; ``*`` stands for any name."""

@@ -130,10 +130,12 @@ def compile_all(
         if place.dropped:
             say(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
         if explain:
-            from simspec.report.explain import control_table, tables
+            from simspec.report.explain import control_table, forces_table, tables
 
             if scenario.world.controllers:
                 console().print(control_table(scenario.world))
+            if scenario.world.forces:
+                console().print(forces_table(scenario.world))
             for compiled in scenario.compiled.values():
                 for shown in tables(scenario.world, compiled):
                     console().print(shown)
@@ -158,7 +160,9 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
     from simspec.report.explain import explained
 
     reasons = {name: explained(built.world, compiled) for name, compiled in built.compiled.items()} if explain else {}
-    controllers = {"controllers": built.world.controllers} if explain else {}
+    driving: dict[str, Any] = {"controllers": built.world.controllers} if explain else {}
+    if explain and built.world.forces:
+        driving["forces"] = built.world.forces
     return {
         "folder": written.folder,
         "changed": written.changed,
@@ -174,5 +178,5 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
             | ({"explained": reasons[name]} if explain else {})
             for name, compiled in built.compiled.items()
         },
-        **controllers,
+        **driving,
     }

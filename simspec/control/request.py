@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.control.forces import forces_to_request
 from simspec.control.law import Control
 from simspec.control.reference import Piecewise, Reference, reference
 from simspec.world.canonical import from_plain, to_plain
@@ -17,19 +18,23 @@ PREFIX = "control."
 
 
 def to_request(world: World) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Parameters (JSON) and arrays that :func:`from_request` reads; empty when the world has no controllers.
+    """Parameters (JSON) and arrays that :func:`from_request` and ``forces_from_request`` read; empty when the world has no
+    controllers and no forces.
 
     The polynomials are made here, so that the engine's environment needs no library for them, and all engines have the same.
     """
+    forces = forces_to_request(world)
     if not world.controllers:
-        return {}, {}
-    bare = dataclasses.replace(world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None)
+        return forces, {}
+    bare = dataclasses.replace(
+        world, contact=Contact(), record=Record(), expectations=(), engines=(), trajectory=None, forces=()
+    )
     targets = reference(world)
     arrays = {}
     for name, part in (("position", targets.position), ("effort", targets.effort)):
         for field in dataclasses.fields(Piecewise):
             arrays[f"{PREFIX}{name}.{field.name}"] = getattr(part, field.name)
-    return {"control": {"world": to_plain(bare), "joints": list(targets.joints)}}, arrays
+    return {**forces, "control": {"world": to_plain(bare), "joints": list(targets.joints)}}, arrays
 
 
 def from_request(parameters: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Control | None:

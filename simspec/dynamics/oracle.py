@@ -22,6 +22,7 @@ import numpy as np
 
 from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
+from simspec.world.forces import Force
 from simspec.world.kinematics import held_trees, layout_of, members, trees, within
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
 
@@ -178,6 +179,16 @@ class Oracle:
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
         return self._by_tree("joint_effort", q, v)
+
+    def effort_of(self, q: np.ndarray, force: Force) -> np.ndarray:
+        """Jᵀ F (nv,) of a force on a body as it acts at ``q``, whenever that is."""
+        values = np.zeros(self.nv)
+        for tree, rows, at_q, at_v in self._parts:
+            if any(self.world.bodies[row].name == force.body for row in rows):
+                name = tree.world.bodies[[self.world.bodies[row].name for row in rows].index(force.body)].name
+                vectors = (np.array(vector) for vector in (force.at, force.force, force.torque))
+                values[at_v] = tree.effort_of(q[at_q], name, *vectors)
+        return values
 
     def settled(self, q: np.ndarray, start: np.ndarray) -> np.ndarray:
         """A position (nq,) at which the constraints hold: near ``q`` where joints are coupled alone; where loops are closed

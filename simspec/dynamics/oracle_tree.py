@@ -151,6 +151,20 @@ class Tree:
             row[:3], row[3:] = pose.translation, (w, x, y, z)
         return poses
 
+    def effort_of(self, q: np.ndarray, body: str, at: np.ndarray, force: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """See :meth:`Oracle.effort_of`."""
+        own, effort = self.spread(q)[0], np.zeros(self.nv)
+        index, placement = self._held[body]
+        if not index:
+            return effort
+        self.pin.forwardKinematics(self.model, self.data, own)
+        jacobian = self.pin.computeJointJacobian(self.model, self.data, own, index)  # in the joint's own axes
+        turn = self.data.oMi[index].rotation.T
+        point = placement.act(at)
+        wrench = np.concatenate([turn @ force, np.cross(point, turn @ force) + turn @ torque])
+        effort[:] = (jacobian.T @ wrench)[self.v_index]
+        return effort
+
     def body_velocities(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Velocities (bodies, 6): linear of the body frame's origin, then angular, both in world axes."""
         self.pin.forwardKinematics(self.model, self.data, *self.spread(q, v))

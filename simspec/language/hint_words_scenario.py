@@ -219,6 +219,19 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         at="File",
     ),
     *same_hint(
+        "push pushes perturbation perturbations disturbance disturbances wrench wrenches external_force external_forces "
+        "applied_forces loads xfrc_applied",
+        "forces: [{body: ..., force: [80, 0, 0], from: 1 s, until: 1.1 s}]",
+        "File.forces",
+        "Force.force",
+        at="File Body Use",
+    ),
+    *same_hint("start begin t0 after", "from", "Force.from", at="Force"),
+    *same_hint("to end stop t1 duration", "until: the time up to which it acts", "Force.until", at="Force"),
+    *same_hint("point position pos xyz", "at, in the body's frame", "Force.at", at="Force"),
+    *same_hint("moment couple", "torque", "Force.torque", at="Force"),
+    *same_hint("link target", "body", "Force.body", at="Force"),
+    *same_hint(
         "waypoints keyframes knots", "points: [{at: ..., positions: {...}}, ...]", "Trajectory.points", at="Trajectory"
     ),
     *same_hint("p kp_gain stiffness gain p_gain", "kp", "Controller.kp", at="Controller"),

@@ -17,6 +17,7 @@ from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact, Names
 from simspec.language.control import MOST_CONTROLLERS, Controller
 from simspec.language.expectations import Expectation
+from simspec.language.forces import MOST_FORCES, Force
 from simspec.language.import_options import Import
 from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Vector
@@ -419,6 +420,7 @@ class File(Strict):
     trajectory: Maybe[Trajectory] = Field(
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
     )
+    forces: list[Force] = Field([], description="Forces and torques on bodies during given times: pushes and loads")
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")
@@ -453,6 +455,9 @@ class File(Strict):
         control = data.get("control")
         if isinstance(control, Mapping) and len(control) > MOST_CONTROLLERS:
             yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")
+        forces = data.get("forces")
+        if isinstance(forces, list) and len(forces) > MOST_FORCES:
+            yield Fault(("forces",), "too many forces", str(len(forces)), f"up to {MOST_FORCES}")
         yield from _in_steps(data, "record", "every")
         yield from _in_steps(data, "trajectory", "until")
 

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
+from simspec.proof.forces import FORCES_CHECK
 from simspec.proof.touch.plan import nothing_to_try
 from simspec.world.kinematics import rubbing
 from simspec.world.types import VELOCITY_SIZE, World
@@ -42,6 +43,14 @@ def _driven(world: World) -> str:
     return "joints are driven by the engines' own controllers alone, a declared difference" if native else ""
 
 
+def _pushed(world: World) -> str:
+    return "" if world.forces else "no force acts on a body of this world"
+
+
+def _acts(world: World) -> str:
+    return "" if world.forces else _driven(world)
+
+
 def _rubs(world: World) -> str:
     return "" if len(rubbing(world)) else "no joint has dry friction"
 
@@ -62,10 +71,15 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L6", "motion"): _always,
     ("L6", SLIDING_CHECK): _rubs,
     ("L6", REST_CHECK): _rubs,
-    ("L7", ""): _driven,
+    ("L7", ""): _acts,
     ("L7", "step response"): _driven,
+    ("L7", FORCES_CHECK): _pushed,
 }
 """Level, and name of a check ("" any), to the function that says "" where a world has it, or why a world has none."""
+
+
+UNMENTIONED = (("L7", FORCES_CHECK),)
+"""Parts of which a certificate says nothing where a world has none."""
 
 
 def title(level: str, name: str) -> str:
@@ -86,7 +100,7 @@ def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str
     for (level, name), why in expected(world).items():
         if (level, name) in OPTIONAL and levels is not None and level not in levels:
             why = NOT_ASKED
-        if why and level not in reasons:
+        if why and level not in reasons and (why == NOT_ASKED or (level, name) not in UNMENTIONED):
             reasons[title(level, name)] = why
     return reasons
 

@@ -173,6 +173,11 @@ def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray
     return near
 
 
+def comes_near_limits(world: World, oracle: Oracle, states: np.ndarray) -> bool:
+    """Whether in any of some states (n, nq) a joint is within 5 % of its range to a limit."""
+    return bool(_near_limits(world, oracle, states).any())
+
+
 def _slides(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
     """How far (instants,) the slide that went farthest is from where it began, at each instant; NaN where motion diverged."""
     parts = zip(world.bodies, oracle.layout.position, strict=True)

@@ -21,7 +21,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Location, UnsupportedError
-from simspec.proof import control, dry_friction, motion
+from simspec.proof import control, dry_friction, forces, motion
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, inventory_checks, not_checked
@@ -30,6 +30,7 @@ from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
+from simspec.proof.forces import FORCES_CHECK, Pushed, forces_checks
 from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import (
@@ -68,6 +69,7 @@ class Probes:
     motion: Motion | None
     response: Response | None = None
     rubbing: DryFriction | None = None
+    pushed: Pushed | None = None
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
@@ -91,6 +93,8 @@ class Probes:
             asked.append(self.rubbing.operation(world))
         if self.response is not None and ("L7", "step response") not in lacking:
             asked.append(self.response.operation())
+        if self.pushed is not None and ("L7", FORCES_CHECK) not in lacking:
+            asked.append(self.pushed.operation(world))
         return asked
 
 
@@ -102,7 +106,9 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     meetings = touch.plan(world, oracle) if "L4" in wanted else touch.nothing(oracle)
     moving = motion.plan(world, oracle) if "L6" in wanted else None
     rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, control.plan(world) if "L7" in wanted else None, rubbing)
+    response = control.plan(world) if "L7" in wanted else None
+    pushed = forces.plan(world, oracle) if "L7" in wanted else None
+    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed)
 
 
 def verify(
@@ -295,6 +301,8 @@ def engine_checks(
         checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)
     if probes.response is not None and "respond" in arrays:
         checks += control_checks(probes.response, arrays["respond"])
+    if probes.pushed is not None and "pushed" in arrays:
+        checks += forces_checks(probes.pushed, arrays["pushed"])
     return checks, not_checked(world, read_back.unreadable)
 
 

@@ -215,6 +215,19 @@ def control_table(world: World) -> Table:
     return controllers
 
 
+def forces_table(world: World) -> Table:
+    """The forces on bodies of a world, in the world's axes."""
+    forces = table("Forces on bodies", "body", "force, N", "torque, N m", "at, in its frame, m", "from", "until")
+    for force in world.forces:
+        vectors = (" ".join(f"{value:.4g}" for value in vector) for vector in (force.force, force.torque, force.at))
+        until = "the end" if force.until is None else f"{force.until:g} s"
+        forces.add_row(force.body, *vectors, f"{force.start:g} s", until)
+    forces.caption = (
+        "world axes; in each step the mean over the step, as efforts on the joints from the engine's own poses"
+    )
+    return forces
+
+
 def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
     if controller.law == "computed-torque":
         yield f"ω {controller.natural_frequency:g} rad/s, ζ {controller.damping_ratio:g}"

@@ -12,6 +12,7 @@ from simspec.resolve.bodies import expand
 from simspec.resolve.constraints import constraints
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
+from simspec.resolve.forces import forces
 from simspec.resolve.masses import dependent_joints, without_inertia
 from simspec.resolve.scenario import (
     engines,
@@ -44,11 +45,12 @@ def resolve(spec: Spec) -> World:
         expansion.excluded += held.joined
         laws, problems = contact(spec.source, expansion, time.timestep)
         driven = controllers(spec.source, expansion.bodies, held.followers)
+        applied, pushed = ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole)
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
     weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
     weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
-    problems = [*expansion.problems, *held.problems, *problems, *driven.problems, *more, *shown, *weightless]
+    problems = [*expansion.problems, *held.problems, *problems, *driven.problems, *pushed, *more, *shown, *weightless]
     if problems:
         raise SpecError(in_order(problems))
     world = World(
@@ -61,6 +63,7 @@ def resolve(spec: Spec) -> World:
         engines=engines(spec.data.engines, time.timestep),
         controllers=driven.controllers,
         constraints=held.constraints,
+        forces=applied,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
     if problems:

@@ -111,6 +111,7 @@ def expectations(
     """
     names = {body.name for body in bodies}
     resolved, problems = [], []
+    driven, pushed = bool(source.content.control), bool(source.content.forces)
     for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
         written = getattr(entry, kind)
@@ -139,7 +140,7 @@ def expectations(
                 problems.append(
                     source.document.problem((*path, name), why[0], found=found_at, allowed=why[1], hint=hint)
                 )
-        for below, message, more in _never(kind, values, bodies, time, recorded, bool(source.content.control)):
+        for below, message, more in _never(kind, values, bodies, time, recorded, driven, pushed):
             problems.append(source.document.problem((*path, *below), f"cannot be satisfied: {message}", **more))
         if kind == "momentum_conserved" and any(time.gravity):
             shown = ", ".join(f"{value:g}" for value in time.gravity)
@@ -151,7 +152,13 @@ def expectations(
 
 
 def _never(
-    kind: str, values: Mapping[str, Any], bodies: Sequence[Body], time: Physics, recorded: Record, driven: bool
+    kind: str,
+    values: Mapping[str, Any],
+    bodies: Sequence[Body],
+    time: Physics,
+    recorded: Record,
+    driven: bool,
+    pushed: bool,
 ) -> Iterator[tuple[tuple[str, ...], str, Details]]:
     """Why an expectation fails in every run (place, message, more): a run could not be measured for it."""
     if kind == "no_penetration_deeper_than" and "contacts" not in recorded.channels:
@@ -160,6 +167,11 @@ def _never(
         yield ("until",), "until is before after", {"found": f"{values['until']:g} s < {values['after']:g} s"}
     if kind == "apex_height" and values["after"] >= time.steps * time.timestep > 0.0:
         yield ("after",), "after the end of the run", {"found": f"{values['after']:g} s"}
+    if kind in ("follows_oracle", "momentum_conserved") and pushed:
+        why = (
+            "the oracle's motion has no forces on bodies" if kind == "follows_oracle" else "momentum changes under them"
+        )
+        yield (), f"{why}, and this scenario has `forces`", {"hint": "remove it"}
     if kind != "follows_oracle":
         return
     if driven:

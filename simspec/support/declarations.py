@@ -199,6 +199,10 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
 
 
+AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engine's own poses"
+"""How engines are given forces on bodies."""
+
+
 NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
     not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
     *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),

@@ -63,6 +63,7 @@ class Feature(StrEnum):
     EXCLUDED_PAIRS = "contact.exclude"
     CONSTRAINT_LOOP = "constraint.loop"
     CONSTRAINT_COUPLING = "constraint.coupling"
+    FORCES = "forces"
     CONTROL = "control"
     CONTROL_NATIVE = "control.native"
     GRAVITY = "physics.gravity"
@@ -124,6 +125,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.EXCLUDED_PAIRS: "pairs of bodies that do not touch",
     Feature.CONSTRAINT_LOOP: "two bodies held together outside the tree, at a point or rigidly",
     Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
+    Feature.FORCES: "forces and torques on bodies during given times",
     Feature.CONTROL: "control laws, written once and given as efforts",
     Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",
     Feature.GRAVITY: "gravity, any direction",

@@ -103,6 +103,8 @@ def needs(world: World) -> list[Need]:
             note(Feature.TREE_SIZE, f"bodies.{root}")
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
+    for index in range(len(world.forces)):
+        note(Feature.FORCES, f"forces.{index}")
     for controller in world.controllers:
         note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
     _contact_needs(world, note)

@@ -22,6 +22,7 @@ SUITES = {
     "ModelSuite": "simspec.testing.model_suite",
     "ContactSuite": "simspec.testing.contact_suite",
     "ControlSuite": "simspec.testing.control_suite",
+    "ForcesSuite": "simspec.testing.forces_suite",
     "SleepingSuite": "simspec.testing.sleeping_suite",
     "SelfTestSuite": "simspec.testing.selftest_suite",
 }

@@ -66,6 +66,7 @@ class OracleJoints:
         self.q, self.v = initial_state(world)
         self._effort = np.zeros(self.oracle.nv)
         self._control = control
+        self._done = 0
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         return self.q[self._control.q_places], self.v[self._control.v_places]
@@ -74,5 +75,17 @@ class OracleJoints:
         self._effort[self._control.v_places] = effort
 
     def step(self) -> None:
-        states, speeds = self.oracle.motion(self.q, self.v, self._effort, 1, 1)
+        pushed = pushes(self.oracle, self.q, self._done)
+        states, speeds = self.oracle.motion(self.q, self.v, self._effort + pushed, 1, 1)
         self.q, self.v = states[-1], speeds[-1]
+        self._done += 1
+
+
+def pushes(oracle: Oracle, q: np.ndarray, step: int) -> np.ndarray:
+    """The efforts (nv,) of a world's forces on bodies in a step, by the oracle's own Jacobians."""
+    dt, effort = oracle.timestep, np.zeros(oracle.nv)
+    for force in oracle.world.forces:
+        until = np.inf if force.until is None else force.until / dt
+        share = min(step + 1.0, until) - max(float(step), force.start / dt)
+        effort += float(np.clip(share, 0.0, 1.0)) * oracle.effort_of(q, force)
+    return effort

@@ -16,6 +16,7 @@ from simspec.testing.base import Suite
 from simspec.testing.bench import Bench
 from simspec.testing.driving import driven
 from simspec.world.control import Trajectory
+from simspec.world.forces import Force
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Physics, Pose, Shape, World
 
 SETTING = "sleeping"
@@ -123,6 +124,17 @@ class SleepingSuite(Suite):
             return
         x = rows(bench, world, SETTLED)["pose"][:, 1, 0]
         assert x[-1] - x[0] == pytest.approx(1e-5 * SETTLED * 1e-3, rel=1e-6)
+
+    def test_a_force_wakes_what_sleeps(self, bench: Bench) -> None:
+        """Above its friction, for 40 ms; its neighbour stays where it is."""
+        push = Force("one", (0.0, 30.0 * MASS, 0.0), start=SETTLED * 1e-3, until=SETTLED * 1e-3 + 0.04)
+        base = dataclasses.replace(scene(cylinder("one", 0.0), cylinder("other", 0.4)), forces=(push,))
+        world = with_sleeping(bench, base)
+        if world is None:
+            return
+        pose = rows(bench, world, SETTLED + 40, SETTLED)["pose"]
+        assert pose[-1, 1, 1] - pose[1, 1, 1] > 0.005
+        assert np.abs(pose[-1, 2, :3] - pose[1, 2, :3]).max() < 1e-5
 
     # --- what sleeps ----------------------------------------------------------------------------------------------
 

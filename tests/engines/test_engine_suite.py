@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from simspec.engines.kit.registry import engines
-from simspec.testing import ContactSuite, ControlSuite, ModelSuite, SleepingSuite
+from simspec.testing import ContactSuite, ControlSuite, ForcesSuite, ModelSuite, SleepingSuite
 from tests.engines.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 
-class HouseSuite(ModelSuite, ContactSuite, ControlSuite, SleepingSuite):
+class HouseSuite(ModelSuite, ContactSuite, ControlSuite, ForcesSuite, SleepingSuite):
     """All but the self-test, which ``tests/proof/test_verify.py`` runs."""
 
 

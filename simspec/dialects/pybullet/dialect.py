@@ -114,6 +114,7 @@ class PybulletDialect(Dialect):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+        Feature.FORCES: EXACT,
         Feature.CONTROL: EXACT,
         Feature.CONTROL_NATIVE: EXACT,
         Feature.GRAVITY: via_api(_SIDECAR),

@@ -12,7 +12,7 @@ from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.support.declarations import Refinement, not_here
-from simspec.world.kinematics import natively_driven
+from simspec.world.kinematics import natively_driven, trees
 from simspec.world.types import World
 
 NATIVE = (
@@ -30,6 +30,16 @@ def no_springs(world: World) -> Refinement | None:
     if not served:
         return None
     return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
+
+
+def none_on_servos(world: World) -> Refinement | None:
+    """Not supported where a force acts on a tree with natively driven joints."""
+    pushed = {force.body for force in world.forces}
+    for bodies in trees(world).values():
+        served = natively_driven(bodies, world)
+        if served and any(body.name in pushed for body in bodies):
+            return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has one")
+    return None
 
 
 def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[Tree, np.ndarray, np.ndarray]]:

@@ -19,7 +19,7 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs
+from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs, none_on_servos
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import inventory, neutral
@@ -39,6 +39,7 @@ from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
+    AS_EFFORTS,
     EXACT,
     Level,
     Refinement,
@@ -212,6 +213,7 @@ class Dart(SimulatedEngine[Simulation]):
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
+        Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),

@@ -34,6 +34,7 @@ from simspec.engines.kit.outside import Outside, computed, constraints_felt
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
+    AS_EFFORTS,
     Attempt,
     Level,
     Refinement,
@@ -187,6 +188,7 @@ class Drake(SimulatedEngine[Simulation]):
             coulomb,
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
+        Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),

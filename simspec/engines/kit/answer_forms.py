@@ -59,6 +59,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
         "gravity_force": Form(("rows", "nv"), when="bias_force"),
     },
     "motion": STATE,
+    "pushed": STATE,
     "trials": {"v": STATE["v"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
@@ -119,7 +120,7 @@ def planned_rows(operation: Operation) -> int | None:
     asked = operation.parameters
     if operation.op in ("kinematics", "dynamics", "trials", "windows"):
         return len(operation.arrays["q"])
-    if operation.op in ("motion", "respond", "run"):
+    if operation.op in ("motion", "pushed", "respond", "run"):
         return 1 + _rows_of(asked["steps"], asked["every"])
     if operation.op == "drive":
         return 1 + sum(_rows_of(steps, every) for steps, every in asked["phases"])
@@ -137,7 +138,7 @@ def dimensions_of(operation: Operation) -> dict[str, int]:
     if operation.op == "dynamics":
         found["packed"] = sum(size * size for size in operation.parameters["sizes"])
     rows = planned_rows(operation)
-    if rows is not None and operation.op not in ("motion", "run"):
+    if rows is not None and operation.op not in ("motion", "pushed", "run"):
         found["rows"] = rows
     world = operation.world
     if world is not None:
@@ -233,6 +234,7 @@ class TouchingResult(Strict):
 RESULTS: Mapping[str, type[BaseModel]] = {
     "run": RunResult,
     "motion": MotionResult,
+    "pushed": MotionResult,
     "touching": TouchingResult,
 }
 """What an operation's plain result is, where it is more than nothing; ``read_back``'s is a ReadBack."""

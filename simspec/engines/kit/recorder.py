@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simspec.control.law import Control
+from simspec.control.forces import AppliedForces, forces_from_request
+from simspec.control.law import Control, Joints
 from simspec.control.native import Servos
 from simspec.control.request import from_request
 from simspec.engines.kit.arrays import told_units
@@ -18,22 +20,26 @@ from simspec.engines.kit.record_files import Columns, Contacts
 from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
 
+Floats = NDArray[np.float64]
+
 
 class Stepper:
-    """Steps a session's engine, with the controllers at work between the steps.
+    """Steps a session's engine, with the controllers and the forces on bodies at work between the steps.
 
-    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and both of the laws
-    and of passing states and efforts (``control``, ``control_cpu``).
+    ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and both of the
+    laws, the forces, and of passing states and efforts (``control``, ``control_cpu``).
     """
 
-    def __init__(self, session: Session, control: Control | None):
-        self._session, self.control = session, control
+    def __init__(self, session: Session, control: Control | None, forces: AppliedForces | None = None):
+        self._session, self.control, self._forces = session, control, forces
         none = {"step": 0.0, "cpu": 0.0, "control": 0.0, "control_cpu": 0.0}
         self.seconds = none if control is None else control.seconds
-        self._joints: Actuation | None = None
+        self._joints: Joints | None = None
         self._servos: Servos | None = None
         if control is not None:
-            self._joints = session.actuate(control.q_places, control.v_places)
+            quick = self._joints = session.actuate(control.q_places, control.v_places)
+            if forces is not None:
+                self._joints = PushedJoints(session, forces, quick, control.q_places, control.v_places)
             own, at = control.native, control.native_places
             if own is not None:
                 places = control.q_places[at], control.v_places[at]
@@ -42,13 +48,85 @@ class Stepper:
     def advance(self, done: int, count: int) -> None:
         """Do steps ``done`` … ``done + count − 1`` of the run."""
         if self.control is not None and self._joints is not None:
+            if isinstance(self._joints, PushedJoints):
+                self._joints.begin(done)
             self.control.advance(self._joints, done, count, self._servos)
-            return
+        elif self._forces is not None:
+            self._push(self._forces, done, count)
+        else:
+            self._step(count, None)
+
+    def _push(self, forces: AppliedForces, done: int, count: int) -> None:
+        for first, steps, acts in forces.stretches(done, count):
+            if not acts:
+                self._step(steps, None)
+                continue
+            cpu, wall = time.process_time(), time.perf_counter()
+            effort = forces.effort(first, self._session.body_states()[0])
+            self.seconds["control"] += time.perf_counter() - wall
+            self.seconds["control_cpu"] += time.process_time() - cpu
+            self._step(steps, effort)
+
+    def _step(self, count: int, effort: Floats | None) -> None:
         cpu = time.process_time()
         wall = time.perf_counter()
-        self._session.step(count)
+        self._session.step(count, effort)
         self.seconds["step"] += time.perf_counter() - wall
         self.seconds["cpu"] += time.process_time() - cpu
+
+
+class PushedJoints:
+    """The driven joints where forces act on bodies, too: quick access while none acts, all coordinates in the steps in which
+    one does, and in the first one after them, which takes efforts on other coordinates away."""
+
+    def __init__(
+        self,
+        session: Session,
+        forces: AppliedForces,
+        quick: Actuation,
+        q: NDArray[np.intp],
+        v: NDArray[np.intp],
+    ):
+        self._session, self._forces, self._quick, self._q, self._v = session, forces, quick, q, v
+        self._effort = np.zeros(forces.nv)
+        self._step, self._until, self._acts, self._whole = 0, 0, False, False
+        self._left = False
+        """Whether the last step may have left efforts on other coordinates."""
+
+    def begin(self, step: int) -> None:
+        """The next step is step ``step`` of the run."""
+        self._step = self._until = step
+
+    def read(self) -> tuple[Floats, Floats]:
+        if self._step >= self._until:
+            _, steps, self._acts = next(self._forces.stretches(self._step, AHEAD))
+            self._until = self._step + (steps if self._acts or not self._left else 1)
+            self._whole = self._acts or self._left
+        if not self._whole:
+            return self._quick.read()
+        q, v = self._session.get_state()
+        return q[self._q], v[self._v]
+
+    def give(self, effort: Floats) -> None:
+        if not self._whole:
+            self._quick.give(effort)
+            return
+        self._effort[:] = 0.0
+        self._effort[self._v] = effort
+        if self._acts:
+            self._effort += self._forces.effort(self._step, self._session.body_states()[0])
+
+    def step(self) -> None:
+        self._step += 1
+        if self._whole:
+            self._session.step(1, self._effort)
+            self._left = self._acts
+        else:
+            self._quick.step()
+
+
+AHEAD = 1_000_000
+"""Steps up to which it is looked when the next force begins."""
 
 
 MOST_BYTES = 16 * 2**30
@@ -189,7 +267,7 @@ def record(
     """
     if "q" in arrays:
         session.set_state(arrays["q"], arrays["v"])
-    stepper = Stepper(session, from_request(operation, arrays))
+    stepper = Stepper(session, from_request(operation, arrays), forces_from_request(operation))
     control = stepper.control
     recording = Recording(
         session, operation["channels"], control, place, operation.get("most", MOST_BYTES), stepper.seconds

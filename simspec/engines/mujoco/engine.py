@@ -23,6 +23,7 @@ from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
 from simspec.formats.mjcf.from_world import KINDS
 from simspec.support.declarations import (
+    AS_EFFORTS,
     Level,
     Support,
     Table,
@@ -89,6 +90,7 @@ class MuJoCo(MujocoSimulation):
         Feature.TREE_DEPTH: never(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
+        Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,

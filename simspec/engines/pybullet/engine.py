@@ -49,6 +49,7 @@ from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
+    AS_EFFORTS,
     EXACT,
     Level,
     Refinement,
@@ -214,6 +215,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
         Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),

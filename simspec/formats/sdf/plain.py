@@ -98,6 +98,7 @@ SUPPORT: Final[Table] = {
     Feature.PASSING_PAIRS: never("SDF does not say it of pairs of surfaces"),
     Feature.COLLISION_GROUPS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
     Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
+    Feature.FORCES: never("simspec writes no forces into SDF"),
     Feature.CONTROL: never("SDF has no control laws"),
     Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
     Feature.CONSTRAINT_LOOP: never("simspec writes no loops into SDF"),

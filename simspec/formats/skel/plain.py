@@ -56,6 +56,7 @@ SUPPORT: Final[Table] = {
     Feature.EXCLUDED_PAIRS: never(_FILTER),
     Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
+    Feature.FORCES: never(".skel has no forces on bodies"),
     Feature.CONTROL: never(".skel has no control laws"),
     Feature.CONTROL_NATIVE: never(".skel has no gains of controllers"),
 }

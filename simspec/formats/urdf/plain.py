@@ -82,6 +82,7 @@ SUPPORT: Final[Table] = {
         never("URDF does not say what touches what"),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
     ),
+    Feature.FORCES: never("URDF has no forces on bodies"),
     Feature.CONTROL: never("URDF has no control laws"),
     Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),
     Feature.GRAVITY: never("URDF has no gravity"),

@@ -1,0 +1,124 @@
+"""Level L7 of worlds with forces on bodies: what they do to motion, in every engine, without contact.
+
+Every body begins at rest, held against its weight, and the world's own forces act soon after, each for a while, with what share
+of a step they begin and end by in the world. The oracle has them by its own Jacobians. The tolerance is L6's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.control.forces import brought_forward, forces_to_request, in_steps
+from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import SEED
+from simspec.engines.kit.process import Operation
+from simspec.proof.checks import Check
+from simspec.proof.motion import DISTURBED, FLOOR_FACTOR, PERTURBATION, TOLERANCE, comes_near_limits, deviation
+from simspec.world.forces import Force
+from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.types import World
+
+Floats = NDArray[np.float64]
+FORCES_CHECK = "applied forces"
+STEPS, EVERY = 100, 5
+FIRST, LONGEST = 3, 60
+"""The step in which the earliest force begins, and for how many steps a force acts at most."""
+HALVINGS = 40
+"""How often the forces are halved until no joint comes near a limit."""
+INSIDE = 0.2
+"""Share of its range that a joint begins away from its limits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pushed:
+    """What to do (``world`` with its forces brought forward, ``q``, ``v``, ``effort``), and what must come of it: ``poses`` at
+    every ``EVERY``-th step, by the oracle with its round-off ``floor``."""
+
+    world: World
+    q: Floats
+    v: Floats
+    effort: Floats
+    poses: Floats
+    floor: float
+    halved: int
+
+    @property
+    def tolerance(self) -> float:
+        """The larger of 1e-9 and 100 × the floor."""
+        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+
+    def operation(self, asked: World) -> Operation:
+        """What an engine is asked (see ``engines/kit/worker.py``)."""
+        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": rubbing(self.world)}
+        return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, asked)
+
+
+def plan(world: World, oracle: Oracle) -> Pushed | None:
+    """The probe of a world's forces; None where it has none."""
+    if not world.forces:
+        return None
+    start, v = initial_state(world)
+    q, v = start.copy(), np.zeros_like(v)
+    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
+        if (limits := body.joint.position_limits) is not None:
+            margin = INSIDE * (limits[1] - limits[0])
+            q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
+    q = oracle.settled(q, start)
+    effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
+    forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)
+    for halved in range(HALVINGS):
+        asked = dataclasses.replace(world, forces=tuple(_times(0.5**halved, force) for force in forces))
+        states = _motion(asked, oracle, q, v, effort)
+        if np.isfinite(states).all() and not comes_near_limits(world, oracle, states):
+            break
+    poses = np.array([oracle.body_poses(row) for row in states])
+    generator, floor = np.random.default_rng(SEED + 300), 0.0
+    for _ in range(DISTURBED):
+        off = q * (1.0 + PERTURBATION * generator.choice([-1.0, 1.0], len(q)))
+        other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort)])
+        floor = max(floor, float(deviation(poses, other).max(initial=0.0)))
+    return Pushed(asked, q, v, effort, poses, floor, halved)
+
+
+def _times(factor: float, force: Force) -> Force:
+    x, y, z = force.force
+    a, b, c = force.torque
+    return dataclasses.replace(
+        force, force=(factor * x, factor * y, factor * z), torque=(factor * a, factor * b, factor * c)
+    )
+
+
+def _motion(world: World, oracle: Oracle, q: Floats, v: Floats, effort: Floats) -> Floats:
+    """The oracle's positions (n, nq) at every ``EVERY``-th step, the beginning first."""
+    rows, dt = [q], world.physics.timestep
+    for step in range(STEPS):
+        total = effort.copy()
+        for force in world.forces:
+            first = in_steps(force.start, dt)
+            last = np.inf if force.until is None else in_steps(force.until, dt)
+            share = min(last, step + 1.0) - max(first, float(step))
+            if share > 0.0:
+                total += min(share, 1.0) * oracle.effort_of(q, force)
+        q, v = oracle.step(q, v, total)
+        if (step + 1) % EVERY == 0:
+            rows.append(q)
+    return np.array(rows)
+
+
+def forces_checks(pushed: Pushed, answer: Mapping[str, Floats]) -> list[Check]:
+    """One check: the worst deviation of any body at any instant."""
+    world, pose = pushed.world, answer["pose"]
+    detail = f"floor {pushed.floor:.1e}, {STEPS} steps of {world.physics.timestep:g} s"
+    if pushed.halved:
+        detail += f", forces divided by 2^{pushed.halved}, with which no joint comes near a limit"
+    if pose.shape != pushed.poses.shape or not np.isfinite(pose).all():
+        detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
+        return [Check("L7", FORCES_CHECK, pose.size, pushed.tolerance, None, "", detail)]
+    error = deviation(pushed.poses, pose)
+    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
+    where = f"bodies.{world.bodies[body].name}, step {instant * EVERY}"
+    return [Check("L7", FORCES_CHECK, error.size, pushed.tolerance, float(error[instant, body]), where, detail)]
