@@ -23,6 +23,14 @@ Sets = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Override a value: --set physics.timestep=2ms. Repeatable."),
 ]
+Accepts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accept",
+        metavar="FEATURE",
+        help="Let engines have this feature approximately or from outside; all: whatever they need. Repeatable.",
+    ),
+]
 Engines = Annotated[
     list[str] | None,
     typer.Option(

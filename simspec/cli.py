@@ -11,6 +11,7 @@ import typer
 from simspec import arguments
 from simspec.arguments import (
     DEADLINE,
+    Accepts,
     AsJson,
     Deadline,
     Engines,
@@ -195,6 +196,7 @@ def compile_command(
         ),
     ] = False,
     sets: Sets = None,
+    accept: Accepts = None,
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
@@ -224,6 +226,7 @@ def compile_command(
         check=check,
         explain=explain,
         sets=sets,
+        accept=accept,
         allow_outside=allow_outside,
         strict=strict,
         as_json=as_json,
@@ -253,6 +256,7 @@ def verify_command(
     ] = False,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Output folder (default generated/NAME).")] = None,
     sets: Sets = None,
+    accept: Accepts = None,
     allow_outside: Outside = False,
     strict: Strict = False,
     python: Pythons = None,
@@ -275,6 +279,7 @@ def verify_command(
     simspec verify --self-test                  does the proof detect planted defects?
     simspec verify --self-test --complete       every change of every number, word, attribute and element
     """
+    from simspec.commands.accept import accepted_sets
     from simspec.commands.ci import reports_of
     from simspec.commands.verify import verify
 
@@ -286,7 +291,7 @@ def verify_command(
         contact=contact,
         cache=not no_cache,
         out=out,
-        sets=sets,
+        sets=accepted_sets(spec, sets, accept, allow_outside),
         allow_outside=allow_outside,
         strict=strict,
         python=python,
@@ -313,6 +318,7 @@ def run_command(
     ] = 1e-3,
     fail_on_diff: arguments.FailOnDiff = None,
     sets: Sets = None,
+    accept: Accepts = None,
     allow_outside: Outside = False,
     strict: Strict = False,
     python: Pythons = None,
@@ -339,7 +345,9 @@ def run_command(
     simspec run arm.yaml --engine ENGINE1 --engine ENGINE2 --set physics.timestep=2ms
     simspec run arm.yaml --engine ENGINE --python ENGINE=/other/venv/bin/python
     simspec run arm.yaml --engine ENGINE --engine ENGINE@VERSION=/other/venv/bin/python
+    simspec run arm.yaml --all-engines --accept joint.limits.position
     """
+    from simspec.commands.accept import accepted_sets
     from simspec.commands.baseline import Baselines
     from simspec.commands.ci import reports_of
     from simspec.commands.run import run
@@ -354,7 +362,7 @@ def run_command(
         prove=not no_verify,
         tolerance=tolerance,
         fail_on_diff=fail_on_diff,
-        sets=sets,
+        sets=accepted_sets(spec, sets, accept, allow_outside),
         allow_outside=allow_outside,
         strict=strict,
         python=python,

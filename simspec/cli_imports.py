@@ -43,6 +43,10 @@ def import_command(
     meshes: Annotated[
         Path | None, typer.Option("--meshes", metavar="DIR", help="Copy the meshes to this folder, and name those.")
     ] = None,
+    self_collision: Annotated[
+        bool,
+        typer.Option("--self-collision/--no-self-collision", help="Whether bodies of the model may touch each other."),
+    ] = True,
     allow_outside: Outside = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 2, and write nothing, where something lost changes physics.")
@@ -70,6 +74,7 @@ def import_command(
         package_path=package_path or (),
         arguments=arguments_of_file or (),
         meshes=meshes,
+        self_collision=self_collision,
         allow_outside=allow_outside,
         strict=strict,
         as_json=as_json,

@@ -12,14 +12,17 @@ from typing import Any
 
 from simspec.arguments import chosen_engines, engines_at_work, engines_for_files, interpreters, load_spec
 from simspec.compiler import missing_options
+from simspec.engines.kit.registry import engines
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec
+from simspec.language.strict import near
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
 from simspec.selection import NotTaken, Selection, refusal
+from simspec.support.features import Feature
 from simspec.world.types import World
 
 
@@ -29,6 +32,51 @@ def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bo
     words = chosen_engines(engine)
     selection = engines_for_files(words) if words else engines_at_work(None, interpreters(None))
     return accept_world(loaded, world, selection, as_json)
+
+
+EVERY = "all"
+"""Stands for every feature with ``--accept``."""
+
+
+def accepted_sets(
+    spec: str | None, sets: list[str] | None, words: list[str] | None, allow_outside: bool
+) -> list[str] | None:
+    """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them.
+
+    Raises SpecError for a word that is no feature, and for one that no engine needs.
+    """
+    if not words:
+        return sets
+    if spec is None:
+        raise SpecError([Problem("--accept requires SPEC")])
+    features = {feature.value for feature in Feature}
+    if problems := [
+        Problem(
+            f"--accept {word}: no such feature",
+            found=word,
+            hint=near(word, [*features, EVERY]) or "simspec accept SPEC",
+        )
+        for word in words
+        if word not in features and word != EVERY
+    ]:
+        raise SpecError(problems)
+    _, world, _ = load_spec(spec, sets, allow_outside, warn=False)
+    entries: list[str] = []
+    used = {EVERY}
+    for name in engines():
+        try:
+            missing = missing_options(world, name)
+        except UnsupportedError:
+            continue  # not supported, whatever is accepted: told where the engine is chosen
+        options = world.options(name)
+        for key, needed in missing.items():
+            if chosen := [feature for feature in needed if feature in words or EVERY in words]:
+                entries.append(f"engines.{name}.{key}=[{', '.join([*getattr(options, key), *chosen])}]")
+                used.update(chosen)
+    if unneeded := [word for word in words if word not in used]:
+        message = f"--accept {' '.join(unneeded)}: no engine that supports {spec} needs this"
+        raise SpecError([Problem(message, hint="leave it out")])
+    return [*(sets or ()), *entries]
 
 
 def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from simspec import generated
 from simspec.arguments import chosen_engines, engines_for_files, load_spec
+from simspec.commands.accept import accepted_sets
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
@@ -33,6 +34,7 @@ def compile_specs(
     check: bool,
     explain: bool,
     sets: list[str] | None,
+    accept: list[str] | None = None,
     allow_outside: bool,
     strict: bool,
     as_json: bool,
@@ -51,7 +53,12 @@ def compile_specs(
     def load(name: str) -> tuple[Spec, World]:
         # what is only looked at for being current was warned of when it was written
         spec, world, warnings = load_spec(
-            name, sets, allow_outside, strict=strict, as_json=as_json, warn=not check or strict
+            name,
+            accepted_sets(name, sets, accept, allow_outside),
+            allow_outside,
+            strict=strict,
+            as_json=as_json,
+            warn=not check or strict,
         )
         warned.extend(warnings)
         return spec, world

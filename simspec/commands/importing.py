@@ -38,6 +38,7 @@ def import_file(
     package_path: Sequence[str],
     arguments: Sequence[str],
     meshes: Path | None,
+    self_collision: bool,
     allow_outside: bool,
     strict: bool,
     as_json: bool,
@@ -49,6 +50,7 @@ def import_file(
         (*package_path, *more_packages),
         pairs(arguments, "--arg", "NAME=VALUE"),
         tuple(repair),
+        self_collision=self_collision,
     )
     if out is not None:
         demand([_not_over_the_source(out, path), file_problem(out, is_unchanged)])

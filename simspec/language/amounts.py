@@ -7,6 +7,7 @@ a file holds, once for each model that names it.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -98,6 +99,8 @@ def _loose(bodies: Bodies) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
 def _model(bodies: Bodies) -> Counter[str]:
     files = [file.file for file in bodies.files if file.file is not None]
     excluded = sum(len(file.contact.exclude) for file in files)
+    if not all(file.contact.self_collision for file in files):
+        excluded += math.comb(len(bodies.raw), 2)
     grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
     held = sum(len(file.model.constraints) for file in files if file.model is not None)
     of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}

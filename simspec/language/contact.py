@@ -239,6 +239,9 @@ class Contact(Strict):
     exclude: Annotated[tuple[tuple[str, str], ...], Exclusions()] = Field(
         (), description="Pairs of bodies, by their full names, that do not touch"
     )
+    self_collision: Annotated[bool, Flag()] = Field(
+        True, description="Of a model file. false: the bodies of its model do not touch each other"
+    )
 
     @classmethod
     def prepare(cls, data: dict[str, Any]) -> tuple[dict[str, Any], list[Fault]]:

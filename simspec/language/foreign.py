@@ -84,6 +84,8 @@ class ImportOptions:
     project: Path | None = None
     base: Path = Path()
     """The folder that relative ``packages`` start from."""
+    self_collision: bool = True
+    """Whether bodies of the file's model may touch each other; False is said by the spec (``contact.self_collision``)."""
 
     def key(self) -> str:
         """The same text for the same options."""
@@ -186,7 +188,18 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
         known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().good.values())
         raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
     imported: Imported = fitting[0].read(path, shown, options)
+    if not options.self_collision:
+        _keep_apart(imported, shown)
     return imported
+
+
+def _keep_apart(imported: Imported, shown: str) -> None:
+    """Let the bodies of an imported model pass through each other. Raises SpecError for a file that is not one model."""
+    if "model" not in imported.data:
+        hint = "contact: groups or exclude, in the spec that simspec import writes"
+        raise SpecError([Problem(f"{shown}: self_collision is of one model, and the file has several", hint=hint)])
+    imported.data.setdefault("contact", {})["self_collision"] = False
+    imported.comments["contact.self_collision"] = "the file does not say so: asked for when it was imported"
 
 
 _HEAD = 65_536

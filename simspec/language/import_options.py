@@ -10,7 +10,7 @@ from pydantic import Field
 from simspec.language.foreign import ImportOptions
 from simspec.language.shapes import NameOf
 from simspec.language.strict import Strict
-from simspec.language.words import FileName, Text
+from simspec.language.words import FileName, Flag, Text
 
 
 class Import(Strict):
@@ -28,9 +28,18 @@ class Import(Strict):
     repair: list[Annotated[str, Text()]] = Field(
         [], description="Rules by which defects of the file are repaired; none is applied unasked"
     )
+    self_collision: Annotated[bool, Flag()] = Field(
+        True, description="false: the bodies of the model that the file describes do not touch each other"
+    )
 
     def options(self, folder: Path, project: Path | None) -> ImportOptions:
         """The same as importers take it; ``folder``: that of the file which says so."""
         return ImportOptions(
-            self.packages, tuple(self.package_path), self.arguments, tuple(self.repair), project, folder
+            self.packages,
+            tuple(self.package_path),
+            self.arguments,
+            tuple(self.repair),
+            project,
+            folder,
+            self.self_collision,
         )

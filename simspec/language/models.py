@@ -447,8 +447,11 @@ class File(Strict):
                         ("contact", key),
                         f"{key} is only for scenarios, not for a model",
                         None,
-                        "materials, groups, exclude",
+                        "materials, groups, exclude, self_collision",
                     )
+        if "model" not in data and isinstance(contact, Mapping) and "self_collision" in contact:
+            allowed = "in the file of a model; else: groups, exclude"
+            yield Fault(("contact", "self_collision"), "self_collision is only for a model", None, allowed)
         parts = ("bodies", "models", "model")
         if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
             yield Fault((), "no bodies and no models: nothing to simulate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -210,6 +211,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
             expansion.excluded += [
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
             ]
+            expansion.excluded += _apart(bodies, copied)
 
 
 def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
@@ -222,6 +224,15 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     expansion.note(tree, copied)
     yield _Instance(copied, bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
+    expansion.excluded += _apart(bodies, copied)
+
+
+def _apart(bodies: trees.Bodies, copied: Sequence[Body]) -> list[tuple[str, str]]:
+    """The pairs of bodies of a model that could touch, where one of its files says that none do."""
+    if all(file.content.contact.self_collision for file in bodies.files):
+        return []
+    colliding = [body.name for body in copied if any(shape.collision for shape in body.shapes)]
+    return list(itertools.combinations(colliding, 2))
 
 
 def _positioned(tree: Tree, use: Use) -> Tree:

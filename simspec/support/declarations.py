@@ -69,6 +69,11 @@ Refine = Callable[[World], Refinement | None]
 """What holds in a world; None: what is declared."""
 
 
+def acceptance(engine: str, feature: str) -> str:
+    """How a user accepts that an engine has a feature approximately."""
+    return f"accept it by name: engines.{engine}.accept: [{feature}], or --accept {feature}"
+
+
 def not_here(reason: str | None) -> Refinement | None:
     """That a world is not covered, for a ``reason``; None without one."""
     return None if reason is None else Refinement(Level.UNSUPPORTED, reason)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from simspec.errors import Location, Problem, UnsupportedError
-from simspec.support.declarations import Absence, Level, Support, Table
+from simspec.support.declarations import Absence, Level, Support, Table, acceptance
 from simspec.support.features import MEANING, Feature
 from simspec.support.needs import Need, needs
 from simspec.world.types import EngineOptions, World
@@ -74,11 +74,11 @@ def _refusal(feature: Feature, support: Support, options: EngineOptions, title: 
     if support.level is Level.APPROXIMATE and name not in options.accept:
         return (
             f"{title} supports {name} only approximately: {support.how}",
-            f"accept it by name: engines.{target}.accept: [{name}]",
+            acceptance(target, name),
         )
     if support.level is Level.OUTSIDE and not support.asked and name not in options.outside:
         return (
             f"{title} does not support {name} itself; simspec can compute it outside the engine: {support.how}",
-            f"ask for it by name: engines.{target}.outside: [{name}]",
+            f"ask for it by name: engines.{target}.outside: [{name}], or --accept {name}",
         )
     return None

@@ -75,7 +75,7 @@ def test_friction_that_is_missing_in_impacts_is_refused_where_it_is_written(tmp_
     assert problem.path == "contact.pairs.rubber.steel.friction"
     assert f"only approximately: {engines()['mujoco'].SUPPORT[Feature.IMPACT_FRICTION].how}" in problem.message
     assert "settings: {friction: coulomb}" in problem.message
-    assert problem.hint == f"accept it by name: engines.mujoco.accept: [{IMPACT}]"
+    assert problem.hint == f"accept it by name: engines.mujoco.accept: [{IMPACT}], or --accept {IMPACT}"
     for way in (f"accept: [{IMPACT}]", "settings: {friction: coulomb}"):
         spec = load(written(tmp_path, pair, f"{UNSAID}engines: {{mujoco: {{{way}}}}}\n"))
         decisions = compile_world(spec.resolve(), ["mujoco"], spec.locate)["mujoco"].decisions
@@ -153,7 +153,7 @@ def test_more_materials_than_are_split_are_refused_by_name(engine, tmp_path):
         encoding="utf-8",
     )
     problems = refused(path, engine)
-    accepted = [one.hint.rpartition("[")[2].rstrip("]") for one in problems if "accept it by name" in (one.hint or "")]
+    accepted = [one.hint.rpartition(" ")[2] for one in problems if "accept it by name" in (one.hint or "")]
     if accepted:  # what has to be accepted first is told first
         with path.open("a", encoding="utf-8") as file:
             file.write(f"engines: {{{engine}: {{accept: [{', '.join(accepted)}]}}}}\n")

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 
 from simspec.contact.meeting import meeting_kinds, solid_shapes
 from simspec.errors import Problem
+from simspec.support.declarations import acceptance
 from simspec.world.types import World
 
 Pairs = Mapping[tuple[str, str], str]
@@ -253,7 +254,7 @@ def problems(world: World, detector: str, engine: str) -> list[Problem]:
                     f"detector {detector}: {flaw}",
                     _first(world, kind),
                     found=f"shapes of kinds {pair[0]} and {pair[1]} that may touch",
-                    hint=f"accept it by name: engines.{engine}.accept: [shape.{kind}]; or use other shapes",
+                    hint=f"{acceptance(engine, f'shape.{kind}')}; or use other shapes",
                 )
             )
     return found

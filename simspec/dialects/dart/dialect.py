@@ -41,6 +41,7 @@ from simspec.support.declarations import (
     Level,
     Support,
     Table,
+    acceptance,
     alike,
     exactly,
     never,
@@ -181,7 +182,7 @@ def _check(world: World, target: Target) -> None:
             f"contact.pairs.{pair.first}.{pair.second}.friction",
             found=f"{pair.friction}",
             allowed=f"0, or above {TINY_FRICTION}",
-            hint=f"accept it by name: engines.{target.engine}.accept: [material.friction]",
+            hint=acceptance(target.engine, "material.friction"),
         )
         for pair in world.contact.pairs
         if pair.collide and 0.0 < pair.friction <= TINY_FRICTION and "material.friction" not in accepted
