@@ -61,6 +61,8 @@ class _Rows:
     damping: np.ndarray
     divisor: np.ndarray
     limit: np.ndarray
+    hold: np.ndarray
+    """For how many steps the effort is held, 1 where the joint has no law."""
 
 
 def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
@@ -73,7 +75,7 @@ def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
     columns = np.array([place.get(name, -1) for name in joints], dtype=int)
     implicit, torque, gravity = (np.zeros(count, dtype=bool) for _ in range(3))
     stiffness, damping, divisor = np.zeros(count), np.zeros(count), np.ones(count)
-    limit = np.full(count, np.inf)
+    limit, hold = np.full(count, np.inf), np.ones(count, dtype=np.int64)
     for row, name in enumerate(joints):
         if name not in law:
             continue
@@ -81,16 +83,18 @@ def _rows(joints: list[str], world: World, reference: Reference) -> _Rows:
         implicit[row] = controller.discretisation == "implicit"
         gravity[row] = controller.gravity_compensation
         torque[row] = controller.law == "computed-torque"
+        hold[row] = controller.hold
+        time = controller.hold * dt
         if torque[row]:
             omega = controller.natural_frequency
             stiffness[row], damping[row] = omega**2, 2.0 * controller.damping_ratio * omega
             if implicit[row]:
-                divisor[row] = 1.0 + damping[row] * dt + stiffness[row] * dt**2
+                divisor[row] = 1.0 + damping[row] * time + stiffness[row] * time**2
         else:
             stiffness[row], damping[row] = controller.kp[index], controller.kd[index]
         if controller.effort_limits[index] is not None:
             limit[row] = controller.effort_limits[index]
-    return _Rows(columns, columns >= 0, implicit, torque, gravity, stiffness, damping, divisor, limit)
+    return _Rows(columns, columns >= 0, implicit, torque, gravity, stiffness, damping, divisor, limit, hold)
 
 
 class _Group:
@@ -112,25 +116,32 @@ class _Group:
         self.joints = [body.joint.name for body in movers]
         self.rows = rows = _rows(self.joints, world, reference)
         self._reference = reference
-        self._ahead_damping = rows.damping + np.where(rows.implicit, self._timestep * rows.stiffness, 0.0)
+        time = self._timestep * rows.hold
+        self._ahead_damping = rows.damping + np.where(rows.implicit, time * rows.stiffness, 0.0)
         self._slope_q = rows.stiffness / rows.divisor
         self._slope_v = self._ahead_damping / rows.divisor
         self._only_torque = bool(rows.torque.all())
         self._pd = rows.driven & ~rows.torque
         self._solved = self._pd & rows.implicit
-        dt = self._timestep
-        self._ahead = np.where(self._solved, dt * rows.damping + dt**2 * rows.stiffness, 0.0)
+        self._ahead = np.where(self._solved, time * rows.damping + time**2 * rows.stiffness, 0.0)
         self._effort = np.zeros(len(movers))
+        self._holds = bool((rows.hold > 1).any())
+        self._held, self._next = np.zeros(len(movers)), -1
 
     def prepare(self, first: int, count: int) -> np.ndarray:
-        """Make the references of ``count`` steps from step ``first`` on; returns q* (count, n) at their ends."""
+        """Make the references of ``count`` steps from step ``first`` on; returns q* (count, n) at their ends.
+
+        Efforts that are held go on from the steps prepared last, where these end at ``first``; else the laws act in it."""
         rows, dt = self.rows, self._timestep
         shape = (count, len(rows.columns))
         self._affine, self._feed = np.zeros(shape), np.zeros(shape)
-        times = (first + np.arange(count + 1)) * dt
+        longest = int(rows.hold.max(initial=1))
+        times = (first + np.arange(count + longest)) * dt
         position, speed, acceleration = self._reference.position.at(times, 2)
         (feed,) = self._reference.effort.at(times)
-        for ahead, mine in ((0, rows.driven & ~rows.implicit), (1, rows.driven & rows.implicit)):
+        lead = np.where(rows.implicit, rows.hold, 0)
+        for ahead in np.unique(lead[rows.driven]).tolist():
+            mine = rows.driven & (lead == ahead)
             own, at = rows.columns[mine], slice(ahead, ahead + count)
             wanted = rows.stiffness[mine] * position[at][:, own] + rows.damping[mine] * speed[at][:, own]
             wanted += np.where(rows.torque[mine], acceleration[at][:, own], 0.0)
@@ -138,10 +149,23 @@ class _Group:
             self._feed[:, mine] = feed[at][:, own]
         self._affine[:, self._pd] += self._feed[:, self._pd]
         self._feed[:, self._pd] = 0.0
-        return np.where(rows.driven, position[1:][:, rows.columns], 0.0)
+        if self._holds:
+            self._due = (first + np.arange(count))[:, None] % rows.hold == 0
+            self._due[0] |= first != self._next
+            self._any, self._all, self._next = self._due.any(axis=1), self._due.all(axis=1), first + count
+        return np.where(rows.driven, position[1 : count + 1][:, rows.columns], 0.0)
 
     def effort(self, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Efforts (n,), not yet clipped, at the k-th prepared step."""
+        if not self._holds:
+            return self._law(k, q, v)
+        if self._any[k]:
+            now = self._law(k, q, v)
+            self._held = now.copy() if self._all[k] else np.where(self._due[k], now, self._held)
+        return self._held
+
+    def _law(self, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The laws of all joints at the k-th prepared step."""
         wanted: np.ndarray = self._affine[k] - self._slope_q * q - self._slope_v * v
         tree, rows = self._tree, self.rows
         if tree is None:

@@ -3,6 +3,7 @@
 About a posture q the driven joints obey M(q) v̇ = −K e − D ė, with e = q − q*, the joints' own damping among D and their springs
 among K, and one step is e' = e + dt v', v' = v − dt M⁻¹ (K e + D v). The law is stable where no eigenvalue of this step is
 larger than one; gravity's and the Coriolis force's change with the state is left out (slow beside gains that hold a robot).
+Of a law whose efforts are held for m steps, τ is taken every m steps and kept: then the product of as many steps counts.
 computed-torque has M⁻¹ K = ω² and M⁻¹ D = 2 ζ ω on its joints: one joint is stable while (ω dt)² + 4 ζ ω dt < 4, for ζ = 1
 while ω dt < 0.828.
 """
@@ -11,8 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import Tree
 from simspec.world.control import Controller
@@ -27,8 +30,14 @@ LARGEST = 10.0
 """A timestep (s) beyond which nobody asks: a law stable there is called stable at any."""
 SMALLEST = 1e-9
 """A timestep (s) below which the search ends: no step helps a system that is unstable in itself."""
+MOST_STEPS = 60
+"""Steps after which laws with different intervals act at once again, up to which all are followed; beyond, all are taken to
+act as seldom as the slowest."""
 RESOLUTION = 1e-3
 """Relative: the largest stable step is named to three digits."""
+
+
+Floats = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +49,8 @@ class Instability:
     timestep: float
     largest_stable_step: float
     growth: float
+    hold: int = 1
+    """For how many steps efforts are held at most."""
 
 
 def unstable(world: World) -> list[Instability]:
@@ -60,12 +71,22 @@ def unstable(world: World) -> list[Instability]:
         blamed = {name: systems for name, systems in alone.items() if _worst(systems, timestep) > 1.0 + SLACK}
         together = {", ".join(controller.name for controller in own): _systems(world, bodies, own, postures)}
         for name, systems in (blamed or together).items():
-            instabilities.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep)))
+            hold = max(int(system.hold.max(initial=1)) for system in systems)
+            instabilities.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep), hold))
     return instabilities
 
 
-System = tuple[np.ndarray, np.ndarray]
-"""M⁻¹ K and M⁻¹ D (n, n) of the driven tree at one posture."""
+class System(NamedTuple):
+    """The driven tree at one posture."""
+
+    mobility: Floats
+    """M⁻¹ (n, n)."""
+    own: tuple[Floats, Floats]
+    """K and D (n, n) of the joints' own springs and damping."""
+    law: tuple[Floats, Floats]
+    """K and D (n, n) of the laws."""
+    hold: NDArray[np.int64]
+    """For how many steps each joint's effort is held (n,)."""
 
 
 def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
@@ -98,12 +119,14 @@ def _systems(
     systems = []
     for posture in postures:
         mass = tree.mass_matrix(posture)
-        total_k, total_d = np.diag(stiffness), np.diag(damping)
+        total_k, total_d = np.zeros_like(mass), np.zeros_like(mass)
+        hold = np.ones(tree.nv, dtype=np.int64)
         for controller in controllers:
             for index, name in enumerate(controller.joints):
                 if name not in where:
                     continue
                 at = where[name]
+                hold[at] = controller.hold
                 if controller.law == "computed-torque":
                     driven = np.array([where[other] for other in controller.joints if other in where])
                     total_k[at, driven] += controller.natural_frequency**2 * mass[at, driven]
@@ -113,18 +136,43 @@ def _systems(
                 else:
                     total_k[at, at] += controller.kp[index]
                     total_d[at, at] += controller.kd[index]
-        systems.append((np.linalg.solve(mass, total_k), np.linalg.solve(mass, total_d)))
+        own = np.diag(stiffness), np.diag(damping)
+        systems.append(System(np.linalg.inv(mass), own, (total_k, total_d), hold))
     return systems
 
 
 def _growth(system: System, timestep: float) -> float:
-    """The largest |eigenvalue| of a step."""
-    stiffness, damping = system
+    """The largest |eigenvalue| of a step; of several, the mean factor of one."""
+    if (system.hold > 1).any():
+        return _held_growth(system, timestep)
+    stiffness, damping = (system.mobility @ (own + law) for own, law in zip(system.own, system.law, strict=True))
     count = len(stiffness)
     identity = np.eye(count)
     speed = np.hstack([-timestep * stiffness, identity - timestep * damping])
     step = np.vstack([np.hstack([identity, np.zeros((count, count))]) + timestep * speed, speed])
     return float(np.abs(np.linalg.eigvals(step)).max())
+
+
+def _held_growth(system: System, timestep: float) -> float:
+    """The same where efforts are held: of e, v and the efforts, over the time after which all laws act at once again."""
+    count = len(system.hold)
+    hold = system.hold
+    steps = int(np.lcm.reduce(hold))
+    if steps > MOST_STEPS:
+        hold, steps = np.full(count, hold.max()), int(hold.max())
+    identity, nothing = np.eye(count), np.zeros((count, count))
+    stiffness, damping = (timestep * system.mobility @ own for own in system.own)
+    whole = np.eye(3 * count)
+    for step in range(steps):
+        due = (step % hold == 0)[:, None]
+        efforts = np.where(
+            due, np.hstack([-system.law[0], -system.law[1], nothing]), np.hstack([nothing, nothing, identity])
+        )
+        speed = np.hstack([-stiffness, identity - damping, nothing]) + timestep * system.mobility @ efforts
+        place = np.hstack([identity, nothing, nothing]) + timestep * speed
+        whole = np.vstack([place, speed, efforts]) @ whole
+    largest = float(np.abs(np.linalg.eigvals(whole)).max())
+    return float(largest ** (1.0 / steps))
 
 
 def _worst(systems: Sequence[System], timestep: float) -> float:

@@ -37,6 +37,7 @@ _NOT_OF_LAW: Mapping[str, Mapping[str, str]] = {
         **dict.fromkeys(("natural_frequency", "damping_ratio"), "only for law: computed-torque"),
         "discretisation": "the engine chooses how its own controller is discretised",
         "gravity_compensation": "only for law: pd",
+        "every": "the engine's own controller acts in every step",
     },
 }
 """Fields that mean nothing under a law, and why."""
@@ -119,6 +120,11 @@ class Controller(Strict):
     )
     damping_ratio: Annotated[float, Number("number", 0)] = Field(
         1.0, description="ζ: 1: critically damped; computed-torque"
+    )
+    every: Maybe[Annotated[float, Number("time", 0, above=True)]] = Field(
+        ABSENT,
+        description="Time between two looks of the controller at the state, for which its efforts are held; a whole number of "
+        "timesteps; default: one step; not with `native`",
     )
     actuator: Annotated[str, Word(ACTUATORS)] = Field(
         "position",

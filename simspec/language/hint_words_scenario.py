@@ -235,6 +235,12 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "waypoints keyframes knots", "points: [{at: ..., positions: {...}}, ...]", "Trajectory.points", at="Trajectory"
     ),
     *same_hint("p kp_gain stiffness gain p_gain", "kp", "Controller.kp", at="Controller"),
+    *same_hint(
+        "rate frequency period decimation control_rate control_frequency update_rate frame_skip sample_time interval",
+        "every: the time between two looks of the controller at the state",
+        "Controller.every",
+        at="Controller",
+    ),
     *same_hint("d kv damping d_gain derivative", "kd", "Controller.kd", at="Controller"),
     *same_hint(
         "i ki integral",

@@ -463,16 +463,20 @@ class File(Strict):
             yield Fault(("forces",), "too many forces", str(len(forces)), f"up to {MOST_FORCES}")
         yield from _in_steps(data, "record", "every")
         yield from _in_steps(data, "trajectory", "until")
+        for controller in control if isinstance(control, Mapping) else ():
+            yield from _in_steps(data, "control", controller, "every")
 
 
-def _in_steps(data: Mapping[str, Any], part: str, name: str) -> Iterable[Fault]:
+def _in_steps(data: Mapping[str, Any], *path: str) -> Iterable[Fault]:
     """A time that is no whole number of timesteps, or none at all."""
 
-    def of(part: str, name: str) -> Any:
-        value = data.get(part)
-        return value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
+    def of(*path: str) -> Any:
+        value: Any = data
+        for name in path:
+            value = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
+        return value
 
-    time = of(part, name)
+    time = of(*path)
     if time is None:
         return
     timestep = of("physics", "timestep")
@@ -482,4 +486,4 @@ def _in_steps(data: Mapping[str, Any], part: str, name: str) -> Iterable[Fault]:
     except Faults:
         return  # reported where it is read
     if whole_steps(*times) in (None, 0):
-        yield not_whole(f"{part}.{name}", *times, (part, name))
+        yield not_whole(".".join(path), *times, path)

@@ -174,7 +174,7 @@ def _closed_form(
         laws = [law for law in world.controllers if own & set(law.joints)]
         whole = own <= {name for law in laws for name in law.joints}
         extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving) or bool(world.constraints)
-        if not laws or not whole or extra or any(law.law != "computed-torque" for law in laws):
+        if not laws or not whole or extra or any(law.law != "computed-torque" or law.hold > 1 for law in laws):
             continue
         for law in laws:
             stiffness, damping = law.natural_frequency**2, 2.0 * law.damping_ratio * law.natural_frequency

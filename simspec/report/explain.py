@@ -229,6 +229,8 @@ def forces_table(world: World) -> Table:
 
 
 def _figures(controller: Controller, kinds: Mapping[str, str]) -> Iterator[str]:
+    if controller.hold > 1:
+        yield f"every {controller.hold} steps"
     if controller.law == "computed-torque":
         yield f"ω {controller.natural_frequency:g} rad/s, ζ {controller.damping_ratio:g}"
     if controller.gravity_compensation:

@@ -13,6 +13,7 @@ from simspec.language.control import PER_JOINT
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Key
 from simspec.language.joint_names import chosen
+from simspec.language.models import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.units import LARGEST, article
@@ -111,15 +112,19 @@ def _of_instability(source: Source, instability: Instability) -> Problem:
     names = instability.controller.split(", ")
     who = "the explicit law is" if len(names) == 1 else f"the explicit laws of {' and '.join(names)} are together"
     growth = f"its errors grow by a factor of {instability.growth:.4g} in every step"
+    held = at_most = ""
+    if instability.hold > 1:
+        held = f", efforts held for {instability.hold} steps"
+        at_most = f", every: {instability.largest_stable_step * instability.hold:.3g} s"
     return source.document.problem(
         ("control", names[0]),
         f"{who} unstable at this timestep: {growth}",
         key=True,
-        found=f"a timestep of {instability.timestep:g} s",
-        allowed=f"up to {instability.largest_stable_step:.3g} s"
+        found=f"a timestep of {instability.timestep:g} s{held}",
+        allowed=f"up to {instability.largest_stable_step:.3g} s{at_most}"
         if instability.largest_stable_step
         else "none: it is unstable at any timestep",
-        hint="use discretisation: implicit, lower gains, or a smaller physics.timestep",
+        hint=f"use discretisation: implicit, lower gains, {'a shorter every, ' if held else ''}or a smaller physics.timestep",
     )
 
 
@@ -272,7 +277,16 @@ class _ControllerDraft:
                 _smaller(value, self._own[joint].effort_limit)
                 for joint, value in self._geared("effort_limit", 1).items()
             ),
+            every_steps=self._every(),
         )
+
+    def _every(self) -> int:
+        """Every how many steps it acts; 0 for every step, the default."""
+        every = self.written.every
+        steps = 1 if every is None else whole_steps(every, self._source.content.physics.timestep)
+        if not steps:
+            raise ValueError("a validated interval of control is a whole number of steps")
+        return steps if steps > 1 else 0
 
     def velocity_limits(self) -> dict[str, float]:
         """The limits of those joints that have one, on the joint's side."""

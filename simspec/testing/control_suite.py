@@ -24,8 +24,8 @@ from simspec.testing.base import Suite
 from simspec.testing.bench import Bench, failures, run_operation, windows_operation
 from simspec.testing.driving import OracleJoints, chain, driven, native, wheel, with_targets
 from simspec.testing.servos import SERVOS, closed_form, servo_world
-from simspec.world.control import Trajectory
-from simspec.world.types import Record, World
+from simspec.world.control import Controller, Trajectory
+from simspec.world.types import Physics, Record, World
 
 STEPS = 250
 HINGES = ("hinge", "hinge", "hinge")
@@ -40,6 +40,59 @@ def with_load(damping: float = 0.0) -> World:
     world = driven(worlds.world(more + first.bodies, physics=first.physics), joints=joints)
     rows = (tuple(q.tolist()), tuple((q + 0.3).tolist()))
     return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0, 0.5), rows, interpolation="quintic"))
+
+
+HOLDS = (4, 3)
+GAINS = (8.0, 0.3)
+
+
+def held_wheels(discretisation: str) -> World:
+    """Two wheels under pd towards 0.5 rad, whose controllers act every 4 and every 3 steps."""
+    bodies = tuple(
+        dataclasses.replace(
+            body, name=name, model=name, joint=dataclasses.replace(body.joint, name=f"{name}_joint"), shapes=()
+        )
+        for name in ("slow", "slower")
+        for body in wheel(0.02).bodies
+    )
+    controllers = tuple(
+        Controller(
+            body.name,
+            (body.joint.name,),
+            discretisation=discretisation,
+            kp=GAINS[:1],
+            kd=GAINS[1:],
+            effort_limits=(None,),
+            every_steps=hold,
+        )
+        for body, hold in zip(bodies, HOLDS, strict=True)
+    )
+    world = dataclasses.replace(
+        worlds.world(bodies, physics=Physics(timestep=0.002, steps=200)), controllers=controllers
+    )
+    return with_targets(world, np.array([0.5, 0.5]), tuple(body.joint.name for body in bodies))
+
+
+def held_rows(discretisation: str, steps: int) -> list[tuple[list[float], list[float]]]:
+    """Of each wheel its positions, the first one included, and the efforts of the steps."""
+    dt, inertia, (kp, kd) = 0.002, 0.02, GAINS
+    found = []
+    for hold in HOLDS:
+        q = v = effort = 0.0
+        time = hold * dt
+        positions, efforts = [q], []
+        for step in range(steps):
+            if step % hold == 0 and discretisation == "explicit":
+                effort = kp * (0.5 - q) - kd * v
+            elif step % hold == 0:
+                divisor = inertia + time * kd + time**2 * kp
+                effort = inertia * (kp * (0.5 - q - time * v) - kd * v) / divisor
+            v += dt * effort / inertia
+            q += dt * v
+            positions.append(q)
+            efforts.append(effort)
+        found.append((positions, efforts))
+    return found
 
 
 def recorded(bench: Bench, world: World) -> Run:
@@ -64,6 +117,21 @@ class ControlSuite(Suite):
         control.advance(oracle, 0, STEPS)
         q = bench.run(world, STEPS).arrays["q"][-1]
         np.testing.assert_allclose(q[control.q_places], oracle.q[control.q_places], atol=1e-12)
+
+    @pytest.mark.parametrize("discretisation", ["explicit", "implicit"])
+    def test_efforts_are_held_between_two_looks_of_a_controller(self, bench: Bench, discretisation: str) -> None:
+        """One wheel looks every 4 steps, one every 3, recorded every 5: q and τ by a recursion of their own."""
+        world = bench.allowed(held_wheels(discretisation))
+        if world is None:
+            return
+        steps, rows = 120, held_rows(discretisation, 120)
+        answer = bench.run(world, steps, 5)
+        q, effort = answer.arrays["q"], answer.arrays["control.effort"]
+        for column, (positions, efforts) in enumerate(rows):
+            np.testing.assert_allclose(q[:, column], positions[::5], rtol=0.0, atol=1e-13)
+            np.testing.assert_allclose(effort[1:, column], efforts[4::5], rtol=0.0, atol=1e-11)
+        (windows,) = bench.ask(world, windows_operation(world, bench.run(world, steps, 12)))
+        np.testing.assert_allclose(windows.arrays["q"][:, 0], rows[0][0][12::12], rtol=0.0, atol=1e-13)
 
     def test_a_run_records_what_was_asked_and_given(self, bench: Bench) -> None:
         channels = () if bench.lacks("energy") else ("energy",)

@@ -4,7 +4,8 @@ Joints are hinges and slides, by their full names; numbers stand on the joint's 
 gear of ratio g an actuator's stiffness and damping count g², its effort g, its velocity 1/g).
 
 At every step n (time t = n dt) a controller sees the state (q, v) before the step, and gives efforts τ that are held for the
-step. q*, v*, a* are the trajectory's position and its derivatives, f its feed-forward effort, all at t; M and h are the mass
+step; one that acts every m steps does so in the steps n that m divides, and its efforts are held for m steps (zero-order hold).
+q*, v*, a* are the trajectory's position and its derivatives, f its feed-forward effort, all at t; M and h are the mass
 matrix and the bias force (Coriolis, centrifugal, gravity) of the *world* at (q, v), never an engine's; g is h at rest.
 
 pd               τ = clip(kp (q* − q) + kd (v* − v) + f [+ g]), joint by joint
@@ -14,7 +15,8 @@ native           the engine's own position controller with gains kp and kd: a de
 
 ``explicit``: as written. ``implicit``: the law at the end of the step, with targets at t + dt, solved for the acceleration
 that it causes: v' = v + dt a, q' = q + dt v' stand for v and q. Stable at any timestep as long as nothing is clipped or
-touched. pd: (M + dt kd + dt² kp) a = kp (q* − q − dt v) + kd (v* − v) + f − h [+ g];
+touched. One that acts every m steps has m dt in place of dt: the law at the end of the time for which its efforts are held.
+pd: (M + dt kd + dt² kp) a = kp (q* − q − dt v) + kd (v* − v) + f − h [+ g];
 computed-torque: a = (a* + 2 ζ ω (v* − v) + ω² (q* − q − dt v)) / (1 + 2 ζ ω dt + ω² dt²).
 After J. Tan, K. Liu, G. Turk, Stable Proportional-Derivative Controllers, IEEE CG&A 2011, with the term dt² kp, which
 semi-implicit Euler calls for.
@@ -22,7 +24,7 @@ semi-implicit Euler calls for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,7 @@ class Controller:
     damping_ratio        ζ: computed-torque, else 0
     gravity_compensation whether pd adds g
     effort_limits        one for each joint (N m, N): τ is clipped to ± this; None = not clipped
+    every_steps          m ≥ 2: it acts every m steps; 0: in every step
     """
 
     name: str
@@ -48,6 +51,12 @@ class Controller:
     damping_ratio: float = 0.0
     gravity_compensation: bool = False
     effort_limits: tuple[float | None, ...] = ()
+    every_steps: int = field(default=0, metadata={"left_out": True})
+
+    @property
+    def hold(self) -> int:
+        """For how many steps its efforts are held."""
+        return max(1, self.every_steps)
 
     def __repr__(self) -> str:
         return f"<Controller {self.name!r}: {self.law}, {len(self.joints)} joints>"

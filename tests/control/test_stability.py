@@ -83,3 +83,36 @@ def test_a_negative_damping_is_stable_at_no_step():
     world = driven(wheel(), "pd", kp=(1.0,), kd=(-1.0,))
     (found,) = unstable(world)
     assert found.largest_stable_step == pytest.approx(0.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("holds", [(5, 5), (2, 2), (3, 4)])
+def test_what_is_predicted_of_held_efforts_happens(holds):
+    """Of a coupled chain whose controllers act every few steps, in the oracle: below the limit errors die, above they grow."""
+    base = driven(chain(("hinge", "hinge")), "pd")
+    joints = base.controllers[0].joints
+    controllers = tuple(
+        Controller(name, (name,), kp=(40.0,), kd=(3.0,), effort_limits=(None,), every_steps=hold)
+        for name, hold in zip(joints, holds, strict=True)
+    )
+
+    def at(timestep: float):
+        physics = dataclasses.replace(base.physics, timestep=timestep, gravity=(0.0, 0.0, 0.0))
+        return dataclasses.replace(base, controllers=controllers, physics=physics)
+
+    limit = 1.0
+    while found := unstable(at(limit)):  # of both, or of the one that is unstable alone
+        limit = 0.999 * min(instability.largest_stable_step for instability in found)
+        assert found[0].hold in holds
+    start = np.array([body.joint.position[0] for body in base.bodies])
+    for share, stable in ((0.9, True), (1.1, False)):
+        assert (growth(with_targets(at(share * limit), start + 1e-6, joints), 2000) < 5.0) == stable
+        assert bool(unstable(at(share * limit))) != stable
+
+
+def test_efforts_held_for_longer_are_less_stable():
+    """A wheel under pd with efforts held for T: of the held double integrator kd T/J < 2 as kp vanishes, whatever the steps."""
+    inertia, kd = 0.02, 0.5
+    for hold in (2, 8, 32):
+        control = {"kp": (0.0,), "kd": (kd,), "every_steps": hold}
+        (far,) = unstable(driven(wheel(inertia, timestep=1.0), "pd", **control))
+        assert far.largest_stable_step * hold == pytest.approx(2.0 * inertia / kd, rel=2e-3)

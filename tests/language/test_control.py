@@ -112,6 +112,11 @@ BAD = {
     "speed of a slide at a hinge": (f"joints: [elbow], {PD}, velocity_limit: 1 m/s", "velocity_limit", "expected an angular velocity", None, "rad/s", None),
     "rotor as a mass at a hinge": (f"joints: [elbow], {PD}, rotor_inertia: 1 kg", "rotor_inertia", "expected a moment of inertia", None, "kg m²", None),
     "compensation in words": (f"joints: [elbow], {PD}, gravity_compensation: 1", "gravity_compensation", "expected true or false", "1", None, None),
+    "every half a step": (f"joints: [elbow], {PD}, every: 2.5 ms", "every", "control.robot.every must be a whole number of timesteps", "2.5 steps", "0.002 s or 0.003 s", None),
+    "every without time": (f"joints: [elbow], {PD}, every: 0", "every", "above 0", "0", None, None),
+    "every of the engine's own": (f"law: native, joints: [elbow], {PD}, every: 2 ms", "every", "not allowed with law native: the engine's own controller acts in every step", None, None, None),
+    "a rate": (f"joints: [elbow], {PD}, decimation: 5", "decimation", "unknown key", None, None, "every"),
+    "held for too long": ("joints: [elbow], kp: 0, kd: 10, every: 0.5 s", "", "unstable at this timestep", "efforts held for 500 steps", "every: 0.4 s", "a shorter every"),
     "list of nothing": (f"joints: , {PD}", "joints", "expected a list", "nothing", None, None),
 }  # fmt: skip
 
@@ -245,6 +250,14 @@ def test_a_controller_that_is_made_in_python_is_that_of_its_yaml(tmp_path):
     assert load(path).resolve() == made.resolve()
     (found,) = made.resolve().controllers
     assert (found.kp, found.kd) == ((90.0, 18000.0), (9.0, 45.0))
+
+
+def test_every_is_held_in_steps(tmp_path):
+    path = written(tmp_path, one(f"joints: [elbow], {PD}, every: 5 ms"))
+    assert load(path).resolve().controllers[0].every_steps == 5
+    assert load(path, sets=["control.robot.every=1 ms"]).resolve().controllers[0].every_steps == 0
+    (controller,) = load(path, sets=["physics.timestep=2.5 ms"]).resolve().controllers
+    assert (controller.every_steps, controller.hold) == (2, 2)
 
 
 def test_an_override_changes_one_gain(tmp_path):
