@@ -20,9 +20,9 @@ from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.engines.kit.settings import Value, check_pair_settings, check_settings, pair_settings, written_settings
 from simspec.errors import Location, Problem, UnsupportedError
+from simspec.language.engine_options import EngineOptions as SpecOptions
+from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
 from simspec.language.load import Spec
-from simspec.language.models import EngineOptions as SpecOptions
-from simspec.language.models import SettingsAtTimestep, merged_pairs
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import Decision, negotiate

@@ -9,8 +9,8 @@ from typing import Any
 from simspec.errors import Location
 from simspec.language import trees
 from simspec.language.document import Document, Key
+from simspec.language.engine_options import PairSettings
 from simspec.language.joint_names import matches
-from simspec.language.models import PairSettings
 from simspec.language.sources import Source
 
 _ELEMENT = re.compile(r"(.+)_\d+")

@@ -14,8 +14,9 @@ from pydantic import Field, create_model
 
 from simspec.language.arrays import Array
 from simspec.language.constraints import Constraint
-from simspec.language.contact import Contact, Names
+from simspec.language.contact import Contact
 from simspec.language.control import MOST_CONTROLLERS, Controller
+from simspec.language.engine_options import WHOLE, EngineOptions
 from simspec.language.expectations import Expectation
 from simspec.language.forces import MOST_FORCES, Force
 from simspec.language.import_options import Import
@@ -27,13 +28,11 @@ from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault,
 from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, TREE_JOINTS
-from simspec.language.words import FileName, Name, Setting, Text, Word
+from simspec.language.words import FileName, Name, Text, Word
 
 VERSION = 1
 MOST_STEPS = 10**9
 """Steps of one scenario; at a microsecond each that is a quarter of an hour."""
-WHOLE = 1e-9
-"""Relative deviation from a whole number of steps that is round-off of the division, not another duration."""
 
 Mass = Annotated[float, Number("mass", 0)]
 
@@ -307,99 +306,6 @@ class Record(Strict):
         description="Full names of bodies, hinges and slides whose final state the table of a run shows; none: the roots that "
         "can move, and all joints",
     )
-
-
-class PairSettings(Strict):
-    """Solver settings of one engine for contact between two materials. They replace its `settings` there."""
-
-    between: Annotated[tuple[str, str], Names(2)] = Field(..., description="The two materials")
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field(
-        ..., description="Solver settings, of those that the engine has for each pair of materials"
-    )
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        if data.get("settings") == {}:
-            yield Fault(("settings",), "no settings", "{}", "{NAME: value}")
-
-    @property
-    def materials(self) -> tuple[str, str]:
-        """The two materials, sorted."""
-        first, second = sorted(self.between)
-        return first, second
-
-
-class SettingsAtTimestep(Strict):
-    """Solver settings of runs whose timestep is above a bound: `settings`, `pairs` or both."""
-
-    above: Annotated[float, Number("time", 0, above=True)] = Field(
-        ..., description="The settings hold at every timestep above this one; at this one itself they do not"
-    )
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
-    pairs: list[PairSettings] = Field([], description="Settings of pairs of materials")
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        if not data.get("settings") and not data.get("pairs"):
-            yield Fault(
-                ("settings",) if "settings" in data else (), "no settings", None, "settings: {NAME: value}, or pairs"
-            )
-
-
-class EngineOptions(Strict):
-    """What a scenario says to one engine. Nothing here may change the model."""
-
-    settings: dict[NameOf, Annotated[Any, Setting()]] = Field({}, description="Solver settings, by the engine's names")
-    pairs: list[PairSettings] = Field(
-        [], description="Settings of pairs of materials, which replace `settings` in their contacts"
-    )
-    at_timestep: list[SettingsAtTimestep] = Field(
-        [],
-        description="Settings that follow from the timestep, in order of rising `above`; later ones replace earlier ones",
-    )
-    accept: list[Annotated[str, Text()]] = Field([], description="Features that may be approximate in this engine")
-    outside: list[Annotated[str, Text()]] = Field(
-        [], description="Features computed outside this engine, which does not support them"
-    )
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        entries = data.get("at_timestep")
-        before: float | None = None
-        for index, entry in enumerate(entries if isinstance(entries, (list, tuple)) else ()):
-            given = entry.get("above") if isinstance(entry, Mapping) else getattr(entry, "above", None)
-            try:
-                above = Number("time", 0, above=True).read(given)
-            except Faults:
-                continue  # reported where it is read
-            if before is not None and above <= before:
-                yield Fault(("at_timestep", index, "above"), "bounds must rise", f"{above:g} s after {before:g} s")
-            before = above
-
-    def settings_at(self, timestep: float) -> dict[str, Any]:
-        """The settings at a timestep (s): ``settings``, replaced by those of every entry of ``at_timestep`` that holds."""
-        found = dict(self.settings)
-        for entry in self.holding(timestep):
-            found.update(entry.settings)
-        return found
-
-    def pairs_at(self, timestep: float) -> dict[tuple[str, str], dict[str, Any]]:
-        """The settings of pairs of materials at a timestep (s), by the sorted names of the two: those of ``pairs``, replaced
-        setting by setting by those of every entry of ``at_timestep`` that holds."""
-        return merged_pairs([self.pairs, *(entry.pairs for entry in self.holding(timestep))])
-
-    def holding(self, timestep: float) -> list[SettingsAtTimestep]:
-        """The entries of ``at_timestep`` that hold at a timestep (s); one that equals a bound up to round-off does not."""
-        return [entry for entry in self.at_timestep if timestep > entry.above * (1.0 + WHOLE)]
-
-
-def merged_pairs(lists: Iterable[Iterable[PairSettings]]) -> dict[tuple[str, str], dict[str, Any]]:
-    """Settings of pairs of materials by the sorted names of the two; later lists replace earlier ones, setting by setting."""
-    merged: dict[tuple[str, str], dict[str, Any]] = {}
-    for pairs in lists:
-        for pair in pairs:
-            merged.setdefault(pair.materials, {}).update(pair.settings)
-    return merged
 
 
 class File(Strict):

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 from simspec.errors import Location, Problem, SpecError
 from simspec.language import walk
 from simspec.language.document import Document, Key, Mark, parse
+from simspec.language.engine_options import EngineOptions, SettingsAtTimestep
 from simspec.language.hints import hint_for_key
-from simspec.language.models import EngineOptions, File, SettingsAtTimestep
+from simspec.language.models import File
 from simspec.language.quantities import Vector
 from simspec.language.reader import Reader
 from simspec.language.strict import near, show

@@ -10,8 +10,8 @@ import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.document import Details, Key
+from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
-from simspec.language.models import EngineOptions as SpecOptions
 from simspec.language.models import Physics as SpecPhysics
 from simspec.language.models import Record as SpecRecord
 from simspec.language.models import whole_steps
