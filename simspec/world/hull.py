@@ -21,6 +21,8 @@ from simspec.world.types import Pose
 
 FEWEST = 4
 """Vertices of the smallest solid."""
+CENTRED = 1e-14
+"""Share of the largest coordinate up to which a centre of mass is at the origin: what simspec has written is read as it is."""
 KEPT = 1024
 """Hulls whose faces and figures are remembered."""
 
@@ -85,8 +87,11 @@ def faces(size: Sequence[float]) -> Triangles:
 
 def centred(vertices: Points) -> tuple[Pose, Points]:
     """The frame of a hull (its centre of mass and principal axes) in the frame of its ``vertices``, and these in that frame.
-    Raises FlatError."""
+    Vertices that are in that frame already, but for round-off, stay as they are. Raises FlatError."""
     frame = hull(vertices).solid.frame
+    turned = frame.quaternion != frames.IDENTITY
+    if not turned and np.abs(frame.position).max() <= CENTRED * np.abs(vertices).max():
+        return Pose(), vertices
     return frame, _seen_from(frame, vertices)
 
 

@@ -1,4 +1,5 @@
-"""The format ``sdf``: one XML file, ``world.sdf``, of the version 1.9, which every reader of today knows.
+"""The format ``sdf``: one XML file, ``world.sdf``, of the version 1.9, which every reader of today knows, and of 1.11 where
+joints follow others.
 
 Poses are a position and a quaternion, which the language has since that version: numbers read back to the same doubles.
 """
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from simspec.formats.kit.contract import Format
+from simspec.formats.kit.meshes import mesh_file, mesh_files
 from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.kit.xml_elements import Element, read_xml
@@ -20,6 +22,9 @@ from simspec.world import types
 from simspec.world.types import Pose
 
 WORLD: Final = "world.sdf"
+VERSION: Final = "1.9"
+COUPLED: Final = "1.11"
+"""The first version that has joints which follow others."""
 UNLIMITED: Final = 1e16
 """What SDF has for no limit."""
 JOINT_TYPES: Final = {"fixed": "fixed", "hinge": "revolute", "slide": "prismatic", "ball": "ball"}
@@ -34,9 +39,11 @@ class Sdf(Format):
     SUPPORT: ClassVar[Table] = SUPPORT
 
     def write(self, tree: World) -> dict[str, str]:
-        """``world.sdf``. Raises KeyError for kinds of joints and shapes that the language does not have, and ValueError for
-        numbers that are not finite."""
+        """``world.sdf``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does
+        not have, and ValueError for numbers that are not finite."""
+        joints = [joint for model in tree.models for joint in model.joints]
         content = {
+            "version": COUPLED if any(joint.mimic is not None for joint in joints) else VERSION,
             "name": tree.name,
             "timestep": tree.timestep,
             "rate": 1.0 / tree.timestep,
@@ -53,7 +60,9 @@ class Sdf(Format):
                 for model in tree.models
             ],
         }
-        return {WORLD: environment().get_template("sdf/world.sdf.j2").render(content)}
+        shapes = (shape for model in tree.models for link in model.links for shape in link.shapes)
+        meshes = mesh_files(shape.size for shape in shapes if shape.kind == "mesh")
+        return {WORLD: environment().get_template("sdf/world.sdf.j2").render(content), **meshes}
 
     def plain(self, world: types.World) -> Plain:
         """``world.sdf``: a model for each tree."""
@@ -91,8 +100,10 @@ def _link(link: Link) -> dict[str, Any]:
 
 
 def _shape(shape: Shape) -> dict[str, Any]:
-    sizes: list[tuple[str, tuple[float, ...]]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
-    if shape.kind != "plane":
+    sizes: list[tuple[str, tuple[float, ...] | str]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
+    if shape.kind == "mesh":
+        sizes = [("uri", mesh_file(shape.size))]
+    elif shape.kind != "plane":
         sizes = [(name, shape.size[part]) for name, part in SIZES[shape.kind]]
     surface = None
     if shape.surface is not None:
@@ -128,4 +139,6 @@ def _joint(joint: Joint) -> dict[str, Any]:
         "friction": joint.dry_friction,
         "rest": joint.spring_rest,
         "stiffness": joint.spring_stiffness,
+        "mimic": joint.mimic,
+        "place": joint.place,
     }

@@ -10,6 +10,7 @@ from typing import Final
 from simspec.contact.meeting import meeting_laws
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.sdf import tree
+from simspec.formats.sdf.constraints import closing_joints, couplings_in_trees, loops_in_trees, loops_within, mimics
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.poses import direction
 from simspec.support.declarations import (
@@ -36,7 +37,7 @@ SIZES: Final = {
     "ellipsoid": (("radii", slice(0, 3)),),
 }
 """For each kind of shape which part of its size goes into which element."""
-KINDS: Final = ("plane", *SIZES)
+KINDS: Final = ("plane", *SIZES, "mesh")
 RESERVED: Final = re.compile(r"__.*__|world")
 ODD: Final = re.compile(r"[^A-Za-z0-9_-]")
 """What no name of a spec has, though names of placed models and of bodies between joints do."""
@@ -101,8 +102,10 @@ SUPPORT: Final[Table] = {
     Feature.FORCES: never("simspec writes no forces into SDF"),
     Feature.CONTROL: never("SDF has no control laws"),
     Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
-    Feature.CONSTRAINT_LOOP: never("simspec writes no loops into SDF"),
-    Feature.CONSTRAINT_COUPLING: never("simspec writes no couplings into SDF"),
+    Feature.CONSTRAINT_LOOP: Support(
+        EXACT.level, "as a further joint of a link, which many readers do not support", refine=loops_in_trees
+    ),
+    Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
 }
 """What plain SDF carries of each feature."""
 
@@ -212,21 +215,22 @@ def _local(body: Body, joint: bool) -> str:
 
 
 def _names(world: World) -> dict[tuple[str, str], str]:
-    """Names in the file of bodies and joints: ``(body or joint, name of the body)``. In a model all are different."""
+    """Names in the file: ``(body or joint, name of the body)``, and ``(constraint, its name)``; in a model all differ."""
     names: dict[tuple[str, str], str] = {}
     for bodies in trees(world).values():
         taken: set[str] = set()
-        for what in ("body", "joint"):
-            for body in bodies:
-                prefix = f"{_model_name(bodies)}/"
-                wanted = (body.joint.name if what == "joint" else body.name).removeprefix(prefix)
-                wanted = ODD.sub("_", wanted)
-                plain = f"n{wanted}" if RESERVED.fullmatch(wanted) else wanted
-                name, count = plain, 2
-                while name in taken:
-                    name, count = f"{plain}_{count}", count + 1
-                taken.add(name)
-                names[what, body.name] = name
+        prefix = f"{_model_name(bodies)}/"
+        wanted = [("body", body.name, body.name) for body in bodies]
+        wanted += [("joint", body.name, body.joint.name) for body in bodies]
+        wanted += [("constraint", loop.name, loop.name) for loop in loops_within(world, bodies)]
+        for what, key, text in wanted:
+            clean = ODD.sub("_", text.removeprefix(prefix))
+            plain = f"n{clean}" if RESERVED.fullmatch(clean) else clean
+            name, count = plain, 2
+            while name in taken:
+                name, count = f"{plain}_{count}", count + 1
+            taken.add(name)
+            names[what, key] = name
     return names
 
 
@@ -244,6 +248,7 @@ def _model(
     prefix = f"{_model_name(bodies)}/"
     pose = Pose(root.joint.position[:3], root.joint.position[3:]) if root.joint.kind == "free" else root.joint.origin  # type: ignore[arg-type]
     immovable = all(body.name in static for body in bodies)
+    following = mimics(world, bodies, names)
     flags = self_collide(world, bodies) or dict.fromkeys((body.name for body in bodies), True)
     return tree.Model(
         _model_name(bodies),
@@ -251,10 +256,13 @@ def _model(
         immovable,
         all(flags.values()),
         tuple(_link(body, names, laws, flags[body.name], static, prefix) for body in bodies),
-        tuple(
-            _joint(body, names)
-            for body in bodies
-            if body.joint.kind != "free" and not (immovable and body is root and _is_default(body))
+        (
+            *(
+                _joint(body, names, following)
+                for body in bodies
+                if body.joint.kind != "free" and not (immovable and body is root and _is_default(body))
+            ),
+            *closing_joints(world, bodies, names),
         ),
     )
 
@@ -302,7 +310,7 @@ def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.Shap
     )
 
 
-def _joint(body: Body, names: dict[tuple[str, str], str]) -> tree.Joint:
+def _joint(body: Body, names: dict[tuple[str, str], str], following: dict[str, tree.Mimic]) -> tree.Joint:
     joint = body.joint
     name = names["joint", body.name]
     parent = None if joint.parent is None else names["body", joint.parent]
@@ -322,6 +330,7 @@ def _joint(body: Body, names: dict[tuple[str, str], str]) -> tree.Joint:
         joint.dry_friction,
         joint.spring_rest,
         joint.spring_stiffness,
+        following.get(body.name),
     )
 
 

@@ -46,6 +46,15 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
+class Mimic:
+    """That a joint follows another of its model: q = ``ratio`` × q of the leader + ``offset``."""
+
+    leader: str
+    ratio: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True)
 class Joint:
     """A joint of one of the world's kinds. ``parent`` None is the world."""
 
@@ -61,11 +70,14 @@ class Joint:
     dry_friction: float = 0.0
     spring_rest: float = 0.0
     spring_stiffness: float = 0.0
+    mimic: Mimic | None = None
+    place: Vector3 | None = None
+    """Where it is in its child; None: at its frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One tree of links. One that is ``static`` cannot move."""
+    """One tree of links, and the joints that close loops in it, after those of the tree. One that is ``static`` cannot move."""
 
     name: str
     pose: Pose

@@ -23,8 +23,8 @@ _Key = tuple[int, str]
 
 def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[JointRead]]:
     """The joint that each link hangs on, by the link, and the joints that close loops, in the order of the file. Joints to the
-    world hang links first, then those that no constraint stands for, fixed ones, those whose efforts or limits would be lost,
-    other hinges, and balls."""
+    world hang links first, then those that no constraint stands for, those whose efforts or limits would be lost, and others,
+    in the order of the file."""
     of_child: dict[_Key, JointRead] = {}
     closing: list[JointRead] = []
     for joint in sorted(joints, key=_order):
@@ -40,12 +40,8 @@ def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[J
 def _order(joint: JointRead) -> tuple[bool, int]:
     if joint.kind not in CLOSED or joint.mimic is not None:
         rank = 0
-    elif joint.kind == "fixed":
-        rank = 1
-    elif joint.kind == "hinge":
-        rank = 2 if joint.data.keys() - {"axis"} else 3
     else:
-        rank = 4
+        rank = 2 if joint.kind != "hinge" or not joint.data.keys() - {"axis"} else 1
     return joint.parent is not None, rank
 
 
@@ -74,18 +70,23 @@ def refused(joint: JointRead) -> Iterator[Problem]:
         yield joint.element.problem("a joint that closes a loop follows no other", hint="leave <mimic> out")
 
 
-def closed(joint: JointRead, names: tuple[str, str], place: Pose, axis: Vector3) -> list[dict[str, Any]]:
-    """The constraints that stand for a joint between the bodies ``names``; ``place``: the joint's frame in the first one's,
-    ``axis``: its axis there. What they do not say is lost."""
+def closed(
+    joint: JointRead, names: tuple[str, str], places: tuple[Pose, Pose], axes: tuple[Vector3, Vector3]
+) -> list[dict[str, Any]]:
+    """The constraints that stand for a joint between the bodies ``names``; ``places``: the joint's frame in each of them,
+    ``axes``: its axis there. What they do not say is lost."""
     _lose(joint)
-    at = list(place.position)
     if joint.kind == "fixed":
         return [{"weld": {"bodies": list(names)}}]
-    points = [at]
+    points = [[list(place.position) for place in places]]
     if joint.kind == "hinge":
-        x, y, z = direction(axis)
-        points.append(list(frames.add(place.position, (LEVER * x, LEVER * y, LEVER * z))))
-    return [{"connect": {"bodies": list(names), "at": point}} for point in points]
+        points.append([_along(place.position, axis) for place, axis in zip(places, axes, strict=True)])
+    return [{"connect": {"bodies": list(names), "at": at, "second_at": second}} for at, second in points]
+
+
+def _along(point: Vector3, axis: Vector3) -> list[float]:
+    x, y, z = direction(axis)
+    return list(frames.add(point, (LEVER * x, LEVER * y, LEVER * z)))
 
 
 def _lose(joint: JointRead) -> None:

@@ -337,6 +337,8 @@ def _axis_name(body: BodyRead, axis: str) -> str:
 def _closed(loop: Closing) -> list[dict[str, Any]]:
     x, y, z = loop.second.offset
     joint = loop.joint
-    place = loop.first.frame.inverse().then(loop.second.frame).then(at((-x, -y, -z)))
-    axis = frames.rotate(place.pose.quaternion, joint.data["axis"]) if joint.kind == "hinge" else (0.0, 0.0, 0.0)
-    return closed(joint, (loop.first.name, loop.second.name), place.then(joint.in_child).pose, axis)
+    second = at((-x, -y, -z)).then(joint.in_child)
+    between = loop.first.frame.inverse().then(loop.second.frame)
+    axis: Vector3 = joint.data["axis"] if joint.kind == "hinge" else (0.0, 0.0, 0.0)
+    axes = (frames.rotate(between.pose.quaternion, axis), axis)
+    return closed(joint, (loop.first.name, loop.second.name), (between.then(second).pose, second.pose), axes)

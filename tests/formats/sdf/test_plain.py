@@ -28,10 +28,12 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, initial_state, layout_of, rigid_groups, trees
-from simspec.world.types import Pose
+from simspec.world.kinematics import CollisionFilter, initial_state, layout_of, poses, rigid_groups, trees
+from simspec.world.types import Connect, Follow, Pose, World
 from tests import worlds
+from tests.files import write
 from tests.random_specs import spec
+from tests.robots import robot
 
 READER = Path(__file__).resolve().parents[2] / "imports" / "sdf" / "drake_reader.py"
 
@@ -51,15 +53,15 @@ WORLDS = {
     "arm": lambda: library("ur10e"),
     "hand": lambda: library("ur10e-hand"),
     "ramp": lambda: library("box-on-ramp"),
+    "robot": lambda: with_axes_of_a_spec(robot(6, ("hinge", "slide", "fixed"), loops=False, free=False)),
     "deep": lambda: worlds.world(worlds.tree(["hinge", "slide"] * 300, 2)),
 }
 
 
 def written(world, folder):
     plain = Sdf().plain(world)
-    path = folder / WORLD
-    path.write_text(plain.files[WORLD], encoding="utf-8")
-    return plain, path
+    write(plain.files, folder)
+    return plain, folder / WORLD
 
 
 def again(path):
@@ -107,7 +109,21 @@ def said(world):
         for first, second in combinations(tree[:40], 2)
         if allowed.may_touch(first.name, second.name)
     }
-    return bodies, touching, world.physics.gravity, world.physics.timestep
+    return bodies, touching, world.physics.gravity, world.physics.timestep, constraints_of(world)
+
+
+def constraints_of(world):
+    """Constraints without what follows from the rest: the name of one that follows, and to 1e-9 m the place of a loop in its
+    first body."""
+    held = {}
+    for one in world.constraints:
+        if isinstance(one, Follow):
+            held[one.joint] = dataclasses.replace(one, name="")
+        elif isinstance(one, Connect):
+            held[one.name] = dataclasses.replace(one, first_point=tuple(np.round(one.first_point, 9) + 0.0))
+        else:
+            held[one.name] = (one.first, one.second, tuple(np.round(one.pose.position, 9) + 0.0))
+    return held
 
 
 LOST_FILTERS = {Feature.EXCLUDED_PAIRS.value, Feature.COLLISION_GROUPS.value, Feature.PASSING_PAIRS.value}
@@ -152,6 +168,33 @@ def test_what_is_written_reads_back_as_the_same_world(name, tmp_path):
     assert_round_trip(with_axes_of_a_spec(WORLDS[name]()), tmp_path)
 
 
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6))
+def test_robots_with_meshes_followers_and_loops_read_back_as_they_are(tmp_path_factory, seed):
+    world = with_axes_of_a_spec(robot(seed))
+    lost = assert_round_trip(world, tmp_path_factory.mktemp("sdf"))
+    assert not {"shape.mesh", Feature.CONSTRAINT_LOOP.value, Feature.CONSTRAINT_COUPLING.value} & lost
+
+
+def test_what_a_file_cannot_say_of_constraints_is_listed(tmp_path):
+    base = robot(3, ("hinge",), free=False)
+    moved = dataclasses.replace(base.bodies[-1], joint=dataclasses.replace(base.bodies[-1].joint, position=(0.4,)))
+    root, last = base.bodies[0].name, base.bodies[-1].name
+    bodies = (*base.bodies[:-1], moved)
+    point = frames.compose(frames.inverse(poses(World("", bodies))[root]), poses(World("", bodies))[last]).position
+    away = Connect("latch", root, last, (point[0] + 1.0, *point[1:]), (0.0, 0.0, 0.0))
+    other = dataclasses.replace(worlds.tree(["hinge"], 2)[0], name="other", model="other")
+    follow = Follow("f", other.joint.name + "_2", moved.joint.name, 1.0)
+    other = dataclasses.replace(other, joint=dataclasses.replace(other.joint, name=follow.joint))
+    world = dataclasses.replace(base, bodies=(*bodies, other), constraints=(follow, away))
+    plain = Sdf().plain(world)
+    told = {loss.feature: loss.how for loss in plain.losses}
+    assert "open where all joints are at zero" in told[Feature.CONSTRAINT_LOOP.value]
+    assert "two models" in told[Feature.CONSTRAINT_COUPLING.value]
+    assert "mimic" not in plain.files[WORLD]
+    assert "latch" not in plain.files[WORLD]
+
+
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(st.integers(0, 10**6))
 def test_random_worlds_read_back_as_they_are(tmp_path_factory, seed):
@@ -164,7 +207,7 @@ def test_random_worlds_read_back_as_they_are(tmp_path_factory, seed):
 
 def test_another_reader_finds_masses_places_and_dynamics(tmp_path):
     requests, made = [], []
-    for name in ("gripper", "shapes", "spheres", "double pendulum", "arm", "hand", "ramp", "every joint"):
+    for name in ("gripper", "shapes", "spheres", "double pendulum", "arm", "hand", "ramp", "every joint", "robot"):
         folder = tmp_path / name.replace(" ", "-")
         folder.mkdir()
         world = WORLDS[name]()

@@ -42,19 +42,25 @@ def test_equal_names_in_two_folders_are_two_files(tmp_path):
     assert (first.shapes[0].pose.position[0], second.shapes[0].pose.position[0]) == pytest.approx((0.5, 1.0))
 
 
-@pytest.mark.parametrize("content", [None, "v 0 0 0\n", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"])
-def test_files_that_are_not_there_or_not_solid(content, tmp_path):
-    if content is not None:
-        (tmp_path / "m.obj").write_text(content)
+def test_files_that_are_not_there(tmp_path):
     seen = imported(model(link("base", shape("visual", "m.obj"))), tmp_path)
     assert "shapes" not in seen.data["model"]["bodies"]["base"]
-    assert "appearance" in {severity for severity, _ in lost(seen).values()}
+    assert {severity for severity, _ in lost(seen).values()} == {"appearance"}
     text = model(link("base", shape("collision", "m.obj")))
     with pytest.raises(SpecError, match="missing-meshes"):
         imported(text, tmp_path)
     repaired = imported(text, tmp_path, repair=("missing-meshes",))
     assert [repair.rule for repair in repaired.repairs] == ["missing-meshes"]
     assert {severity for severity, _ in lost(repaired).values()} == {"physics"}
+
+
+def test_files_that_are_not_solid(tmp_path):
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    both = shape("visual", "m.obj") + shape("collision", "m.obj", "<scale>2 2 2</scale>")
+    result = imported(model(link("base", both)), tmp_path, repair=("missing-meshes",))
+    assert "shapes" not in result.data["model"]["bodies"]["base"]
+    assert {severity for severity, _ in lost(result).values()} == {"physics", "appearance"}
+    assert [repair.rule for repair in result.repairs] == ["missing-meshes"]
 
 
 def test_pieces_and_paths_from_the_root(tmp_path):

@@ -1,0 +1,106 @@
+"""Random robots that most languages of robot files can say: trees with meshes, joints that follow others, and loops that are
+closed where all joints are at zero."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import random
+
+import numpy as np
+
+from simspec.testing.worlds import inertial, pose
+from simspec.world import frames
+from simspec.world.hull import centred, corners, size_of
+from simspec.world.kinematics import poses
+from simspec.world.tuples import ordered
+from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Pose, Shape, Weld, World
+from tests import worlds
+
+KINDS = ("hinge", "slide", "ball", "fixed")
+
+
+def robot(seed: int, kinds: tuple[str, ...] = KINDS, *, loops: bool = True, free: bool | None = None) -> World:
+    """A robot of two to seven bodies, whose joints are of these kinds and begin at zero. ``free``: whether its root is; None:
+    by the seed."""
+    draw = random.Random(seed)
+    count = draw.randint(2, 7)
+    root = "free" if (draw.random() < 0.5 if free is None else free) else "fixed"
+    chosen = [root, *(draw.choice(kinds) for _ in range(count - 1))]
+    bodies = worlds.tree(chosen, seed, _parents(count, draw), damping=0.1)
+    bodies = tuple(_at_rest(body, index, draw) for index, body in enumerate(bodies))
+    base = World("robot", bodies)
+    held = [*_follows(bodies, draw), *(_loops(base, draw) if loops else ())]
+    apart = {ordered(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
+    apart |= {ordered(loop.first, loop.second) for loop in held if not isinstance(loop, Follow)}
+    contact = Contact(
+        materials=(Material("default", 0.5),),
+        pairs=(PairContact("default", "default", 0.5, 0.0),),
+        excluded_bodies=tuple(sorted(apart)),
+    )
+    return worlds.world(bodies, "robot", contact=contact, constraints=tuple(sorted(held, key=lambda one: one.name)))
+
+
+def _parents(count: int, draw: random.Random) -> list[int]:
+    """The parent of each body, so that they stand depth first, as those of specs do."""
+    parents = [-1]
+    for index in range(1, count):
+        above = [index - 1]
+        while parents[above[-1]] >= 0:
+            above.append(parents[above[-1]])
+        parents.append(draw.choice(above))
+    return parents
+
+
+def _at_rest(body: Body, index: int, draw: random.Random) -> Body:
+    joint = body.joint
+    zero = {"ball": frames.IDENTITY, "hinge": (0.0,), "slide": (0.0,)}.get(joint.kind, joint.position)
+    still = dataclasses.replace(joint, position=zero, velocity=(0.0,) * len(joint.velocity))
+    shapes = tuple(_shape(f"s{index}{number}", draw) for number in range(draw.randint(0, 2)))
+    return dataclasses.replace(body, inertial=inertial(draw), joint=still, shapes=shapes)
+
+
+def _shape(name: str, draw: random.Random) -> Shape:
+    collision, visual = draw.choice([(True, True), (True, False), (False, True)])
+    kind, size = ("mesh", hull(draw.randrange(4))) if draw.random() < 0.7 else ("box", (0.1, 0.2, 0.3))
+    return Shape(name, kind, size, pose(draw, 0.1), "default" if collision else "", collision, visual)
+
+
+@functools.cache
+def hull(number: int) -> tuple[float, ...]:
+    """The size of a mesh of a few vertices, of which one is a cube's."""
+    points = np.random.default_rng(number).normal(size=(12, 3)) * (0.05, 0.08, 0.11)
+    if number == 0:
+        points = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    return size_of(centred(points[corners(points)])[1])
+
+
+def _follows(bodies: tuple[Body, ...], draw: random.Random) -> list[Follow]:
+    driven = [body.joint.name for body in bodies if body.joint.kind in ("hinge", "slide")]
+    return [
+        Follow(name, name, draw.choice(driven[:index]), draw.choice([1.0, -1.0, 0.37]))
+        for index, name in enumerate(driven)
+        if index and draw.random() < 0.5
+    ]
+
+
+def _loops(base: World, draw: random.Random) -> list[Connect | Weld]:
+    """A loop between two bodies that no joint joins, if there are two that could move against each other."""
+    place = poses(base)
+    names = [body.name for body in base.bodies]
+    parents = {body.name: body.joint.parent for body in base.bodies}
+    rigid = {body.name: body.name for body in base.bodies}
+    for body in base.bodies:
+        if body.joint.kind == "fixed" and body.joint.parent is not None:
+            rigid[body.name] = rigid[body.joint.parent]
+    pairs = [
+        (a, b) for a in names for b in names if a != b and rigid[a] != rigid[b] and a != parents[b] and b != parents[a]
+    ]
+    if not pairs or draw.random() < 0.4:
+        return []
+    first, second = draw.choice(pairs)
+    between = frames.compose(frames.inverse(place[first]), place[second])
+    if draw.random() < 0.3:
+        return [Weld("latch", first, second, between)]
+    point = pose(draw, 0.2).position
+    return [Connect("latch", first, second, frames.compose(between, Pose(point)).position, point)]
