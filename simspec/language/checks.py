@@ -7,7 +7,7 @@ from typing import Any
 
 from simspec.errors import Problem
 from simspec.language import trees
-from simspec.language.document import INVALID, Key
+from simspec.language.document import INVALID, Document, Key
 from simspec.language.joints import outside, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
@@ -27,6 +27,9 @@ def check(source: Source) -> Iterator[Problem]:
         yield from _masses(bodies)
     for _, _, bodies in trees.placed(source):
         yield from _placement(source, bodies)
+        yield from _states(source, bodies)
+    if (own := trees.model_of(source)) is not None:
+        yield from _states(source, own)
     yield from _contact(source)
 
 
@@ -168,6 +171,47 @@ def mass_faults(body: Body) -> Iterator[Fault]:
 def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     document, path = source.document, bodies.placed
     raw: Any = document.data["models"][path[1]]
+    yield from _starts(document, path, raw, bodies)
+    roots = bodies.roots()
+    if len(roots) != 1:
+        return
+    root = roots[0]
+    kind = bodies.joint_type(root)
+    if raw.get("fixed") is True and kind != "fixed":
+        message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
+        yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
+    elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
+        yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
+    if "velocity" in raw and kind != "free":
+        yield document.problem((*path, "velocity"), f"the root {root!r} is not free", hint="write velocities")
+
+
+def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
+    """What is wrong with the states of a model, and with the one that it begins in."""
+    named = trees.states(source, bodies)
+    roots = bodies.roots()
+    kind = bodies.joint_type(roots[0]) if len(roots) == 1 else "free"
+    for state in named.values():
+        yield from _starts(state.source.document, state.path, state.raw, bodies)
+        if "pose" in state.raw and kind not in ("free", "fixed"):
+            hint = "write positions"
+            message = f"the root {roots[0]!r} has a joint to the world, so it has no pose of its own"
+            yield state.source.document.problem((*state.path, "pose"), message, found=f"a {kind} joint", hint=hint)
+    chosen = trees.chosen_state(source, bodies)
+    if chosen is None:
+        return
+    file, path, name = chosen
+    if name not in named:
+        allowed = ", ".join(list(named)[:20]) or "the model has no states"
+        message = f"the model has no state {name!r}"
+        yield file.document.problem(path, message, found=name, allowed=allowed, hint=near(name, named))
+    elif "velocity" in named[name].raw and kind != "free":
+        message = f"the state {name!r} has a velocity of the root {roots[0]!r}, which is not free"
+        yield file.document.problem(path, message, found=f"a {kind} joint")
+
+
+def _starts(document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], bodies: Bodies) -> Iterator[Problem]:
+    """What is wrong with initial positions and velocities by joint."""
     joints = {joint: (name, k) for name in bodies.raw for k, joint in enumerate(bodies.joint_names(name))}
     for key, reader in (("positions", read_position), ("velocities", read_velocity)):
         values = raw.get(key)
@@ -203,18 +247,6 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
                 if not lower <= read <= upper:
                     wrong = outside(read, limits.position, ())
                     yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
-    roots = bodies.roots()
-    if len(roots) != 1:
-        return
-    root = roots[0]
-    kind = bodies.joint_type(root)
-    if raw.get("fixed") is True and kind != "fixed":
-        message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
-        yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
-    elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
-        yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
-    if "velocity" in raw and kind != "free":
-        yield document.problem((*path, "velocity"), f"the root {root!r} is not free", hint="write velocities")
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:

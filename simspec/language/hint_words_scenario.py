@@ -103,7 +103,15 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("linear_velocity", "velocity: {linear: [x, y, z]}", "Body.velocity", "Velocity.linear"),
     *same_hint("angular_velocity omega", "velocity: {angular: [x, y, z]}", "Body.velocity", "Velocity.angular"),
     *same_hint(
-        "initial_positions joint_positions qpos keyframe configuration",
+        "keyframe keyframes key initial_state initial_states named_states postures home",
+        "states: {NAME: {positions: {JOINT: ...}}}, and state: NAME where the model is placed",
+        "Model.states",
+        "Use.states",
+        "Use.state",
+        at="Use Model File",
+    ),
+    *same_hint(
+        "initial_positions joint_positions qpos configuration",
         "positions: {JOINT: ...}",
         "Use.positions",
         at="Use",

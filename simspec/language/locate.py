@@ -134,6 +134,11 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
     if of_joint[:1] in (("position",), ("velocity",)) and short in bodies.raw:
         part = {"position": "positions", "velocity": "velocities"}[of_joint[0]]
         yield from _whole(source.document, ("models", model, part, bodies.joint_names(short)[index]))
+        chosen = trees.chosen_state(source, bodies)
+        state = trees.states(source, bodies).get(chosen[2]) if chosen is not None else None
+        if state is not None:
+            place = (*map(str, state.path), part, bodies.joint_names(short)[index])
+            yield from _whole(state.source.document, place)
     if short in bodies.roots() and rest and rest[0] in ("pose", "velocity"):
         yield from _whole(source.document, ("models", model, rest[0]))
     if short in bodies.raw:

@@ -24,6 +24,7 @@ from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.language.states import State
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
@@ -202,6 +203,12 @@ class Use(_WithImport):
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="Constraints within the model, by name; joints and bodies by their names in the model"
     )
+    states: dict[NameOf, State] = Field(
+        {}, description="Initial states of the model, by name, beside those of its file"
+    )
+    state: Maybe[Annotated[str, Name()]] = Field(
+        ABSENT, description="Name of the initial state; `positions` and `velocities` are said on top of it"
+    )
     array: Maybe[Array] = Field(ABSENT, description="Copies of the whole model")
     attach: Maybe[Annotated[str, Name(path=True)]] = Field(
         ABSENT,
@@ -242,6 +249,10 @@ class Model(Strict):
     bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
     constraints: dict[NameOf, Constraint] = Field({}, description="Constraints within the model, by name")
+    states: dict[NameOf, State] = Field({}, description="Initial states of the model, by name")
+    state: Maybe[Annotated[str, Name()]] = Field(
+        ABSENT, description="Name of the initial state where nothing nearer says one; default: as the bodies say"
+    )
 
 
 def whole_steps(time: float, timestep: float) -> int | None:

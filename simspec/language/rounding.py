@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from simspec.language.engine_options import WHOLE
 from simspec.language.expectations import TIMES
-from simspec.language.models import MOST_STEPS, WHOLE, Physics
+from simspec.language.models import MOST_STEPS, Physics
 from simspec.language.quantities import Number
 from simspec.language.strict import Faults
 

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from simspec.language.document import Key
 from simspec.language.models import Body, Use
 from simspec.language.sources import Source, use_key
+from simspec.language.states import State
 from simspec.language.vocabulary import TREE_JOINTS
 
 
@@ -245,6 +246,54 @@ def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
         if raw.get("attach") is not None:
             bodies.fixed = bodies.attached = True
         yield name, use, bodies
+
+
+@dataclass(frozen=True)
+class WrittenState:
+    """An initial state as it is written: the file, its place there, the plain data, and the model (None: has errors)."""
+
+    source: Source
+    path: tuple[Key, ...]
+    raw: Mapping[str, Any]
+    typed: State | None
+
+
+def states(source: Source, bodies: Bodies) -> dict[str, WrittenState]:
+    """The states of a model by name; the nearer file's, and at last the placement's in ``source``, replaces another's."""
+    named: dict[str, WrittenState] = {}
+    places: list[tuple[Source, tuple[Key, ...], Any]] = [
+        (file, ("model", "states"), file.file.model.states if file.file is not None and file.file.model else {})
+        for file in reversed(bodies.files)
+    ]
+    if bodies.placed:
+        use = source.file.models.get(str(bodies.placed[1])) if source.file is not None else None
+        places.append((source, (*bodies.placed, "states"), use.states if use is not None else {}))
+    for file, path, typed in places:
+        raw = _at(file, path)
+        for name, state in raw.items() if isinstance(raw, Mapping) else ():
+            if isinstance(name, str) and isinstance(state, Mapping):
+                named[name] = WrittenState(file, (*path, name), state, typed.get(name))
+    return named
+
+
+def chosen_state(source: Source, bodies: Bodies) -> tuple[Source, tuple[Key, ...], str] | None:
+    """The name of the state that a model begins in, with the place that says it; None where nothing does."""
+    places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "state")) for file in bodies.files]
+    if bodies.placed:
+        places.insert(0, (source, (*bodies.placed, "state")))
+    for file, path in places:
+        name = _at(file, path)
+        if isinstance(name, str):
+            return file, path, name
+    return None
+
+
+def _at(source: Source, path: tuple[Key, ...]) -> Any:
+    """The plain data at a place; None where there is none."""
+    data: Any = source.document.data
+    for step in path:
+        data = data.get(step) if isinstance(data, Mapping) else None
+    return data
 
 
 def every(source: Source) -> Iterator[Bodies]:

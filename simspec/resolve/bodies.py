@@ -13,7 +13,8 @@ from simspec.language.document import Key
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Use
 from simspec.language.sources import Source
-from simspec.language.strict import near
+from simspec.language.states import State
+from simspec.language.strict import near, required
 from simspec.resolve.body_trees import Tree, resolved_trees
 from simspec.resolve.meshes import Meshes, read_meshes, too_many
 from simspec.resolve.poses import layout, orientation, pose
@@ -192,7 +193,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
-        tree = _positioned(next(resolved_trees(bodies, only, expansion.meshes)), use)
+        tree = _positioned(_begun(next(resolved_trees(bodies, only, expansion.meshes)), source, bodies), use)
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
@@ -218,7 +219,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     bodies = trees.model_of(source)
     if bodies is None:
         return
-    tree = next(resolved_trees(bodies, only, expansion.meshes))
+    tree = _begun(next(resolved_trees(bodies, only, expansion.meshes)), source, bodies)
     path = (*bodies.path, owner_of(tree.bodies[0].name))
     copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
     expansion.note(tree, copied)
@@ -235,8 +236,21 @@ def _apart(bodies: trees.Bodies, copied: Sequence[Body]) -> list[tuple[str, str]
     return list(itertools.combinations(colliding, 2))
 
 
-def _positioned(tree: Tree, use: Use) -> Tree:
-    """The tree with the initial positions and velocities that its placement gives."""
+def _begun(tree: Tree, source: Source, bodies: trees.Bodies) -> Tree:
+    """The tree in the initial state that is chosen for it."""
+    chosen = trees.chosen_state(source, bodies)
+    if chosen is None:
+        return tree
+    state = required(trees.states(source, bodies)[chosen[2]].typed)
+    if state.pose is not None:
+        tree = replace(tree, placement=pose(state.pose))
+    if state.velocity is not None:
+        tree = replace(tree, velocity=(state.velocity.linear, state.velocity.angular))
+    return _positioned(tree, state)
+
+
+def _positioned(tree: Tree, use: Use | State) -> Tree:
+    """The tree with the initial positions and velocities that its placement, or a state, gives."""
     if not use.positions and not use.velocities:
         return tree
     changed = []

@@ -111,6 +111,12 @@ def _angles(spec: Spec) -> Warned:
             value = spec.source.document.data["models"][bodies.placed[1]]["positions"][joint]
             for path, bare in _of_joint(kinds[joint], value, (*bodies.placed, "positions", joint)):
                 yield _angle(spec.source, path, bare)
+        for state in trees.states(spec.source, bodies).values():
+            for joint in state.typed.positions if state.typed is not None else ():
+                for path, bare in _of_joint(
+                    kinds[joint], state.raw["positions"][joint], (*state.path, "positions", joint)
+                ):
+                    yield _angle(state.source, path, bare)
 
 
 def _angle(source: Source, path: tuple[Key, ...], value: float) -> tuple[str, Problem]:
