@@ -23,7 +23,7 @@ MOST_SHAPES = 200_000
 """Shapes of one scenario, two for each of the most bodies: expanded, each takes some 300 bytes (measured), and ten times that
 in an engine's file and memory."""
 MOST_EXCLUDED = 200_000
-"""Pairs that the models of one scenario exclude, in all copies; each is two names."""
+"""Pairs that the models of one scenario exclude, or let touch, in all copies; each is two names."""
 MOST_GRASPS = 10_000
 """Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
 MOST_CONSTRAINTS = 10_000
@@ -98,7 +98,7 @@ def _loose(bodies: Bodies) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
 
 def _model(bodies: Bodies) -> Counter[str]:
     files = [file.file for file in bodies.files if file.file is not None]
-    excluded = sum(len(file.contact.exclude) for file in files)
+    excluded = sum(len(file.contact.exclude) + len(file.contact.touch) for file in files)
     if not all(file.contact.self_collision for file in files):
         excluded += math.comb(len(bodies.raw), 2)
     grasps = sum(len(file.model.grasps) for file in files if file.model is not None)

@@ -80,13 +80,14 @@ def _model(bodies: Bodies) -> Iterator[Problem]:
             )
     for file in bodies.files:
         contact = file.document.data.get("contact")
-        pairs = contact.get("exclude") if isinstance(contact, Mapping) else None
-        for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
-            for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
-                if isinstance(name, str) and name not in bodies.raw:
-                    message, near_by = f"the model has no body {name!r}", near(name, bodies.raw)
-                    at = ("contact", "exclude", index, position)
-                    yield file.document.problem(at, message, found=name, hint=near_by)
+        for word in ("exclude", "touch"):
+            pairs = contact.get(word) if isinstance(contact, Mapping) else None
+            for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
+                for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
+                    if isinstance(name, str) and name not in bodies.raw:
+                        message, near_by = f"the model has no body {name!r}", near(name, bodies.raw)
+                        at = ("contact", word, index, position)
+                        yield file.document.problem(at, message, found=name, hint=near_by)
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:

@@ -139,7 +139,7 @@ class Names(Reader):
 
 
 @dataclass(frozen=True)
-class Exclusions(Reader):
+class BodyPairs(Reader):
     """Pairs of full body names."""
 
     def read(self, value: Any) -> tuple[tuple[str, ...], ...]:
@@ -151,7 +151,7 @@ class Exclusions(Reader):
         try:
             pair = Names(2, path=True).read(item)
             if pair[0] == pair[1]:
-                raise fault("a body cannot be excluded from itself", pair[0], "two different bodies")
+                raise fault("a pair is of two bodies", pair[0], "two different bodies")
         except Faults as error:
             raise Faults(replace_loc(error.faults, (index,))) from None
         return pair
@@ -222,7 +222,7 @@ class Group(Strict):
 
 
 class Contact(Strict):
-    """Contact between bodies. Bodies joined by a joint do not touch each other, nor do bodies joined rigidly."""
+    """Contact between bodies. Bodies that are joined, rigidly or by a joint, do not touch each other; see `touch`."""
 
     friction_cone: Annotated[str, Word(FRICTION_CONES)] = Field(
         "elliptic",
@@ -236,8 +236,11 @@ class Contact(Strict):
     )
     pairs: list[Pair] = Field([], description="Laws of pairs of materials")
     groups: dict[NameOf, Group] = Field({}, description="Collision groups by name; symmetric")
-    exclude: Annotated[tuple[tuple[str, str], ...], Exclusions()] = Field(
+    exclude: Annotated[tuple[tuple[str, str], ...], BodyPairs()] = Field(
         (), description="Pairs of bodies, by their full names, that do not touch"
+    )
+    touch: Annotated[tuple[tuple[str, str], ...], BodyPairs()] = Field(
+        (), description="Pairs of bodies, by their full names, that touch although a joint or a loop joins them"
     )
     self_collision: Annotated[bool, Flag()] = Field(
         True, description="Of a model file. false: the bodies of its model do not touch each other"

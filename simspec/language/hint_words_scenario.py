@@ -63,6 +63,11 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Contact.exclude",
         "Contact.groups",
     ),
+    *same_hint(
+        "include includes allow touching collide_connected filterparent filter_parent parent_collision",
+        "contact: {touch: [[BODY, BODY], ...]}",
+        "Contact.touch",
+    ),
     *same_hint("bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "Pair.between", at="Pair"),
     *same_hint(
         "bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "PairSettings.between", at="PairSettings"

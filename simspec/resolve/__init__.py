@@ -42,7 +42,7 @@ def resolve(spec: Spec) -> World:
     with bounded_suggestions():
         held = constraints(spec.source, expansion)
         expansion.bodies = held.bodies
-        expansion.excluded += held.joined
+        expansion.held += held.joined
         laws, problems = contact(spec.source, expansion, time.timestep)
         driven = controllers(spec.source, expansion.bodies, held.followers)
         applied, pushed = ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole)

@@ -28,8 +28,10 @@ DEFAULT_MATERIAL = "default"
 
 @dataclass
 class Expansion:
-    """The bodies of the world, the pairs that model files exclude (full names), what was wrong, and the meshes of the spec.
+    """The bodies of the world, what was wrong, and the meshes of the spec.
 
+    excluded, touching     the pairs that model files exclude, and those that they let touch (full names)
+    held                   the pairs that loops join
     positions, velocities  the full names of the joints whose initial position or velocity is stated, and not the default
     arrays                 of every copy of a loose tree in an array its suffix, and the full names of its joints and bodies by
                            their names in the spec
@@ -37,6 +39,8 @@ class Expansion:
 
     bodies: tuple[Body, ...] = ()
     excluded: list[tuple[str, str]] = field(default_factory=list)
+    touching: list[tuple[str, str]] = field(default_factory=list)
+    held: list[tuple[str, str]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
     meshes: Meshes = field(default_factory=dict)
     positions: set[str] = field(default_factory=set)
@@ -213,6 +217,9 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
             ]
             expansion.excluded += _apart(bodies, copied)
+            expansion.touching += [
+                (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.touch
+            ]
 
 
 def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
@@ -225,6 +232,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     expansion.note(tree, copied)
     yield _Instance(copied, bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
+    expansion.touching += [pair for file in bodies.files[1:] for pair in file.content.contact.touch]
     expansion.excluded += _apart(bodies, copied)
 
 

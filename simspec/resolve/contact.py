@@ -13,8 +13,11 @@ from simspec.language.strict import near
 from simspec.language.vocabulary import LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
 from simspec.world.carriers import joined
-from simspec.world.types import Contact, Hardness, Material, PairContact
+from simspec.world.kinematics import rigid_groups
+from simspec.world.tuples import ordered
+from simspec.world.types import Contact, Hardness, Material, PairContact, World
 
+Names = tuple[str, str]
 LEAST_STEPS = 2
 """Timesteps in the time constant of compliant contact: faster ones are not a motion any more, in any engine."""
 
@@ -170,16 +173,39 @@ def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
 
 
 def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
+    """The pairs of bodies that do not touch: those that are excluded, and those that are joined but for the ones that touch."""
+    written = source.content.contact
     bodies = {body.name for body in expansion.bodies}
-    pairs = joined(expansion.bodies)
     problems = []
-    for index, pair in enumerate(source.content.contact.exclude):
-        for position, name in enumerate(pair):
-            if name not in bodies:
-                path = ("contact", "exclude", index, position)
-                problems.append(
-                    source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
-                )
-        pairs.add((min(pair), max(pair)))
-    pairs.update((min(pair), max(pair)) for pair in expansion.excluded)
-    return tuple(sorted(pairs)), problems
+    for word, stated in (("exclude", written.exclude), ("touch", written.touch)):
+        for index, pair in enumerate(stated):
+            for position, name in enumerate(pair):
+                if name not in bodies:
+                    path = ("contact", word, index, position)
+                    problems.append(
+                        source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
+                    )
+    apart = {ordered(*pair) for pair in (*written.exclude, *expansion.excluded)}
+    together = {ordered(*pair) for pair in expansion.held} | joined(expansion.bodies)
+    if not problems and not expansion.problems:
+        problems += _untouchable(source, expansion, apart, together)
+    touching = {ordered(*pair) for pair in (*written.touch, *expansion.touching)}
+    return tuple(sorted(apart | (together - touching))), problems
+
+
+def _untouchable(source: Source, expansion: Expansion, apart: set[Names], together: set[Names]) -> list[Problem]:
+    """Pairs of ``touch`` that cannot touch, or would without it."""
+    problems = []
+    groups = rigid_groups(World("", expansion.bodies))
+    for index, (first, second) in enumerate(source.content.contact.touch):
+        pair, path = ordered(first, second), ("contact", "touch", index)
+        if pair in apart:
+            message, hint = f"{first} and {second} are excluded from contact", "remove one of the two"
+        elif groups[first] == groups[second]:
+            message, hint = f"{first} and {second} are joined rigidly, and never touch", "remove the pair"
+        elif pair not in together:
+            message, hint = f"no joint or loop joins {first} and {second}", "remove the pair: they touch anyway"
+        else:
+            continue
+        problems.append(source.document.problem(path, message, found=f"[{first}, {second}]", hint=hint))
+    return problems

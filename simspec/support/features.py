@@ -61,6 +61,7 @@ class Feature(StrEnum):
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
     COLLISION_GROUPS = "contact.groups"
     EXCLUDED_PAIRS = "contact.exclude"
+    TOUCHING_PAIRS = "contact.touch"
     CONSTRAINT_LOOP = "constraint.loop"
     CONSTRAINT_COUPLING = "constraint.coupling"
     FORCES = "forces"
@@ -123,6 +124,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
     Feature.COLLISION_GROUPS: "collision groups that ignore each other",
     Feature.EXCLUDED_PAIRS: "pairs of bodies that do not touch",
+    Feature.TOUCHING_PAIRS: "pairs of bodies that touch although a joint or a loop joins them",
     Feature.CONSTRAINT_LOOP: "two bodies held together outside the tree, at a point or rigidly",
     Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
     Feature.FORCES: "forces and torques on bodies during given times",

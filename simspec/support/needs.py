@@ -9,8 +9,9 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.features import Feature
 from simspec.world.carriers import is_carrier, joined, owner_of
 from simspec.world.gathering import singular
-from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import Inertial, World
+from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.tuples import ordered
+from simspec.world.types import Follow, Inertial, World
 
 LARGE_TREE = 127
 
@@ -140,3 +141,7 @@ def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
     joints = joined(world.bodies)
     if any(pair not in joints for pair in world.contact.excluded_bodies):
         note(Feature.EXCLUDED_PAIRS, "contact.exclude")
+    held = {ordered(one.first, one.second) for one in world.constraints if not isinstance(one, Follow)}
+    excluded = set(world.contact.excluded_bodies)
+    if any(CollisionFilter(world).may_touch(*pair) for pair in sorted((joints | held) - excluded)):
+        note(Feature.TOUCHING_PAIRS, "contact.touch")

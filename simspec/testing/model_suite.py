@@ -271,6 +271,15 @@ class ModelSuite(Suite):
         touching = {(row, names[a], names[b]) for row, a, b in answer.arrays["touching"]}
         assert touching == {(1, "left", "bar"), (1, "right", "bar")}
 
+    @pytest.mark.parametrize("fixed", [False, True], ids=["moving", "fixed"])
+    def test_joined_bodies_touch_where_the_world_lets_them(self, bench: Bench, fixed: bool) -> None:
+        world = bench.allowed(worlds.touching_link(fixed))
+        if world is None or bench.lacks("pair_detection"):
+            return
+        names = [body.name for body in world.bodies]
+        (answer,) = bench.ask(world, touching_operation(world, initial_state(world)[0][None]))
+        assert {(names[a], names[b]) for _, a, b in answer.arrays["touching"]} == {("palm", "left")}
+
     def test_without_contact_a_sphere_falls_through_the_floor(self, bench: Bench) -> None:
         world = bench.allowed(worlds.spheres(1))
         if world is None or bench.lacks("contact_off"):

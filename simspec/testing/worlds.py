@@ -349,6 +349,23 @@ def gripper() -> World:
     return world(bodies, "gripper", contact=contact)
 
 
+def touching_link(fixed: bool = False) -> World:
+    """The gripper with fingers that begin within the palm, which may touch the left one although a joint joins them; ``fixed``:
+    the palm is fixed to the world."""
+    shift = {"left": Pose((0.3, 0.0, 0.25)), "right": Pose((-0.3, 0.0, 0.25))}
+    bodies = []
+    base = gripper()
+    for body in base.bodies:
+        if body.name in shift:
+            shapes = tuple(dataclasses.replace(shape, pose=shift[body.name]) for shape in body.shapes)
+            body = dataclasses.replace(body, shapes=shapes)
+        elif body.name == "palm" and fixed:
+            body = dataclasses.replace(body, joint=Joint(body.joint.name, "fixed"))
+        bodies.append(body)
+    contact = dataclasses.replace(base.contact, excluded_bodies=(("bar", "palm"), ("palm", "right")))
+    return dataclasses.replace(base, name="touching-link", bodies=tuple(bodies), contact=contact)
+
+
 def one_law(**law: Any) -> World:
     """A ball above a floor, of one material with this law."""
     pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
@@ -454,6 +471,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.BALL_SPRING: partial(_jointed, "ball", spring_stiffness=0.1),
     Feature.COLLISION_GROUPS: gripper,
     Feature.EXCLUDED_PAIRS: gripper,
+    Feature.TOUCHING_PAIRS: touching_link,
     Feature.INERTIA_FULL: every_joint,
     Feature.INERTIA_SINGULAR: point_mass,
     Feature.JOINT_SEVERAL: several_joints,

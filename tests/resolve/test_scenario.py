@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 from simspec.errors import SpecError
 from simspec.language.load import Spec, load
 from simspec.resolve import resolve
+from simspec.support.features import Feature
+from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees
@@ -764,3 +766,42 @@ def test_what_cannot_be_attached_is_refused(tmp_path, old, new, text):
 def test_two_models_attached_to_each_other_are_refused(tmp_path):
     with pytest.raises(SpecError, match="attached to each other"):
         attached(tmp_path, "    fixed: true\n", "    attach: hand/palm\n").resolve()
+
+
+BALL = {"shapes": [{"sphere": {"radius": 1}, "material": "m"}]}
+CHAIN = {
+    "base": {"fixed": True, **BALL},
+    "upper": {"parent": "base", **SOLID, "joint": HINGE, **BALL},
+    "fore": {"parent": "upper", **SOLID, "joint": {"type": "fixed"}, **BALL},
+    "hand": {"parent": "fore", **SOLID, "joint": HINGE, **BALL},
+}
+
+
+def chain(*touching):
+    laws = {"materials": {"m": {}}, "exclude": [["fore", "hand"]], "touch": [list(pair) for pair in touching]}
+    return world(CHAIN, contact=laws)
+
+
+def test_joined_bodies_touch_where_they_are_let():
+    assert ("base", "upper") in chain().contact.excluded_bodies
+    found = chain(("upper", "base"))
+    assert found.contact.excluded_bodies == (("fore", "hand"), ("fore", "upper"))
+    assert Feature.TOUCHING_PAIRS in {need.feature for need in needs(found)}
+    assert Feature.TOUCHING_PAIRS not in {need.feature for need in needs(chain())}
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        (("fore", "upper"), "fore and upper are joined rigidly, and never touch"),
+        (("hand", "base"), "no joint or loop joins hand and base"),
+        (("hand", "fore"), "hand and fore are excluded from contact"),
+        (("hand", "foot"), "there is no body 'foot'"),
+        (("hand", "hand"), "a pair is of two bodies"),
+    ],
+)
+def test_what_cannot_be_let_touch_is_refused(pair, message):
+    with pytest.raises(SpecError) as error:
+        chain(pair)
+    (problem,) = error.value.problems
+    assert (problem.message, problem.path.startswith("contact.touch.0")) == (message, True)

@@ -115,6 +115,7 @@ class PybulletDialect(Dialect):
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
         Feature.FORCES: EXACT,
+        Feature.TOUCHING_PAIRS: via_api(_SIDECAR),
         Feature.CONTROL: EXACT,
         Feature.CONTROL_NATIVE: EXACT,
         Feature.GRAVITY: via_api(_SIDECAR),

@@ -129,7 +129,7 @@ class Drake(SimulatedEngine[Simulation]):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             Feature.FRICTION,
             Feature.HARDNESS_COMMON,
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),

@@ -74,7 +74,7 @@ class MuJoCo(MujocoSimulation):
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             Feature.FRICTION,
-            *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("MuJoCo", KINDS),

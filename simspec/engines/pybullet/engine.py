@@ -220,6 +220,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
         Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
+        Feature.TOUCHING_PAIRS: via_api("URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
         Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", one_error_reduction),

@@ -100,6 +100,7 @@ SUPPORT: Final[Table] = {
     Feature.COLLISION_GROUPS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
     Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
     Feature.FORCES: never("simspec writes no forces into SDF"),
+    Feature.TOUCHING_PAIRS: never("links that a joint joins do not touch each other in SDF"),
     Feature.CONTROL: never("SDF has no control laws"),
     Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
     Feature.CONSTRAINT_LOOP: Support(

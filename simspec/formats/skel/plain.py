@@ -54,6 +54,7 @@ SUPPORT: Final[Table] = {
     Feature.PASSING_PAIRS: never(_FILTER),
     Feature.COLLISION_GROUPS: never(_FILTER),
     Feature.EXCLUDED_PAIRS: never(_FILTER),
+    Feature.TOUCHING_PAIRS: never(_FILTER),
     Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
     Feature.FORCES: never(".skel has no forces on bodies"),

@@ -81,6 +81,7 @@ SUPPORT: Final[Table] = {
     **alike(
         never("URDF does not say what touches what"),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+        Feature.TOUCHING_PAIRS,
     ),
     Feature.FORCES: never("URDF has no forces on bodies"),
     Feature.CONTROL: never("URDF has no control laws"),

@@ -137,18 +137,6 @@ class Bodies:
             if joint.get("name") == self.joints[number]:
                 joint.pop("position", None)
 
-    def join_to_world(self, number: int, parent: int) -> None:
-        """Join a body to the world where its fixed parent has it: it may then touch that one."""
-        body = self.data[self.names[number]]
-        joint = body["joints"][0] if "joints" in body else body["joint"]
-        origin = joint.pop("origin", {})
-        place, turn = self.reference(parent, np.array(origin.get("xyz", (0.0, 0.0, 0.0))))
-        where = pose(place, product(turn, np.array(origin.get("quat", IDENTITY))))
-        del body["parent"]
-        if where:
-            rest = {key: joint.pop(key) for key in list(joint) if key not in ("name", "type")}
-            joint |= {"origin": where, **rest}
-
     def make(self) -> None:
         """All bodies but the world, without shapes."""
         count = self.model.numbers["nbody"]

@@ -65,11 +65,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     roots = [name for name, body in bodies.data.items() if "parent" not in body]
     alone = len(roots) == 1 and bool(bodies.names)
     contact = surfaces.contact(names, alone)
-    for number, parent in surfaces.on_fixed:
-        if alone:
-            features.add("contact.static_parent", model.part("body", number).element)
-        else:
-            bodies.join_to_world(number, parent)
+    if surfaces.on_fixed:
+        contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.on_fixed]
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
     outside_the_tree(bodies)
