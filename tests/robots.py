@@ -104,3 +104,50 @@ def _loops(base: World, draw: random.Random) -> list[Connect | Weld]:
         return [Weld("latch", first, second, between)]
     point = pose(draw, 0.2).position
     return [Connect("latch", first, second, frames.compose(between, Pose(point)).position, point)]
+
+
+def assert_same(ours: World, theirs: World, tolerance: float) -> None:
+    """Both have the same bodies, joints, shapes and constraints, each number to the tolerance (relative to the larger of it and
+    1). Names of materials and of couplings, initial states of followers, and what no file of robots says, are not compared."""
+    assert [body.name for body in ours.bodies] == [body.name for body in theirs.bodies]
+    for mine, other in zip(ours.bodies, theirs.bodies, strict=True):
+        assert _near(_inertial(mine), _inertial(other), tolerance), mine.name
+        here, there = mine.joint, other.joint
+        assert (here.name, here.kind, here.parent) == (there.name, there.kind, there.parent)
+        numbers = [(*_pose(joint.origin), *joint.axis, joint.damping, joint.armature) for joint in (here, there)]
+        assert _near(*numbers, tolerance), mine.name
+        shapes = [
+            {shape.name: (shape.kind, shape.collision, shape.visual) for shape in body.shapes} for body in (mine, other)
+        ]
+        assert shapes[0] == shapes[1]
+        of_other = {shape.name: shape for shape in other.shapes}
+        for shape in mine.shapes:
+            again = of_other[shape.name]
+            assert _near((*shape.size, *_pose(shape.pose)), (*again.size, *_pose(again.pose)), tolerance), shape.name
+    assert _constraints(ours).keys() == _constraints(theirs).keys()
+    for name, held in _constraints(ours).items():
+        assert _near(held, _constraints(theirs)[name], tolerance), name
+
+
+def _near(first: tuple[float, ...], second: tuple[float, ...], tolerance: float) -> bool:
+    return bool(np.allclose(first, second, rtol=tolerance, atol=tolerance))
+
+
+def _inertial(body: Body) -> tuple[float, ...]:
+    return (body.inertial.mass, *body.inertial.centre_of_mass, *body.inertial.inertia)
+
+
+def _pose(place: Pose) -> tuple[float, ...]:
+    return (*place.position, *(value for row in frames.matrix(place.quaternion) for value in row))
+
+
+def _constraints(base: World) -> dict[tuple[str, ...], tuple[float, ...]]:
+    said: dict[tuple[str, ...], tuple[float, ...]] = {}
+    for held in base.constraints:
+        if isinstance(held, Follow):
+            said["follow", held.joint, held.leader] = (held.ratio, held.offset)
+        elif isinstance(held, Connect):
+            said["connect", held.first, held.second] = (*held.first_point, *held.second_point)
+        else:
+            said["weld", held.first, held.second] = _pose(held.pose)
+    return said

@@ -49,6 +49,7 @@ ARRAYS = {
     "mesh": "pos quat scale vertadr vertnum",
     "pair": "geom1 geom2 dim friction margin gap solref solimp solreffriction",
     "exclude": "signature",
+    "site": "bodyid pos quat",
     "eq": "type obj1id obj2id objtype active0 data solref solimp",
     "tendon": "adr num limited range stiffness damping frictionloss armature lengthspring actfrclimited",
     "wrap": "type objid prm",

@@ -12,8 +12,8 @@ from simspec.imports.mjcf.surfaces import SOLIMP, SOLREF, Surfaces
 
 CONNECT, WELD, JOINT = range(3)
 """Types of equality constraints; the others are of tendons and of deformable bodies."""
-BODY: Final = 1
-"""The type of object that is a body."""
+BODY, SITE = 1, 6
+"""Types of objects."""
 FITS: Final = 1e-6
 """m and rad by which the reference configuration may miss a loop; beyond it the spec's language refuses the loop."""
 
@@ -37,10 +37,8 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
         bodies.constraint_places[name] = part.element.location
         if (*model["eq_solref"][number], *model["eq_solimp"][number]) != (*SOLREF, *SOLIMP):
             features.add("equality.softness", part.element)
-        if int(model["eq_type"][number]) != JOINT:
-            one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
-            if surfaces.touching(one, two):
-                features.add("equality.touch", part.element)
+        if int(model["eq_type"][number]) != JOINT and surfaces.touching(*_joined(bodies, number)):
+            features.add("equality.touch", part.element)
     return constraints
 
 
@@ -49,9 +47,31 @@ def _made(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | 
     kind = int(bodies.model["eq_type"][number])
     if kind == JOINT:
         return _follow(bodies, number, following)
-    if kind in (CONNECT, WELD) and int(bodies.model["eq_objtype"][number]) == BODY:
+    if kind in (CONNECT, WELD) and int(bodies.model["eq_objtype"][number]) in (BODY, SITE):
         return _loop(bodies, number, kind)
     return None
+
+
+def _joined(bodies: Bodies, number: int) -> tuple[int, int]:
+    """The two bodies that a loop joins, also where it is written by sites in them."""
+    one, two = (int(bodies.model[f"eq_obj{which}id"][number]) for which in (1, 2))
+    if int(bodies.model["eq_objtype"][number]) == SITE:
+        one, two = (int(bodies.model["site_bodyid"][site]) for site in (one, two))
+    return one, two
+
+
+def _held(bodies: Bodies, number: int, kind: int) -> tuple[Vector, Vector, Vector]:
+    """Where a loop holds its bodies together: the point in the first body, the point in the second one, and the rotation of the
+    second body in the first, of a weld; in the file's frames of the bodies."""
+    model = bodies.model
+    data = model["eq_data"][number]
+    if int(model["eq_objtype"][number]) == SITE:
+        one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
+        turn = product(model["site_quat"][one], inverse(model["site_quat"][two]))
+        return model["site_pos"][one], model["site_pos"][two], turn
+    if kind == CONNECT:
+        return data[0:3], data[3:6], np.array([1.0, 0.0, 0.0, 0.0])
+    return data[3:6], data[0:3], data[6:10] / np.linalg.norm(data[6:10])
 
 
 def _follow(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | None:
@@ -71,20 +91,18 @@ def _follow(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] 
 
 
 def _loop(bodies: Bodies, number: int, kind: int) -> dict[str, Any] | None:
-    model = bodies.model
-    one, two = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
-    if model["body_weldid"][one] == model["body_weldid"][two]:
+    one, two = _joined(bodies, number)
+    if bodies.model["body_weldid"][one] == bodies.model["body_weldid"][two]:
         return None  # they are one already, or neither moves
-    data = model["eq_data"][number]
+    first_point, second_point, turn = _held(bodies, number, kind)
     first, second = bodies.shifts[one], bodies.shifts[two]
     if kind == CONNECT:
-        at, other = data[0:3] - first, data[3:6] - second
+        at, other = first_point - first, second_point - second
         if not _fits(bodies.reference(one, at)[0], bodies.reference(two, other)[0]):
             return None
         names = [bodies.named(one), bodies.named(two)]
         return {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(other)}}
-    turn = data[6:10] / np.linalg.norm(data[6:10])
-    place = data[3:6] - rotated(turn, data[0:3]) + rotated(turn, second) - first
+    place = first_point - rotated(turn, second_point) + rotated(turn, second) - first
     held, held_turn = bodies.reference(one, place)
     actual, actual_turn = bodies.reference(two, np.zeros(3))
     if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):

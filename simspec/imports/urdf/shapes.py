@@ -47,7 +47,12 @@ class Shape:
 
     def merge(self, seen: Shape) -> bool:
         """Take a visual shape into this one, where both are the same solid in the same place; whether that was so."""
-        if self.visual or not self.collision or self.data != seen.data or (self.name and seen.name):
+        if (
+            self.visual
+            or not self.collision
+            or self.data != seen.data
+            or (self.name and seen.name not in ("", self.name))
+        ):
             return False
         self.visual, self.colour = True, seen.colour
         if seen.name:
