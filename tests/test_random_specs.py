@@ -34,8 +34,9 @@ RARE = {
     Feature.CONSTRAINT_COUPLING,
     Feature.SHAPE_MESH,
     Feature.FORCES,
+    Feature.KINEMATIC,
 }
-"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints, forces), or needs a file (meshes)."""
+"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints, ...), or needs a file (meshes)."""
 
 
 @pytest.fixture(scope="module")

@@ -106,6 +106,7 @@ def _always_acting(world: World) -> list[str]:
     named = {
         "controllers": bool(world.controllers),
         "forces on bodies": bool(world.forces),
+        "kinematic bodies": bool(world.motions),
         "damping": any(joint.damping for joint in joints),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
@@ -170,7 +171,7 @@ def free_trees(world: World) -> dict[str, list[int]]:
             root = parent
         trees.setdefault(root, []).append(index)
     joints = {body.name: body.joint for body in world.bodies}
-    pushed = {force.body for force in world.forces}
+    pushed = {force.body for force in world.forces} | {motion.body for motion in world.motions}
     return {
         name: rows
         for name, rows in trees.items()

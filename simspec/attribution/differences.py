@@ -62,6 +62,7 @@ GROUPS: Mapping[Keys, str] = {
     ("controllers",): "controller",
     ("trajectory",): "trajectory",
     ("forces",): "forces on bodies",
+    ("motions",): "motion of a kinematic body",
     ("constraints",): "constraints",
 }
 """Of values by their place in the tree of a world, the first that fits; ``*`` stands for any name."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
-from simspec.language.models import WHOLE
+from simspec.language.engine_options import WHOLE
 from simspec.language.sweep import ROUND_UP
 from simspec.language.units import UnitError, parse
 

@@ -101,7 +101,9 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
             if shape.plane is not None and name not in still:
                 message = "a plane requires a body fixed to the world, and this body moves"
                 yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a large flat box")
-    for members in bodies.moving_groups().values():
+    for top, members in bodies.moving_groups().items():
+        if bodies.is_kinematic(top):
+            continue  # whose mass counts for nothing
         for name, fault in group_faults(bodies, members):
             place = (*bodies.path, name, *fault.loc)
             yield document.problem(place, fault.message, found=fault.found, hint=fault.hint)
@@ -181,6 +183,9 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     if raw.get("fixed") is True and kind != "fixed":
         message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
         yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
+    elif raw.get("kinematic") is True and kind != "free":
+        message = f"the root {root!r} has a joint to the world, so it cannot be kinematic"
+        yield document.problem((*path, "kinematic"), message, found=f"a {kind} joint")
     elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
         yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
     if "velocity" in raw and kind != "free":

@@ -91,7 +91,19 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "static is_static immovable anchored kinematic_fixed world_fixed", "fixed: true", "Body.fixed", "Use.fixed"
     ),
     *same_hint("fixed_base use_fixed_base fix_base", "fixed: true", "Use.fixed", "Body.fixed"),
-    *same_hint("kinematic", f"kinematic bodies on a given path are {NOT_YET}"),
+    *same_hint(
+        "mocap prescribed driven_body moving_base",
+        "kinematic: true, and motion: {BODY: {points: [...]}} of the scenario",
+        "Body.kinematic",
+        "Use.kinematic",
+        "File.motion",
+        at="Body Use",
+    ),
+    *same_hint(
+        "motions kinematic mocap", "motion: {BODY: {points: [...]}} of kinematic bodies", "File.motion", at="File"
+    ),
+    *same_hint("t time when", "at", "MotionPoint.at", at="MotionPoint"),
+    *same_hint("position pos pose", "xyz, and rpy or quat", "MotionPoint.xyz", "MotionPoint.rpy", at="MotionPoint"),
     *same_hint(
         "gravcomp gravity_compensation use_gravity",
         "use gravity_compensation of a controller; gravity is the same for all bodies",
@@ -224,7 +236,7 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Controller.joints",
     ),
     *same_hint(
-        "trajectories motion path waypoints",
+        "trajectories path waypoints",
         "trajectory: {points: [...]}, or a program",
         "File.trajectory",
         "Trajectory.points",

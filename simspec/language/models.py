@@ -21,6 +21,7 @@ from simspec.language.expectations import Expectation
 from simspec.language.forces import MOST_FORCES, Force
 from simspec.language.import_options import Import
 from simspec.language.joints import Joint
+from simspec.language.motions import Motion
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
@@ -66,6 +67,10 @@ class Body(Strict):
     )
     velocity: Maybe[Velocity] = Field(
         ABSENT, description="A free root only: initial velocity, in the axes of the frame that `pose` is in"
+    )
+    kinematic: Maybe[Switch] = Field(
+        ABSENT,
+        description="A root only: whether it moves as `motion` says, whatever pushes it; its mass then counts for nothing",
     )
     mass: Maybe[Mass] = Field(
         ABSENT, description="Mass; without `inertia` it is spread evenly over the volumes of the collision shapes"
@@ -131,6 +136,7 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
         "fixed": "write joint: {type: fixed}",
         "pose": "write joint: {origin: ...}",
         "velocity": "write joint: {velocity: ...}",
+        "kinematic": "a kinematic body hangs on nothing; what it carries moves with it",
     }.items():
         if key in data:
             yield Fault((key,), f"{key} is only for roots, and this body has a parent", None, None, hint)
@@ -143,6 +149,12 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
 
 
 def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Iterable[Fault]:
+    if data.get("kinematic") is True:
+        for key in ("fixed", "velocity", "joint", "joints"):
+            if data.get(key) not in (None, False):
+                yield Fault(
+                    (key,), f"kinematic and {key} exclude each other: motion says where it is", None, "one of them"
+                )
     if data.get("fixed") is True and ("joint" in data or "joints" in data):
         key = "joint" if "joint" in data else "joints"
         yield Fault((key,), f"fixed and {key} exclude each other", None, "one of them")
@@ -217,6 +229,9 @@ class Use(_WithImport):
     fixed: Maybe[Switch] = Field(
         ABSENT, description="Whether the root is fixed to the world; default: as the model says"
     )
+    kinematic: Maybe[Switch] = Field(
+        ABSENT, description="Whether the root moves as `motion` says, whatever pushes it; default: as the model says"
+    )
     pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the model in the world; the root's own pose in the model follows it"
     )
@@ -231,11 +246,15 @@ class Use(_WithImport):
         if "import" in data and "use" not in data:
             yield Fault(("import",), "`import` goes with `use`: it is said to the importer of that file")
         if "attach" in data:
-            for key in ("array", "fixed", "velocity"):
+            for key in ("array", "fixed", "kinematic", "velocity"):
                 if key in data:
                     yield Fault(
                         (key,), f"a model that is attached to a body has no {key} of its own", hint="remove one"
                     )
+        if data.get("kinematic") is True:
+            for key in ("fixed", "velocity"):
+                if data.get(key) not in (None, False):
+                    yield Fault((key,), f"kinematic and {key} exclude each other: motion says where it is")
 
 
 class Model(Strict):
@@ -338,6 +357,9 @@ class File(Strict):
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
     )
     forces: list[Force] = Field([], description="Forces and torques on bodies during given times: pushes and loads")
+    motion: dict[Annotated[str, Name(path=True)], Motion] = Field(
+        {}, description="Motions of kinematic bodies, by full name; one without stands still"
+    )
     record: Record = Field(Record(), description="What a run records")
     expect: list[Expectation] = Field([], description="What must be true of every run")
     engines: dict[NameOf, EngineOptions] = Field({}, description="Options by the engine's name")

@@ -36,7 +36,7 @@ class Bodies:
     """The bodies of one mapping: loose ones of a scenario, or those of a model.
 
     ``path`` is the mapping's place in ``source``; ``raw`` the plain data; ``typed`` the models (None: has errors);
-    ``model`` whether it is a model, which has one root; ``fixed``, ``attached`` (to a body of another model) and
+    ``model`` whether it is a model, which has one root; ``fixed``, ``kinematic``, ``attached`` (to a body of another model) and
     ``placed`` what its placement in a scenario says of the root, and where; ``files`` the model files that lead to it, the
     one that holds it last.
     """
@@ -47,6 +47,7 @@ class Bodies:
     typed: Mapping[str, Body | None]
     model: bool
     fixed: bool | None = None
+    kinematic: bool | None = None
     attached: bool = False
     placed: tuple[Key, ...] = ()
     files: tuple[Source, ...] = ()
@@ -82,6 +83,12 @@ class Bodies:
         if self.fixed is not None and kind in ("fixed", "free") and self.field(name, "parent") is None:
             return "fixed" if self.fixed else "free"
         return kind
+
+    def is_kinematic(self, name: str) -> bool:
+        """Whether a body is a root that moves as it is told."""
+        if self.field(name, "parent") is not None or self.attached:
+            return False
+        return self.field(name, "kinematic") is True if self.kinematic is None else self.kinematic
 
     def several(self, name: str) -> list[Mapping[str, Any]]:
         """The plain `joints` of a body, the parent's side first; empty where it has one joint."""
@@ -243,6 +250,9 @@ def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
             continue
         fixed = raw.get("fixed")
         bodies.fixed, bodies.placed = fixed if isinstance(fixed, bool) else None, path
+        if isinstance(kinematic := raw.get("kinematic"), bool):
+            bodies.kinematic = kinematic
+            bodies.fixed = False if kinematic else bodies.fixed
         if raw.get("attach") is not None:
             bodies.fixed = bodies.attached = True
         yield name, use, bodies

@@ -36,6 +36,8 @@ CONTROL_LAWS = ("pd", "computed-torque", "native")
 DISCRETISATIONS = ("explicit", "implicit")
 ACTUATORS = ("position", "velocity", "effort")
 INTERPOLATIONS = ("hold", "linear", "cubic", "quintic")
+MOTION_INTERPOLATIONS = ("linear", "cubic", "quintic")
+"""Those that a body in contact can follow: one that jumps has no velocity."""
 
 CHANNELS = ("pose", "velocity", "contacts", "energy")
 """What a run records."""

@@ -104,7 +104,7 @@ def plan(world: World) -> Response | None:
     laws = tuple(controller for controller in world.controllers if controller.law != "native")
     if not laws:
         return None
-    world = dataclasses.replace(world, controllers=laws, forces=())
+    world = dataclasses.replace(world, controllers=laws, forces=(), motions=())
     joints = driven_joints(world)
     q, v = initial_state(world)
     v = np.zeros_like(v)

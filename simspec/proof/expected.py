@@ -12,7 +12,7 @@ from types import MappingProxyType
 from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
-from simspec.proof.forces import FORCES_CHECK
+from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.touch.plan import nothing_to_try
 from simspec.world.kinematics import rubbing
 from simspec.world.types import VELOCITY_SIZE, World
@@ -47,8 +47,12 @@ def _pushed(world: World) -> str:
     return "" if world.forces else "no force acts on a body of this world"
 
 
+def _prescribed(world: World) -> str:
+    return "" if world.motions else "no body of this world is kinematic"
+
+
 def _acts(world: World) -> str:
-    return "" if world.forces else _driven(world)
+    return "" if world.forces or world.motions else _driven(world)
 
 
 def _rubs(world: World) -> str:
@@ -74,11 +78,12 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L7", ""): _acts,
     ("L7", "step response"): _driven,
     ("L7", FORCES_CHECK): _pushed,
+    ("L7", PRESCRIBED_CHECK): _prescribed,
 }
 """Level, and name of a check ("" any), to the function that says "" where a world has it, or why a world has none."""
 
 
-UNMENTIONED = (("L7", FORCES_CHECK),)
+UNMENTIONED = (("L7", FORCES_CHECK), ("L7", PRESCRIBED_CHECK))
 """Parts of which a certificate says nothing where a world has none."""
 
 

@@ -1,4 +1,4 @@
-"""Level L7 of worlds with forces on bodies: what they do to motion, in every engine, without contact.
+"""Level L7 of worlds with forces on bodies and with kinematic bodies: what they do to motion, in every engine, without contact.
 
 Every body begins at rest, held against its weight, and the world's own forces act soon after, each for a while, with what share
 of a step they begin and end by in the world. The oracle has them by its own Jacobians. The tolerance is L6's.
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.forces import brought_forward, forces_to_request, in_steps
+from simspec.control.motions import curve, motions_to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED
 from simspec.engines.kit.process import Operation
@@ -20,6 +21,7 @@ from simspec.proof.checks import Check
 from simspec.proof.motion import DISTURBED, FLOOR_FACTOR, PERTURBATION, TOLERANCE, comes_near_limits, deviation
 from simspec.world.forces import Force
 from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.motions import Motion
 from simspec.world.types import World
 
 Floats = NDArray[np.float64]
@@ -122,3 +124,57 @@ def forces_checks(pushed: Pushed, answer: Mapping[str, Floats]) -> list[Check]:
     instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
     where = f"bodies.{world.bodies[body].name}, step {instant * EVERY}"
     return [Check("L7", FORCES_CHECK, error.size, pushed.tolerance, float(error[instant, body]), where, detail)]
+
+
+PRESCRIBED_CHECK = "prescribed motion"
+MOVED = 100
+"""Steps in which all motions are done: what takes longer is told to the engine quicker."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Followed:
+    """A ``world`` with quick motions, and where its kinematic bodies (``names``) must be after every step (rows, bodies, 7)."""
+
+    world: World
+    names: tuple[str, ...]
+    poses: Floats
+
+    def operation(self, asked: World) -> Operation:
+        """What an engine is asked: all bodies begin where the world's do, at rest."""
+        q, v = initial_state(self.world)
+        parameters, motions = motions_to_request(self.world)
+        still = np.zeros_like(v)
+        arrays = {**motions, "q": q, "v": still, "effort": still, "rubbing": rubbing(self.world)}
+        return Operation("prescribed", {**parameters, "steps": MOVED, "every": 1}, arrays, asked)
+
+
+def plan_motions(world: World) -> Followed | None:
+    """The probe of a world's kinematic bodies; None where it has none."""
+    if not world.motions:
+        return None
+    dt = world.physics.timestep
+    quick = tuple(_in_time(motion, MOVED * dt) for motion in world.motions)
+    asked = dataclasses.replace(world, motions=quick, forces=(), controllers=(), trajectory=None)
+    times = np.arange(MOVED + 1) * dt
+    poses = np.stack([np.concatenate(curve(motion).at(times), axis=1) for motion in quick], axis=1)
+    return Followed(asked, tuple(motion.body for motion in quick), poses)
+
+
+def _in_time(motion: Motion, longest: float) -> Motion:
+    """A motion whose last point comes at ``longest`` (s) at the latest."""
+    share = min(1.0, longest / motion.times[-1]) if motion.times[-1] else 1.0
+    return dataclasses.replace(motion, times=tuple(share * time for time in motion.times))
+
+
+def motion_checks(followed: Followed, answer: Mapping[str, Floats]) -> list[Check]:
+    """One check: the worst deviation of a kinematic body from its motion, after any step."""
+    rows = {body.name: row for row, body in enumerate(followed.world.bodies)}
+    pose = answer["pose"][:, [rows[name] for name in followed.names]]
+    detail = f"{MOVED} steps of {followed.world.physics.timestep:g} s"
+    if pose.shape != followed.poses.shape or not np.isfinite(pose).all():
+        detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
+        return [Check("L7", PRESCRIBED_CHECK, pose.size, TOLERANCE, None, "", detail)]
+    error = deviation(followed.poses, pose)
+    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
+    where = f"bodies.{followed.names[body]}, step {instant}"
+    return [Check("L7", PRESCRIBED_CHECK, error.size, TOLERANCE, float(error[instant, body]), where, detail)]

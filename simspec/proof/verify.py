@@ -30,7 +30,7 @@ from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
-from simspec.proof.forces import FORCES_CHECK, Pushed, forces_checks
+from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
 from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.probes import (
@@ -70,6 +70,7 @@ class Probes:
     response: Response | None = None
     rubbing: DryFriction | None = None
     pushed: Pushed | None = None
+    followed: Followed | None = None
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
@@ -95,6 +96,8 @@ class Probes:
             asked.append(self.response.operation())
         if self.pushed is not None and ("L7", FORCES_CHECK) not in lacking:
             asked.append(self.pushed.operation(world))
+        if self.followed is not None and ("L7", PRESCRIBED_CHECK) not in lacking:
+            asked.append(self.followed.operation(world))
         return asked
 
 
@@ -108,7 +111,8 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
     response = control.plan(world) if "L7" in wanted else None
     pushed = forces.plan(world, oracle) if "L7" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed)
+    followed = forces.plan_motions(world) if "L7" in wanted else None
+    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed)
 
 
 def verify(
@@ -303,6 +307,8 @@ def engine_checks(
         checks += control_checks(probes.response, arrays["respond"])
     if probes.pushed is not None and "pushed" in arrays:
         checks += forces_checks(probes.pushed, arrays["pushed"])
+    if probes.followed is not None and "prescribed" in arrays:
+        checks += forces.motion_checks(probes.followed, arrays["prescribed"])
     return checks, not_checked(world, read_back.unreadable)
 
 

@@ -14,6 +14,7 @@ from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
 from simspec.resolve.forces import forces
 from simspec.resolve.masses import dependent_joints, without_inertia
+from simspec.resolve.motions import motions
 from simspec.resolve.scenario import (
     engines,
     expectations,
@@ -43,14 +44,29 @@ def resolve(spec: Spec) -> World:
         held = constraints(spec.source, expansion)
         expansion.bodies = held.bodies
         expansion.held += held.joined
+        moved = motions(spec.source, expansion.bodies, () if expansion.problems else expansion.kinematic)
+        expansion.bodies = moved.bodies
+        expansion.excluded += moved.apart
         laws, problems = contact(spec.source, expansion, time.timestep)
         driven = controllers(spec.source, expansion.bodies, held.followers)
-        applied, pushed = ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole)
+        applied, pushed = (
+            ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole, expansion.kinematic)
+        )
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
     weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
     weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
-    problems = [*expansion.problems, *held.problems, *problems, *driven.problems, *pushed, *more, *shown, *weightless]
+    problems = [
+        *expansion.problems,
+        *held.problems,
+        *moved.problems,
+        *problems,
+        *driven.problems,
+        *pushed,
+        *more,
+        *shown,
+        *weightless,
+    ]
     if problems:
         raise SpecError(in_order(problems))
     world = World(
@@ -64,6 +80,7 @@ def resolve(spec: Spec) -> World:
         controllers=driven.controllers,
         constraints=held.constraints,
         forces=applied,
+        motions=moved.motions,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
     if problems:

@@ -46,6 +46,8 @@ class Expansion:
     positions: set[str] = field(default_factory=set)
     velocities: set[str] = field(default_factory=set)
     arrays: list[tuple[str, dict[str, str], dict[str, str]]] = field(default_factory=list)
+    kinematic: list[str] = field(default_factory=list)
+    """Full names of the roots that move as they are told."""
 
     def note(self, tree: Tree, copies: Sequence[Body]) -> None:
         """Remember what is stated of a tree's joints, for one copy of it."""
@@ -186,6 +188,7 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
             place = tree.placement if array is None else frames.compose(tree.placement, element)
             copied = _copy(tree, "", suffix, f"{root}{suffix}", place, tree.velocity)
             expansion.note(tree, copied)
+            expansion.kinematic += [copied[0].name] if bodies.is_kinematic(root) else []
             if array is not None:
                 own = list(zip(tree.bodies, copied, strict=True))
                 joints = {body.joint.name: copy.joint.name for body, copy in own}
@@ -210,6 +213,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
             place = frames.compose(where, tree.placement)
             copied = _copy(tree, f"{model}/", "", model, place, velocity)
             expansion.note(tree, copied)
+            expansion.kinematic += [copied[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
             if use.attach is not None:
                 copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
             yield _Instance(copied, source, bodies.placed)
@@ -230,6 +234,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     path = (*bodies.path, owner_of(tree.bodies[0].name))
     copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
     expansion.note(tree, copied)
+    expansion.kinematic += [copied[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
     yield _Instance(copied, bodies.source, path)
     expansion.excluded += [pair for file in bodies.files[1:] for pair in file.content.contact.exclude]
     expansion.touching += [pair for file in bodies.files[1:] for pair in file.content.contact.touch]

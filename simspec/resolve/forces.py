@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from simspec.errors import Problem
 from simspec.language.document import Key
@@ -15,7 +15,9 @@ from simspec.world.types import Body, Physics, World
 NOWHERE = (0.0, 0.0, 0.0)
 
 
-def forces(source: Source, bodies: Sequence[Body], whole: Physics) -> tuple[tuple[Force, ...], list[Problem]]:
+def forces(
+    source: Source, bodies: Sequence[Body], whole: Physics, kinematic: Container[str] = ()
+) -> tuple[tuple[Force, ...], list[Problem]]:
     """The forces in the order of the file, and what is wrong with them. ``whole``: the time of the whole scenario."""
     groups = rigid_groups(World("", tuple(bodies)))
     end = whole.steps * whole.timestep
@@ -28,6 +30,9 @@ def forces(source: Source, bodies: Sequence[Body], whole: Physics) -> tuple[tupl
             problems.append(source.document.problem((*path, "body"), message, found=written.body, hint=hint))
         elif groups[written.body] == "world":
             message = f"{written.body} is fixed to the world: no force moves it"
+            problems.append(source.document.problem((*path, "body"), message, found=written.body))
+        elif groups[written.body] in kinematic:
+            message = f"{written.body} is kinematic: no force moves it"
             problems.append(source.document.problem((*path, "body"), message, found=written.body))
         if whole.steps and start >= end:
             late, found = "it begins after the end of the run", f"{start:g} s"

@@ -7,6 +7,7 @@ import random
 from collections.abc import Iterator
 
 from simspec.language.arrays import Array, Jitter
+from simspec.language.motions import MotionPoint
 from simspec.language.shapes import Inertia, Orientation
 from simspec.language.shapes import Pose as SpecPose
 from simspec.language.strict import required
@@ -17,7 +18,7 @@ from simspec.world.types import Pose, Quaternion, Vector3
 Z_AXIS: Vector3 = (0.0, 0.0, 1.0)
 
 
-def orientation(written: SpecPose | Orientation | Inertia | ToolPlace) -> Quaternion:
+def orientation(written: SpecPose | Orientation | Inertia | ToolPlace | MotionPoint) -> Quaternion:
     """The rotation that `rpy` or `quat` says."""
     if written.quat is not None:
         return frames.normalise(written.quat)

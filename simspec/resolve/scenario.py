@@ -111,7 +111,7 @@ def expectations(
     """
     names = {body.name for body in bodies}
     resolved, problems = [], []
-    driven, pushed = bool(source.content.control), bool(source.content.forces)
+    driven, pushed = bool(source.content.control), bool(source.content.forces or source.content.motion)
     for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
         written = getattr(entry, kind)
@@ -168,10 +168,10 @@ def _never(
     if kind == "apex_height" and values["after"] >= time.steps * time.timestep > 0.0:
         yield ("after",), "after the end of the run", {"found": f"{values['after']:g} s"}
     if kind in ("follows_oracle", "momentum_conserved") and pushed:
-        why = (
-            "the oracle's motion has no forces on bodies" if kind == "follows_oracle" else "momentum changes under them"
-        )
-        yield (), f"{why}, and this scenario has `forces`", {"hint": "remove it"}
+        why = "momentum changes under them"
+        if kind == "follows_oracle":
+            why = "the oracle's motion has no forces on bodies, and no kinematic ones"
+        yield (), f"{why}, and this scenario has `forces` or `motion`", {"hint": "remove it"}
     if kind != "follows_oracle":
         return
     if driven:

@@ -180,6 +180,7 @@ def _time(spec: Spec, world: World) -> Warned:
 
 def _sizes(spec: Spec, world: World) -> Warned:
     groups = rigid_groups(world)
+    kinematic = {motion.body for motion in world.motions}
     written = _written_densities(spec)
     for path, location, density in written:
         message = f"a density of {density:g} kg/m³"
@@ -193,7 +194,7 @@ def _sizes(spec: Spec, world: World) -> Warned:
         if groups[body.name] == "world":
             continue
         mass, path = body.inertial.mass, f"bodies.{body.name}.mass"
-        if mass and not MASSES[0] <= mass <= MASSES[1]:
+        if mass and body.name not in kinematic and not MASSES[0] <= mass <= MASSES[1]:
             hint = "a bare number is in kg"
             yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, spec.locate(path), hint=hint)
         for index, shape in enumerate(body.shapes):

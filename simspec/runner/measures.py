@@ -205,8 +205,8 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
         raise Unmeasurable("the oracle does not support dry friction")
     if world.controllers:
         raise Unmeasurable("the oracle does not support control")
-    if world.forces:
-        raise Unmeasurable("the oracle's motion has no forces on bodies")
+    if world.forces or world.motions:
+        raise Unmeasurable("the oracle's motion has no forces on bodies, and no kinematic ones")
     q, v = initial_state(world)
     places, done = zeros((1 + -(-steps // every), len(world.bodies), 3)), 0
     for states, _ in oracle.motion_by_blocks(q, v, None, steps, every):

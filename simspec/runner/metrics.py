@@ -17,7 +17,7 @@ import numpy as np
 from simspec.mapped import parts, release, zeros
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.rotations import logarithm, matrices
-from simspec.world.types import World
+from simspec.world.types import Inertial, World
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -30,7 +30,8 @@ def moving_bodies(world: World) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Masses:
-    """The world's mass properties as arrays: mass (n,), centre (n, 3) and inertia (n, 3, 3) in the body frames."""
+    """The world's mass properties as arrays: mass (n,), centre (n, 3) and inertia (n, 3, 3) in the body frames. Kinematic
+    bodies have none: their energy and momentum are nobody's."""
 
     mass: np.ndarray
     centre: np.ndarray
@@ -38,11 +39,13 @@ class Masses:
 
     @classmethod
     def of(cls, world: World) -> Masses:
-        rows = [body.inertial.inertia for body in world.bodies]
+        told = {motion.body for motion in world.motions}
+        inertials = [Inertial(0.0) if body.name in told else body.inertial for body in world.bodies]
+        rows = [inertial.inertia for inertial in inertials]
         tensors = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, xz, yz in rows]
         return cls(
-            np.array([body.inertial.mass for body in world.bodies]),
-            np.array([body.inertial.centre_of_mass for body in world.bodies]).reshape(-1, 3),
+            np.array([inertial.mass for inertial in inertials]),
+            np.array([inertial.centre_of_mass for inertial in inertials]).reshape(-1, 3),
             np.array(tensors).reshape(-1, 3, 3),
         )
 

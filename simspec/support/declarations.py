@@ -204,6 +204,11 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
 
 
+HEAVY = (
+    "a free body of 1e5 times the mass of all that moves, to which an effort before every step gives the velocity that its "
+    "motion asks for: contact and joints feel that velocity, and shift it by 1e-5 of what they would shift themselves"
+)
+"""What a kinematic body is to engines."""
 AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engine's own poses"
 """How engines are given forces on bodies."""
 

@@ -30,6 +30,7 @@ class Feature(StrEnum):
     INERTIA_FULL = "body.inertia.full"
     INERTIA_SINGULAR = "body.inertia.singular"
     MASSLESS = "body.massless"
+    KINEMATIC = "body.kinematic"
     TREE_SIZE = "tree.size"
     TREE_DEPTH = "tree.depth"
     SHAPE_SPHERE = "shape.sphere"
@@ -93,6 +94,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.INERTIA_FULL: "an inertia tensor with products of inertia",
     Feature.INERTIA_SINGULAR: "a point mass or a rod that is fixed to a body that moves",
     Feature.MASSLESS: "a body without mass that is fixed to one that moves",
+    Feature.KINEMATIC: "a root body that moves as it is told, whatever pushes it",
     Feature.TREE_SIZE: "a tree of more than 127 bodies",
     Feature.TREE_DEPTH: "a chain of more than 400 bodies",
     Feature.SHAPE_SPHERE: "sphere",

@@ -104,6 +104,8 @@ def needs(world: World) -> list[Need]:
             note(Feature.TREE_SIZE, f"bodies.{root}")
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
+    for motion in world.motions:
+        note(Feature.KINEMATIC, f"bodies.{motion.body}.kinematic")
     for index in range(len(world.forces)):
         note(Feature.FORCES, f"forces.{index}")
     for controller in world.controllers:

@@ -20,6 +20,7 @@ from simspec.testing.bench import Bench, state_error, windows_operation
 from simspec.testing.driving import OracleJoints, driven, pushes
 from simspec.world.forces import Force
 from simspec.world.kinematics import initial_state
+from simspec.world.motions import Motion
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 STEPS = 120
@@ -113,6 +114,50 @@ class ForcesSuite(Suite):
         (windows,) = bench.ask(world, windows_operation(world, whole))
         for name in ("q", "v"):
             np.testing.assert_allclose(windows.arrays[name], whole.arrays[name][1:], rtol=0.0, atol=1e-12)
+
+    def test_a_kinematic_body_is_where_it_is_told_and_carries_what_hangs_on_it(self, bench: Bench) -> None:
+        """What slides on it along its way stays where it is; what turns about its axis does not turn with it."""
+        base = Joint("base_joint", "free", position=(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6)
+        round_one = (0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
+        slider = Joint("slider_joint", "slide", "base", axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,))
+        wheel = Joint("wheel_joint", "hinge", "second", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+        second = dataclasses.replace(base, name="second_joint", position=(0.0, 5.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+        heavy = Inertial(1e5, inertia=(1e5, 1e5, 1e5, 0.0, 0.0, 0.0))
+        bodies = (
+            Body("base", "base", heavy, base),
+            Body("slider", "base", Inertial(1.0, inertia=round_one), slider),
+            Body("second", "second", heavy, second),
+            Body("wheel", "second", Inertial(1.0, inertia=round_one), wheel),
+        )
+        turn = (np.cos(1.5), 0.0, 0.0, np.sin(1.5))
+        motions = (
+            Motion("base", (0.0, 0.1), ((0.0, 0.0, 1.0), (0.7, 0.0, 1.0)), ((1.0, 0.0, 0.0, 0.0),) * 2, "quintic"),
+            Motion("second", (0.02, 0.1), ((0.0, 5.0, 0.0),) * 2, ((1.0, 0.0, 0.0, 0.0), turn), "linear"),
+        )
+        world = worlds.world(bodies, physics=Physics(timestep=0.001, steps=STEPS))
+        asked = bench.allowed(dataclasses.replace(world, motions=motions))
+        if asked is None:
+            return
+        pose = bench.run(asked, STEPS, 20).arrays["pose"]
+        times = np.arange(0, STEPS + 1, 20) * 0.001
+        share = np.clip(times / 0.1, 0.0, 1.0)
+        np.testing.assert_allclose(pose[:, 0, 0], 0.7 * share**3 * (10 - 15 * share + 6 * share**2), atol=1e-8)
+        np.testing.assert_allclose(pose[:, 1, 0], 0.0, atol=1e-8)
+        angle = 2.0 * np.arctan2(pose[:, 2, 6], pose[:, 2, 3])
+        np.testing.assert_allclose(angle, 3.0 * np.clip((times - 0.02) / 0.08, 0.0, 1.0), atol=1e-8)
+        np.testing.assert_allclose(pose[:, 3, 6], 0.0, atol=1e-8)
+        proof = bench.proof(asked, "L7")
+        if bench.lacks("contact_off"):
+            assert proof.not_checked["L7"] == bench.lacks("contact_off")
+            return
+        (check,) = proof.level("L7")
+        assert (check.name, check.passed, check.count) == ("prescribed motion", True, 202), check
+        lighter = dataclasses.replace(heavy, mass=heavy.mass * 0.999)
+        other = dataclasses.replace(asked, bodies=(dataclasses.replace(bodies[0], inertial=lighter), *bodies[1:]))
+        folder = bench.place / "other-base"
+        write_folder(compile_world(other, [bench.engine])[bench.engine].files, folder)
+        proven = verify(asked, [bench.engine], artifacts={bench.engine: folder}, pythons=bench.pythons, levels=["L7"])
+        assert [check.passed for check in proven.engines[bench.engine].level("L7")] == [False]
 
     def test_the_proof_holds_the_forces(self, bench: Bench) -> None:
         """With a defect: files of a body that is a thousandth heavier."""

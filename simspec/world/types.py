@@ -17,6 +17,7 @@ from typing import Literal
 from simspec.language.vocabulary import CHANNELS
 from simspec.world.control import Controller, Trajectory
 from simspec.world.forces import Force
+from simspec.world.motions import Motion
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
@@ -324,6 +325,8 @@ class World:
     """What holds bodies and joints together outside the tree, sorted by name."""
     forces: tuple[Force, ...] = field(default=(), metadata=LEFT_OUT)
     """Forces and torques on bodies during given times, in the order of the spec."""
+    motions: tuple[Motion, ...] = field(default=(), metadata=LEFT_OUT)
+    """Motions of the kinematic bodies, one each, in the order of the bodies."""
 
     def __repr__(self) -> str:
         return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"

@@ -85,7 +85,7 @@ class DartDialect(Dialect):
             *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
+            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("DART", KINDS),

@@ -97,7 +97,7 @@ class MujocoDialect(Dialect):
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.FORCES, Feature.CONTROL),
+            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("MuJoCo", KINDS),

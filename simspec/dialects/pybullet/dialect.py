@@ -114,6 +114,7 @@ class PybulletDialect(Dialect):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
+        Feature.KINEMATIC: EXACT,
         Feature.FORCES: EXACT,
         Feature.TOUCHING_PAIRS: via_api(_SIDECAR),
         Feature.CONTROL: EXACT,

@@ -41,6 +41,7 @@ from simspec.errors import EngineError
 from simspec.support.declarations import (
     AS_EFFORTS,
     EXACT,
+    HEAVY,
     Level,
     Refinement,
     Support,
@@ -213,6 +214,7 @@ class Dart(SimulatedEngine[Simulation]):
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
+        Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),

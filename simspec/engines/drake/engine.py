@@ -35,6 +35,7 @@ from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
+    HEAVY,
     Attempt,
     Level,
     Refinement,
@@ -188,6 +189,7 @@ class Drake(SimulatedEngine[Simulation]):
             coulomb,
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
+        Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),

@@ -60,6 +60,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     },
     "motion": STATE,
     "pushed": STATE,
+    "prescribed": STATE,
     "trials": {"v": STATE["v"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
@@ -120,7 +121,7 @@ def planned_rows(operation: Operation) -> int | None:
     asked = operation.parameters
     if operation.op in ("kinematics", "dynamics", "trials", "windows"):
         return len(operation.arrays["q"])
-    if operation.op in ("motion", "pushed", "respond", "run"):
+    if operation.op in ("motion", "pushed", "prescribed", "respond", "run"):
         return 1 + _rows_of(asked["steps"], asked["every"])
     if operation.op == "drive":
         return 1 + sum(_rows_of(steps, every) for steps, every in asked["phases"])
@@ -138,7 +139,7 @@ def dimensions_of(operation: Operation) -> dict[str, int]:
     if operation.op == "dynamics":
         found["packed"] = sum(size * size for size in operation.parameters["sizes"])
     rows = planned_rows(operation)
-    if rows is not None and operation.op not in ("motion", "pushed", "run"):
+    if rows is not None and operation.op not in ("motion", "pushed", "prescribed", "run"):
         found["rows"] = rows
     world = operation.world
     if world is not None:
@@ -235,6 +236,7 @@ RESULTS: Mapping[str, type[BaseModel]] = {
     "run": RunResult,
     "motion": MotionResult,
     "pushed": MotionResult,
+    "prescribed": MotionResult,
     "touching": TouchingResult,
 }
 """What an operation's plain result is, where it is more than nothing; ``read_back``'s is a ReadBack."""

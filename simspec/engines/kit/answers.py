@@ -130,7 +130,7 @@ def _answer(folder: Path, index: int, operation: Operation, entry: Entry, offset
         raise BadAnswerError("more than was requested")
     if operation.op == "run":
         arrays = checked_run(operation, result, arrays)
-    elif operation.op in ("motion", "pushed"):
+    elif operation.op in ("motion", "pushed", "prescribed"):
         check_motion(operation, result, arrays)
     elif operation.op == "windows" and "contact.row" in arrays:
         check_contacts(arrays, len(arrays["pose"]), 0)

@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from simspec.control.forces import forces_from_request
 from simspec.control.request import from_request
 from simspec.engines.kit.arrays import CONTACT_FIELDS, bodies_of, told_units
 from simspec.engines.kit.foreign import foreign_answer
-from simspec.engines.kit.recorder import Stepper, record
+from simspec.engines.kit.recorder import Outer, Stepper, record
 from simspec.engines.kit.session import Condition, Session
 from simspec.world.canonical import to_plain
 
@@ -84,7 +83,8 @@ def _dynamics(session: Session, arrays: Arrays, operation: Parameters) -> Result
 
 def _motion(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """Contact-free motion from q (nq,), v (nv,) under a constant effort (nv,): ``steps`` steps, seen every ``every``. The dry
-    friction at the places ``rubbing`` (n,) of v is taken away before. ``pushed``: the same under the forces on bodies, too.
+    friction at the places ``rubbing`` (n,) of v is taken away before. ``pushed``: the same under the forces on bodies, too, or
+    with what moves kinematic bodies.
 
     -> q (n, nq), v (n, nv), pose (n, bodies, 7), velocity (n, bodies, 6), the initial state first.
     """
@@ -92,17 +92,17 @@ def _motion(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     session.disable_dry_friction(arrays["rubbing"])
     session.set_state(arrays["q"], arrays["v"])
     rows: dict[str, list[Any]] = {"q": [], "v": [], "pose": [], "velocity": []}
-    done, forces = 0, forces_from_request(operation)
+    done, outer = 0, Outer.of(operation, arrays)
     while True:
         pose = _add_state(rows, session)
         if done >= operation["steps"] or not np.isfinite(pose).all():
             break
         count = min(operation["every"], operation["steps"] - done)
-        if forces is None:
+        if outer is None:
             session.step(count, arrays["effort"])
         else:
             for step in range(done, done + count):
-                session.step(1, arrays["effort"] + forces.effort(step, session.body_states()[0]))
+                session.step(1, arrays["effort"] + outer.effort(step, session))
         done += count
     return {"steps": done}, {name: np.array(values) for name, values in rows.items()}
 
@@ -183,7 +183,7 @@ def _windows(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     With the channel ``contacts`` also the contacts of each one's last step; ``contact.row`` is its place among the k. With
     ``q_before``, ``v_before`` (k, ...), states ``steps`` steps earlier, the engine first steps from these, so that it has the
     contact points that it keeps from earlier steps."""
-    stepper = Stepper(session, from_request(operation, arrays), forces_from_request(operation))
+    stepper = Stepper(session, from_request(operation, arrays), Outer.of(operation, arrays))
     with_contacts = "contacts" in operation["channels"]
     rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
     touching: dict[str, list[np.ndarray]] = {name: [] for name in ("row", *CONTACT_FIELDS)}
@@ -219,6 +219,7 @@ OPERATIONS: Mapping[str, Named] = {
     "touching": Named(_touching, Condition.PLACED),
     "motion": Named(_motion),
     "pushed": Named(_motion),
+    "prescribed": Named(_motion),
     "trials": Named(_trials),
     "drive": Named(_drive),
     "respond": Named(_respond),

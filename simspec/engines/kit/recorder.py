@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.forces import AppliedForces, forces_from_request
 from simspec.control.law import Control, Joints
+from simspec.control.motions import Prescribed, motions_from_request
 from simspec.control.native import Servos
 from simspec.control.request import from_request
 from simspec.engines.kit.arrays import told_units
@@ -23,23 +24,52 @@ from simspec.errors import EngineError
 Floats = NDArray[np.float64]
 
 
+class Outer:
+    """What acts on bodies from outside: forces, and what moves kinematic bodies."""
+
+    def __init__(self, forces: AppliedForces | None, prescribed: Prescribed | None):
+        self._forces, self._prescribed = forces, prescribed
+
+    @classmethod
+    def of(cls, operation: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Self | None:
+        """What a request asks for; None when it asks for neither."""
+        forces, prescribed = forces_from_request(operation), motions_from_request(operation, arrays)
+        return None if forces is None and prescribed is None else cls(forces, prescribed)
+
+    def stretches(self, first: int, count: int) -> Iterator[tuple[int, int, bool]]:
+        """``count`` steps from ``first`` on in pieces (first step, steps, whether something acts)."""
+        if self._prescribed is not None or self._forces is None:
+            return ((step, 1, True) for step in range(first, first + count))
+        return self._forces.stretches(first, count)
+
+    def effort(self, step: int, session: Session) -> Floats:
+        """The effort (nv,) of a step, from the engine's state before it."""
+        q, v = session.get_state()
+        effort = np.zeros(len(v))
+        if self._forces is not None and self._forces.acts(step):
+            effort += self._forces.effort(step, session.body_states()[0])
+        if self._prescribed is not None:
+            effort += self._prescribed.effort(step, q, v)
+        return effort
+
+
 class Stepper:
-    """Steps a session's engine, with the controllers and the forces on bodies at work between the steps.
+    """Steps a session's engine, with the controllers and what acts from outside at work between the steps.
 
     ``seconds``: wall time inside the engine's step calls (``step``), processor time of the same (``cpu``), and both of the
     laws, the forces, and of passing states and efforts (``control``, ``control_cpu``).
     """
 
-    def __init__(self, session: Session, control: Control | None, forces: AppliedForces | None = None):
-        self._session, self.control, self._forces = session, control, forces
+    def __init__(self, session: Session, control: Control | None, outer: Outer | None = None):
+        self._session, self.control, self._outer = session, control, outer
         none = {"step": 0.0, "cpu": 0.0, "control": 0.0, "control_cpu": 0.0}
         self.seconds = none if control is None else control.seconds
         self._joints: Joints | None = None
         self._servos: Servos | None = None
         if control is not None:
             quick = self._joints = session.actuate(control.q_places, control.v_places)
-            if forces is not None:
-                self._joints = PushedJoints(session, forces, quick, control.q_places, control.v_places)
+            if outer is not None:
+                self._joints = PushedJoints(session, outer, quick, control.q_places, control.v_places)
             own, at = control.native, control.native_places
             if own is not None:
                 places = control.q_places[at], control.v_places[at]
@@ -51,18 +81,18 @@ class Stepper:
             if isinstance(self._joints, PushedJoints):
                 self._joints.begin(done)
             self.control.advance(self._joints, done, count, self._servos)
-        elif self._forces is not None:
-            self._push(self._forces, done, count)
+        elif self._outer is not None:
+            self._push(self._outer, done, count)
         else:
             self._step(count, None)
 
-    def _push(self, forces: AppliedForces, done: int, count: int) -> None:
-        for first, steps, acts in forces.stretches(done, count):
+    def _push(self, outer: Outer, done: int, count: int) -> None:
+        for first, steps, acts in outer.stretches(done, count):
             if not acts:
                 self._step(steps, None)
                 continue
             cpu, wall = time.process_time(), time.perf_counter()
-            effort = forces.effort(first, self._session.body_states()[0])
+            effort = outer.effort(first, self._session)
             self.seconds["control"] += time.perf_counter() - wall
             self.seconds["control_cpu"] += time.process_time() - cpu
             self._step(steps, effort)
@@ -82,13 +112,13 @@ class PushedJoints:
     def __init__(
         self,
         session: Session,
-        forces: AppliedForces,
+        outer: Outer,
         quick: Actuation,
         q: NDArray[np.intp],
         v: NDArray[np.intp],
     ):
-        self._session, self._forces, self._quick, self._q, self._v = session, forces, quick, q, v
-        self._effort = np.zeros(forces.nv)
+        self._session, self._outer, self._quick, self._q, self._v = session, outer, quick, q, v
+        self._effort = np.zeros(0)
         self._step, self._until, self._acts, self._whole = 0, 0, False, False
         self._left = False
         """Whether the last step may have left efforts on other coordinates."""
@@ -99,7 +129,7 @@ class PushedJoints:
 
     def read(self) -> tuple[Floats, Floats]:
         if self._step >= self._until:
-            _, steps, self._acts = next(self._forces.stretches(self._step, AHEAD))
+            _, steps, self._acts = next(self._outer.stretches(self._step, AHEAD))
             self._until = self._step + (steps if self._acts or not self._left else 1)
             self._whole = self._acts or self._left
         if not self._whole:
@@ -111,10 +141,11 @@ class PushedJoints:
         if not self._whole:
             self._quick.give(effort)
             return
-        self._effort[:] = 0.0
-        self._effort[self._v] = effort
         if self._acts:
-            self._effort += self._forces.effort(self._step, self._session.body_states()[0])
+            self._effort = self._outer.effort(self._step, self._session)
+        else:
+            self._effort = np.zeros(len(self._session.get_state()[1]))
+        self._effort[self._v] += effort
 
     def step(self) -> None:
         self._step += 1
@@ -267,7 +298,7 @@ def record(
     """
     if "q" in arrays:
         session.set_state(arrays["q"], arrays["v"])
-    stepper = Stepper(session, from_request(operation, arrays), forces_from_request(operation))
+    stepper = Stepper(session, from_request(operation, arrays), Outer.of(operation, arrays))
     control = stepper.control
     recording = Recording(
         session, operation["channels"], control, place, operation.get("most", MOST_BYTES), stepper.seconds

@@ -24,6 +24,7 @@ from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
 from simspec.formats.mjcf.from_world import KINDS
 from simspec.support.declarations import (
     AS_EFFORTS,
+    HEAVY,
     Level,
     Support,
     Table,
@@ -90,6 +91,7 @@ class MuJoCo(MujocoSimulation):
         Feature.TREE_DEPTH: never(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
+        Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),

@@ -51,6 +51,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     AS_EFFORTS,
     EXACT,
+    HEAVY,
     Level,
     Refinement,
     Support,
@@ -215,6 +216,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
+        Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),

@@ -89,6 +89,7 @@ SUPPORT: Final[Table] = {
     ),
     Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("MJCF has no forces that begin and end"),
     Feature.CONTROL: never("MJCF has actuators, and no control laws"),
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),

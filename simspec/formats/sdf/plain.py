@@ -99,6 +99,7 @@ SUPPORT: Final[Table] = {
     Feature.PASSING_PAIRS: never("SDF does not say it of pairs of surfaces"),
     Feature.COLLISION_GROUPS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
     Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("simspec writes no forces into SDF"),
     Feature.TOUCHING_PAIRS: never("links that a joint joins do not touch each other in SDF"),
     Feature.CONTROL: never("SDF has no control laws"),

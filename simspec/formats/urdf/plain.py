@@ -83,6 +83,7 @@ SUPPORT: Final[Table] = {
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
         Feature.TOUCHING_PAIRS,
     ),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("URDF has no forces on bodies"),
     Feature.CONTROL: never("URDF has no control laws"),
     Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),

@@ -63,7 +63,7 @@ class WorldJson(Format):
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
+            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
