@@ -54,8 +54,17 @@ class Instability:
         return f"explicit {what} at {who} is unstable at this timestep{where}: {growth}"
 
 
+class SingularError(ArithmeticError):
+    """Masses and moments of a tree that double precision cannot hold side by side. ``root``: the body at its root."""
+
+    def __init__(self, root: str):
+        super().__init__(root)
+        self.root = root
+
+
 def unstable(world: World) -> list[Instability]:
-    """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once."""
+    """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once. Raises
+    SingularError."""
     known: dict[object, tuple[tuple[int, ...], Instability] | None] = {}
     instabilities = []
     for bodies in trees(world).values():
@@ -63,7 +72,10 @@ def unstable(world: World) -> list[Instability]:
             continue
         key = alike(bodies), tuple(body.joint.position for body in bodies if body.joint.kind != "free")
         if key not in known:
-            known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
+            try:
+                known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
+            except np.linalg.LinAlgError:
+                raise SingularError(bodies[0].name) from None
         if (entry := known[key]) is not None:
             rows, instability = entry
             instabilities.append(dataclasses.replace(instability, bodies=tuple(bodies[row].name for row in rows)))

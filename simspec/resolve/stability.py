@@ -13,9 +13,15 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
     if not any(body.joint.damping or body.joint.spring_stiffness for body in world.bodies):
         return []
     try:
-        from simspec.dynamics.stability import unstable
+        from simspec.dynamics.stability import SingularError, unstable
 
-        instabilities = unstable(world)
+        try:
+            instabilities = unstable(world)
+        except SingularError as error:
+            path = f"bodies.{error.root}"
+            message = "the mass matrix of this body and what hangs on it is singular in double precision"
+            hint = "masses and moments of inertia that are not 1e16 times as large as others of the same tree"
+            return [Problem(message, path, locate(source, path), hint=hint)]
     except ModuleNotFoundError:
         return []
     problems = []

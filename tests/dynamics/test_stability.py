@@ -160,3 +160,22 @@ def test_check_says_the_joint_its_place_and_the_largest_timestep(spec, path, lar
     assert problem.location.line == 8
     assert problem.allowed == largest
     assert "grow by a factor of" in problem.message
+
+
+def test_masses_that_double_precision_cannot_hold_side_by_side_are_told():
+    """Found by fuzzing a robot file: a mass of 1e20 kg, whose mass matrix has no inverse."""
+    heavy = {"mass": 1e20, "centre_of_mass": [0, 0, 0.5], "inertia": {"principal": [0.1, 0.1, 0.1]}}
+    light = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}
+    data = {
+        "simspec": 1,
+        "name": "w",
+        "bodies": {
+            "base": {"fixed": True},
+            "arm": {"parent": "base", "joint": {"type": "hinge", "axis": [0, 1, 0], "damping": 1}, **heavy},
+            "wrist": {"parent": "arm", "joint": {"type": "slide", "axis": [1, 0, 0]}, **light},
+            "tip": {"parent": "wrist", "joint": {"type": "hinge", "axis": [0, 1, 0]}, **heavy},
+        },
+    }
+    with pytest.raises(SpecError, match="singular in double precision") as error:
+        simspec.Spec.from_data(data).resolve()
+    assert error.value.problems[0].path == "bodies.base"

@@ -382,7 +382,7 @@ def test_a_damaged_entry_is_measured_anew(damage, tmp_path, few_probes, monkeypa
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
-    (entry,) = cache.folder().iterdir()
+    (entry,) = cache.ENTRIES.folder().iterdir()
     entry.write_text(DAMAGE[damage](json.loads(entry.read_text())))
     assert measured(world, engine, place) == first
     assert started == [1, 1]
@@ -397,7 +397,7 @@ def test_what_is_no_entry_is_left_alone(text, tmp_path, few_probes, monkeypatch)
     place = files(world, engine, tmp_path / engine)
     started = processes(monkeypatch)
     first = measured(world, engine, place)
-    (entry,) = cache.folder().iterdir()
+    (entry,) = cache.ENTRIES.folder().iterdir()
     entry.write_text(text)
     assert measured(world, engine, place) == first
     assert started == [1, 1]
@@ -431,10 +431,10 @@ def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, m
 
 
 def test_entries_are_in_the_users_cache_folder(monkeypatch, tmp_path):
-    assert cache.folder() == tmp_path / "cache" / "simspec" / "contact"
+    assert cache.ENTRIES.folder() == tmp_path / "cache" / "simspec" / "contact"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache.folder() == tmp_path / "home" / ".cache" / "simspec" / "contact"
+    assert cache.ENTRIES.folder() == tmp_path / "home" / ".cache" / "simspec" / "contact"
 
 
 # --- engines that fail --------------------------------------------------------------------------------------------
@@ -470,7 +470,7 @@ def test_a_crash_is_the_figure_of_the_probe_that_crashes(tmp_path, few_probes, m
     assert "SIGSEGV" in bad.case
     assert "SIGSEGV" in run.contact_checks(found)[0].detail
     # what crashed is not kept
-    assert len(list(cache.folder().iterdir())) == 2
+    assert len(list(cache.ENTRIES.folder().iterdir())) == 2
 
 
 def test_after_the_deadline_nothing_is_tried_again(tmp_path, few_probes, monkeypatch):

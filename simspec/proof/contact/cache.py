@@ -12,7 +12,6 @@ import functools
 import hashlib
 import inspect
 import json
-import os
 import platform
 import sys
 from collections.abc import Sequence
@@ -22,8 +21,7 @@ from typing import Any
 
 from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
-from simspec.outputs.reading import read_bytes
-from simspec.outputs.writing import write_file
+from simspec.outputs.entries import Entries
 from simspec.proof.contact.probe import Figure
 from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
@@ -42,21 +40,8 @@ APART = (
 )
 """Parts of the package whose code takes no part in measuring; all other code is part of the key."""
 VERSION = 1
-HEAD = b'{"simspec_cache": '
-"""How every entry begins: what begins otherwise is not simspec's, and is left alone."""
-LARGEST_ENTRY = 16 * 2**20
-"""Bytes; the largest, with the points of 24 directions, has some 10 kB."""
-
-
-def folder() -> Path | None:
-    """Where entries are kept: ``simspec/contact`` in the user's cache folder (XDG_CACHE_HOME or ~/.cache), if any."""
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(base):  # the specification of that variable: a relative path is to be ignored
-        return Path(base) / "simspec" / "contact"
-    try:
-        return Path.home() / ".cache" / "simspec" / "contact"
-    except RuntimeError:
-        return None
+ENTRIES = Entries("contact", head=b'{"simspec_cache": ', largest=16 * 2**20, bound=256 * 2**20)
+"""The largest entry, with the points of 24 directions, has some 10 kB."""
 
 
 @functools.cache
@@ -116,16 +101,15 @@ def key(engine: type[Engine], *parts: object) -> str:
 
 def read(name: str) -> list[Figure] | None:
     """The figures of an entry; None when there is none, or it is not what was kept (it is then measured anew)."""
-    place = folder()
-    if place is None:
+    kept = ENTRIES.read(name)
+    if kept is None:
         return None
-    path = place / f"{name}.json"
     try:
-        entry = read_as(CacheEntry, read_bytes(path, LARGEST_ENTRY, place), str(path))
+        entry = read_as(CacheEntry, kept, name)
         if (entry.simspec_cache, entry.key) != (VERSION, name) or entry.sha256 != _content(entry.figures):
             return None
         return [from_plain(Figure, figure) for figure in entry.figures] or None  # every probe gives some figure
-    except (OSError, SpecError, ValueError, KeyError, TypeError):
+    except (SpecError, ValueError, KeyError, TypeError):
         return None
 
 
@@ -134,19 +118,7 @@ def _content(figures: Sequence[Any]) -> str:
 
 
 def write(name: str, figures: Sequence[Figure]) -> bool:
-    """Keep figures, whole or not at all; False when the folder cannot be written, which costs time only."""
-    place = folder()
-    if place is None:
-        return False
+    """Keep figures; False when the folder cannot be written, which costs time only."""
     plain = [to_plain(figure) for figure in figures]
     entry = {"simspec_cache": VERSION, "key": name, "sha256": _content(plain), "figures": plain}
-    try:
-        # not synced: what a power cut leaves half is no entry
-        write_file(place / f"{name}.json", json.dumps(entry, allow_nan=False), _ours, lasting=False)
-    except (OSError, SpecError):
-        return False
-    return True
-
-
-def _ours(content: bytes) -> bool:
-    return content.startswith(HEAD) or HEAD.startswith(content)
+    return ENTRIES.write(name, json.dumps(entry, allow_nan=False))
