@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from dataclasses import dataclass, field
@@ -32,6 +33,7 @@ ONLY_LINK: Final = "link"
 STEP: Final = 0.001
 RULES: Final = {**RULES_OF_TREES, **RULES_OF_MESHES}
 """Rules of repair, with what they do."""
+TOO_LARGE: Final = "what follows from these numbers is beyond the largest double"
 MOST_PAIRS: Final = 20_000
 """Pairs of bodies of one model that do not touch each other."""
 
@@ -167,7 +169,17 @@ class _Spec:
             contact["exclude"] = self.exclude
         if not contact:
             del self.data["contact"]
-        self.data = _plain(self.data)
+        wrong: list[Path_] = []
+        self.data = _plain(self.data, (), wrong)
+        if wrong:
+            raise SpecError([Problem(TOO_LARGE, location=self._place_of(path)) for path in wrong])
+
+    def _place_of(self, path: Path_) -> Location:
+        """Where a value of the data comes from: its own place, or that of the nearest value around it."""
+        around = (path[:length] for length in range(len(path), -1, -1))
+        return next(
+            (self.places[part] for part in around if part in self.places), self.models[0].scope.element.location
+        )
 
     def _name_shapes(self) -> None:
         """Shapes keep their names where no other of the file has the same: names of shapes are unique."""
@@ -300,13 +312,18 @@ def _give_names(shapes: list[ShapeRead]) -> None:
             shape.name = ""
 
 
-def _plain(value: Any) -> Any:
-    """The same data, its whole numbers without a point."""
+def _plain(value: Any, path: Path_, wrong: list[Path_]) -> Any:
+    """The same data, its whole numbers without a point; ``wrong`` gets the paths of numbers that are none."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _plain(item, (*path, key), wrong) for key, item in value.items()}
     if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return plain(value) if isinstance(value, float) else value
+        return [_plain(item, (*path, index), wrong) for index, item in enumerate(value)]
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        wrong.append(path)
+        return value
+    return plain(value)
 
 
 def _physics(world: Scope) -> dict[str, Any]:

@@ -107,7 +107,7 @@ class Measuring:
                     continue
                 raw = [_kept(figure) for figure in _figures(job, answer)]
                 if self.use_cache and not cache.write(job.key, raw):
-                    complaints = [f"the cache {cache.folder()} is not writable"]
+                    complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
             figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
         return figures, complaints
 

@@ -18,6 +18,8 @@ SLIPPERY = (
 )
 SLIPPERY += "</collision>"
 MESH = "<collision name='c'><geometry><mesh>{}</mesh></geometry></collision>"
+PLANE = "<collision name='c'><geometry><plane><normal>1e308 0 1</normal></plane></geometry></collision>"
+BALL = "<collision name='c'><geometry><sphere/></geometry></collision>"
 CIRCLE = "<frame name='f'><pose relative_to='g'/></frame><frame name='g'><pose relative_to='f'/></frame>"
 
 
@@ -323,6 +325,12 @@ def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
         (PAIR + joint("revolute", "<axis><mimic joint='arm'/></axis>"), "not a joint"),
         (PAIR + joint("revolute", "<axis><mimic joint='elbow' axis='z'/></axis>"), "not an axis"),
         (link("a", "<pose>1 2 3</pose>"), "6 finite numbers"),
+        (link("a", PLANE), "beyond the largest double"),  # found by fuzzing
+        (
+            link("a", f"<pose>1e308 1e308 0 0 0 0</pose>{BALL}")
+            + link("b", "<pose relative_to='a'>1e308 1e308 0 0 0 1</pose>"),
+            "beyond",
+        ),
         (link("a", "<pose rotation_format='quat_xyzw'>0 0 0 1 1 1 1</pose>"), "not a unit quaternion"),
         (link("a", "<pose degrees='maybe'>0 0 0 0 0 0</pose>"), "not a flag"),
         (link("a", "<collision name='c'><geometry><torus/></geometry></collision>"), "not a shape of SDF"),
