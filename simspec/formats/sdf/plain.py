@@ -8,11 +8,11 @@ from itertools import combinations
 from typing import Final
 
 from simspec.contact.meeting import meeting_laws
+from simspec.formats.kit.axes import readable
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.sdf import tree
 from simspec.formats.sdf.constraints import closing_joints, couplings_in_trees, loops_in_trees, loops_within, mimics
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.poses import direction
 from simspec.support.declarations import (
     EXACT,
     Level,
@@ -27,7 +27,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
-from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, Vector3, World
+from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, World
 
 SIZES: Final = {
     "sphere": (("radius", slice(0, 1)),),
@@ -43,8 +43,6 @@ ODD: Final = re.compile(r"[^A-Za-z0-9_-]")
 """What no name of a spec has, though names of placed models and of bodies between joints do."""
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: the language demands a positive one."""
-MOST_FACTORS: Final = 1000
-"""Lengths that are tried for an axis; of 20,000 axes drawn at random none needed more than 363."""
 SMALLEST_MOMENT: Final = 1e-12
 """kg m², for the same reason."""
 _SOLVER: Final = "SDF's numbers for it are those of one solver"
@@ -324,7 +322,7 @@ def _joint(body: Body, names: dict[tuple[str, str], str], following: dict[str, t
         joint.kind,
         parent,
         child,
-        _readable(joint.axis),
+        readable(joint.axis),
         joint.position_limits,
         joint.effort_limit,
         joint.velocity_limit,
@@ -334,13 +332,3 @@ def _joint(body: Body, names: dict[tuple[str, str], str], following: dict[str, t
         joint.spring_stiffness,
         following.get(body.name),
     )
-
-
-def _readable(axis: Vector3) -> Vector3:
-    """The axis, as long as it must be to read back to the same doubles: its reader makes it a unit vector again, which
-    changes some unit vectors."""
-    for factor in range(1, MOST_FACTORS):
-        written: Vector3 = (axis[0] * factor, axis[1] * factor, axis[2] * factor)
-        if direction(written) == axis:
-            return written
-    return axis

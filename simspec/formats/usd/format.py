@@ -1,0 +1,41 @@
+"""The format ``usd``: one text file, ``world.usda``, with the schemas of UsdPhysics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar, Final
+
+from simspec.formats.kit.contract import Format
+from simspec.formats.kit.plain import Plain, losses
+from simspec.formats.usd.plain import stage_of
+from simspec.formats.usd.support import SUPPORT, more_losses
+from simspec.formats.usd.text import text
+from simspec.formats.usd.tree import Stage
+from simspec.support.declarations import Table
+from simspec.world.types import World
+
+WORLD: Final = "world.usda"
+
+
+class Usd(Format):
+    """USD with UsdPhysics, without what the program that reads it makes of it."""
+
+    NAME: ClassVar[str] = "usd"
+    SUPPORT: ClassVar[Table] = SUPPORT
+    PROFILES: ClassVar[tuple[str, ...]] = ("flat", "nested")
+
+    def write(self, tree: Stage) -> dict[str, str]:
+        """``world.usda``. Raises ValueError for numbers that are not finite, or too large for single precision."""
+        return {WORLD: text(tree)}
+
+    def plain(self, world: World, profile: str = "flat") -> Plain:
+        """``world.usda``. ``profile`` flat: bodies stand beside each other; nested: within their parents."""
+        return Plain(self.write(stage_of(world, profile == "nested")), losses(world, SUPPORT, more_losses(world)))
+
+    def read(self, folder: Path) -> str:
+        """The text of ``world.usda`` in ``folder``: its meaning is the importer's matter. Raises FileNotFoundError, and
+        ValueError, which names the file, where it is no text of USD."""
+        content = (folder / WORLD).read_text(encoding="utf-8")
+        if not content.startswith("#usda "):
+            raise ValueError(f"{WORLD}:1: a text of USD begins with #usda")
+        return content

@@ -1,0 +1,345 @@
+"""A world as a stage of USD with the schemas of UsdPhysics: metres, kilograms, z up, every attribute authored.
+
+Attributes of the schemas have single precision. Beside those that would lose digits stand attributes of simspec's own with
+the world's doubles (``simspec:NAME``), which its importer takes where the two agree.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from simspec.formats.kit.axes import readable
+from simspec.formats.kit.passes import principal_axes
+from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Places, Taken, local, model_of, places
+from simspec.formats.usd.shapes import place, shape_prim
+from simspec.formats.usd.tree import Prim, Stage
+from simspec.world import frames
+from simspec.world.carriers import joined
+from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.tuples import ordered
+from simspec.world.types import Body, Connect, Inertial, Joint, Material, Pose, Quaternion, Vector3, Weld, World
+
+DEGREES: Final = 180.0 / math.pi
+SMALLEST_MASS: Final = 1e-9
+"""kg, of a body that has none: zero means that the file does not say it."""
+SMALLEST_MOMENT: Final = 1e-12
+"""kg m², for the same reason."""
+AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+UNLIMITED: Final = (-math.inf, math.inf)
+
+
+def stage_of(world: World, nested: bool = False) -> Stage:
+    """The file of a world. ``nested``: bodies stand within their parents, else beside each other."""
+    return _Writer(world, nested).stage()
+
+
+class _Writer:
+    def __init__(self, world: World, nested: bool):
+        self.world, self.nested = world, nested
+        self.places: Places = places(world, nested)
+        self.poses = poses(world)
+        self.prims: dict[str, Prim] = {}
+        """Prims of bodies, by the names of the bodies."""
+        taken = Taken(path.rpartition("/")[2] for path in self.places.joints.values())
+        self.loops = {one.name: f"/{ROOT}/{JOINTS}/{taken.give(one.name)}" for one in world.constraints}
+        self.shapes: dict[str, list[str]] = {}
+        """Paths of shapes that collide, by their body."""
+
+    def stage(self) -> Stage:
+        root = Prim(ROOT, "Xform")
+        root.own("string", "world", self.world.name)
+        root.children.append(self._scene())
+        if self.world.contact.materials:
+            root.children.append(
+                Prim(MATERIALS, "Scope", children=[self._material(one) for one in self.world.contact.materials])
+            )
+        loose: list[Prim] = []
+        for bodies in trees(self.world).values():
+            self._tree(root, bodies, loose)
+        loose += [self._loop(constraint) for constraint in self.world.constraints if constraint.kind != "follow"]
+        if loose:
+            root.children.append(Prim(JOINTS, "Scope", children=loose))
+        self._filters()
+        if len(self.places.groups) > 1 or self.world.contact.ignored_groups or "default" not in self.places.groups:
+            root.children.append(Prim(GROUPS, "Scope", children=[self._group(name) for name in self.places.groups]))
+        return Stage(self.world.name, root)
+
+    def _scene(self) -> Prim:
+        scene = Prim(SCENE, "PhysicsScene")
+        gravity = self.world.physics.gravity
+        size = math.sqrt(frames.dot(gravity, gravity))
+        along = (gravity[0] / size, gravity[1] / size, gravity[2] / size) if size else (0.0, 0.0, -1.0)
+        scene.say("vector3f", "physics:gravityDirection", along)
+        scene.say("float", "physics:gravityMagnitude", size)
+        scene.own("double3", "gravity", gravity)
+        scene.own("double", "timestep", self.world.physics.timestep)
+        return scene
+
+    def _material(self, material: Material) -> Prim:
+        law = next(pair for pair in self.world.contact.pairs if pair.first == pair.second == material.name)
+        prim = self._named(self.places.materials[material.name], "Material", material.name)
+        prim.apply("PhysicsMaterialAPI")
+        for name, value in (
+            ("staticFriction", law.friction),
+            ("dynamicFriction", law.friction),
+            ("restitution", law.restitution),
+        ):
+            prim.say("float", f"physics:{name}", value)
+        prim.say("float", "physics:density", 0.0)
+        prim.own("double", "friction", law.friction)
+        prim.own("double", "restitution", law.restitution)
+        return prim
+
+    def _named(self, path: str, kind: str, name: str) -> Prim:
+        """A prim for something of a name, which it says where the path cannot."""
+        prim = Prim(path.rpartition("/")[2], kind)
+        if prim.name != name:
+            prim.own("string", "name", name)
+        return prim
+
+    # --- trees --------------------------------------------------------------------------------------------------
+
+    def _tree(self, root: Prim, bodies: tuple[Body, ...], loose: list[Prim]) -> None:
+        model = model_of(bodies)
+        base, joints = root, loose
+        if model is not None:
+            base = self._named(self.places.models[bodies[0].name], "Xform", model)
+            root.children.append(base)
+            joints = []
+        still = is_still(bodies)
+        for body in bodies:
+            prim = self._body(body, model, still)
+            self.prims[body.name] = prim
+            parent = body.joint.parent
+            (self.prims[parent] if self.nested and parent is not None else base).children.append(prim)
+            if not still and body.joint.kind != "free":
+                joints.append(self._joint(body, model))
+        for body in bodies:
+            self._shapes(body)
+        if len(bodies) > 1:
+            first = joints[-len(bodies)] if bodies[0].joint.kind != "free" else self.prims[bodies[0].name]
+            (base if model is not None else first).apply("PhysicsArticulationRootAPI")
+        if model is not None and joints:
+            base.children.append(Prim(JOINTS, "Scope", children=joints))
+
+    def _body(self, body: Body, model: str | None, still: bool) -> Prim:
+        prim = self._named(self.places.bodies[body.name], "Xform", local(body.name, model))
+        joint = body.joint
+        if not still:
+            prim.apply("PhysicsRigidBodyAPI", "PhysicsMassAPI")
+            prim.say("bool", "physics:rigidBodyEnabled", True)
+            prim.say("bool", "physics:kinematicEnabled", False)
+            prim.say("bool", "physics:startsAsleep", False)
+            free = joint.kind == "free"
+            linear: Vector3 = joint.velocity[:3] if free else (0.0, 0.0, 0.0)  # type: ignore[assignment]
+            angular: Vector3 = joint.velocity[3:] if free else (0.0, 0.0, 0.0)  # type: ignore[assignment]
+            prim.say("vector3f", "physics:velocity", linear)
+            prim.say("vector3f", "physics:angularVelocity", tuple(DEGREES * value for value in angular))
+            if free and any(joint.velocity):
+                prim.own("double3", "velocity", linear)
+                prim.own("double3", "angular_velocity", angular)
+            if free and joint.name != f"{body.name}_joint":
+                prim.own("string", "joint_name", local(joint.name, model))
+            _mass(prim, body.inertial)
+        _place(prim, self.poses[body.name], reset=self.nested and joint.parent is not None)
+        return prim
+
+    def _shapes(self, body: Body) -> None:
+        prim = self.prims[body.name]
+        taken = Taken((JOINTS, *(child.name for child in prim.children)))
+        paths = self.shapes.setdefault(body.name, [])
+        base = f"{body.model}/" if body.name.startswith(f"{body.model}/") else ""
+        for shape in body.shapes:
+            made = shape_prim(shape, self.places.materials.get(shape.material, ""))
+            if made is None:
+                continue
+            plain = shape.name.removeprefix(base)
+            made.name = taken.give(plain)
+            if made.name != plain:
+                made.own("string", "name", plain)
+            prim.children.append(made)
+            if shape.collision:
+                paths.append(f"{self.places.bodies[body.name]}/{made.name}")
+
+    def _joint(self, body: Body, model: str | None) -> Prim:
+        joint = body.joint
+        kind = {"fixed": "Fixed", "hinge": "Revolute", "slide": "Prismatic", "ball": "Spherical"}[joint.kind]
+        prim = self._named(self.places.joints[body.name], f"Physics{kind}Joint", local(joint.name, model))
+        axis, turn = _towards(joint.axis) if any(joint.axis) else ("X", frames.IDENTITY)
+        here = Pose(joint.origin.position, frames.multiply(joint.origin.quaternion, turn))
+        parent = None if joint.parent is None else self.places.bodies[joint.parent]
+        _frames(prim, parent, self.places.bodies[body.name], here, Pose((0.0, 0.0, 0.0), turn))
+        if joint.kind != "fixed":
+            prim.uniform("physics:axis", axis)
+        if joint.kind == "ball":
+            prim.say("float", "physics:coneAngle0Limit", -1.0)
+            prim.say("float", "physics:coneAngle1Limit", -1.0)
+            prim.own("double", "spring_stiffness", joint.spring_stiffness or None)
+            prim.own("double", "damping", joint.damping or None)
+        _identity(prim, joint)
+        if joint.kind in ("hinge", "slide"):
+            _motion(prim, joint)
+        if joint.kind != "fixed" and (any(joint.position[1:]) if joint.kind == "ball" else any(joint.position)):
+            prim.own("double[]", "position", list(joint.position))
+        if any(joint.velocity):
+            prim.own("double[]", "velocity", list(joint.velocity))
+        return prim
+
+    # --- what is outside the trees ------------------------------------------------------------------------------
+
+    def _loop(self, constraint: Connect | Weld) -> Prim:
+        kind = "Spherical" if constraint.kind == "connect" else "Fixed"
+        prim = self._named(self.loops[constraint.name], f"Physics{kind}Joint", constraint.name)
+        if constraint.kind == "connect":
+            first, second = Pose(constraint.first_point), Pose(constraint.second_point)
+        else:
+            first, second = constraint.pose, Pose()
+        bodies = self.places.bodies
+        _frames(prim, bodies[constraint.first], bodies[constraint.second], first, second, loop=True)
+        if constraint.kind == "connect":
+            prim.uniform("physics:axis", "X")
+            prim.say("float", "physics:coneAngle0Limit", -1.0)
+            prim.say("float", "physics:coneAngle1Limit", -1.0)
+            prim.own("double3", "second_point", constraint.second_point)
+        prim.own("double3", "origin", first.position)
+        prim.own("quatd", "orientation", first.quaternion)
+        return prim
+
+    def _filters(self) -> None:
+        """Pairs of bodies that do not touch, but those that joints join; bodies that are one rigid thing do not either."""
+        quiet = joined(self.world.bodies)
+        for constraint in self.world.constraints:
+            if constraint.kind != "follow":
+                quiet.add(ordered(constraint.first, constraint.second))
+        pairs = {pair for pair in self.world.contact.excluded_bodies if pair not in quiet}
+        rigid: dict[str, list[str]] = {}
+        for name, group in rigid_groups(self.world).items():
+            if group != "world" and self.shapes.get(name):
+                rigid.setdefault(group, []).append(name)
+        for names in rigid.values():
+            pairs |= {
+                pair
+                for i, one in enumerate(names)
+                for other in names[i + 1 :]
+                if (pair := ordered(one, other)) not in quiet
+            }
+        targets: dict[str, list[str]] = {}
+        for first, second in sorted(pairs):
+            targets.setdefault(first, []).append(self.places.bodies[second])
+        for name, others in targets.items():
+            self.prims[name].apply("PhysicsFilteredPairsAPI")
+            self.prims[name].relate("physics:filteredPairs", others)
+
+    def _group(self, name: str) -> Prim:
+        prim = self._named(self.places.groups[name], "PhysicsCollisionGroup", name)
+        prim.apply("CollectionAPI:colliders")
+        prim.say("bool", "physics:invertFilteredGroups", False)
+        ignored = sorted(
+            {
+                other
+                for pair in self.world.contact.ignored_groups
+                for other in pair
+                if name in pair and (other != name or pair == (name, name))
+            }
+        )
+        members = [
+            path for body in self.world.bodies if body.collision_group == name for path in self.shapes[body.name]
+        ]
+        if ignored:
+            prim.relate("physics:filteredGroups", [self.places.groups[other] for other in ignored])
+        if members:
+            prim.uniform("collection:colliders:expansionRule", "explicitOnly")
+            prim.relate("collection:colliders:includes", members)
+        return prim
+
+
+def is_still(bodies: tuple[Body, ...]) -> bool:
+    """Whether a tree is one body that is fixed to the world, without mass: shapes without a rigid body say the same."""
+    body = bodies[0]
+    return (
+        len(bodies) == 1
+        and body.joint.kind == "fixed"
+        and not body.inertial.mass
+        and body.joint.name == f"{body.name}_joint"
+    )
+
+
+def _place(prim: Prim, pose: Pose, reset: bool = False) -> None:
+    place(prim, pose, ["!resetXformStack!"] if reset else [])
+
+
+def _mass(prim: Prim, inertial: Inertial) -> None:
+    moments, turn = principal_axes(inertial.inertia)
+    prim.say("float", "physics:mass", max(inertial.mass, SMALLEST_MASS))
+    prim.say("float", "physics:density", 0.0)
+    prim.say("point3f", "physics:centerOfMass", inertial.centre_of_mass)
+    prim.say("float3", "physics:diagonalInertia", tuple(max(moment, SMALLEST_MOMENT) for moment in moments))
+    prim.say("quatf", "physics:principalAxes", turn)
+    prim.own("double", "mass", inertial.mass)
+    prim.own("double3", "centre_of_mass", inertial.centre_of_mass)
+    prim.own("double[]", "inertia", list(inertial.inertia))
+
+
+def _towards(axis: Vector3) -> tuple[str, Quaternion]:
+    """The word for an axis, and the rotation from that axis to it."""
+    for word, unit in AXES.items():
+        if axis == unit:
+            return word, frames.IDENTITY
+    x, y, z = axis
+    if x <= -1.0:
+        return "X", (0.0, 0.0, 0.0, 1.0)
+    # (1 + cos, axis × sin) of the turn from x, not yet of unit length
+    return "X", frames.normalise((1.0 + x, 0.0, 0.0 - z, y))
+
+
+def _frames(prim: Prim, first: str | None, second: str, in_first: Pose, in_second: Pose, loop: bool = False) -> None:
+    """What every joint has: its bodies, its frames in theirs, and how it is taken."""
+    if first is not None:
+        prim.relate("physics:body0", [first])
+    prim.relate("physics:body1", [second])
+    for number, pose in enumerate((in_first, in_second)):
+        prim.say("point3f", f"physics:localPos{number}", pose.position)
+        prim.say("quatf", f"physics:localRot{number}", pose.quaternion)
+    prim.say("bool", "physics:jointEnabled", True)
+    prim.say("bool", "physics:collisionEnabled", False)
+    prim.say("bool", "physics:excludeFromArticulation", loop)
+    prim.say("float", "physics:breakForce", math.inf)
+    prim.say("float", "physics:breakTorque", math.inf)
+
+
+def _identity(prim: Prim, joint: Joint) -> None:
+    prim.own("double3", "origin", joint.origin.position)
+    prim.own("quatd", "orientation", joint.origin.quaternion)
+    if any(joint.axis):
+        prim.own("double3", "axis", readable(joint.axis))
+
+
+def _motion(prim: Prim, joint: Joint) -> None:
+    """Limits, drives and ratings of a hinge or a slide."""
+    turns = DEGREES if joint.kind == "hinge" else 1.0
+    lower, upper = joint.position_limits or UNLIMITED
+    prim.say("float", "physics:lowerLimit", turns * lower)
+    prim.say("float", "physics:upperLimit", turns * upper)
+    if joint.position_limits is not None:
+        prim.own("double2", "limits", joint.position_limits)
+    if joint.damping or joint.spring_stiffness:
+        kind = "angular" if joint.kind == "hinge" else "linear"
+        prim.apply(f"PhysicsDriveAPI:{kind}")
+        drive = f"drive:{kind}:physics:"
+        prim.uniform(f"{drive}type", "force")
+        prim.say("float", f"{drive}stiffness", joint.spring_stiffness / turns)
+        prim.say("float", f"{drive}damping", joint.damping / turns)
+        prim.say("float", f"{drive}targetPosition", turns * joint.spring_rest)
+        prim.say("float", f"{drive}targetVelocity", 0.0)
+        prim.say("float", f"{drive}maxForce", math.inf)
+        for name, value in (
+            ("spring_stiffness", joint.spring_stiffness),
+            ("damping", joint.damping),
+            ("spring_rest", joint.spring_rest),
+        ):
+            prim.own("double", name, value)
+    for name, said in (("velocity_limit", joint.velocity_limit), ("effort_limit", joint.effort_limit)):
+        prim.own("double", name, said)
+    for name, value in (("dry_friction", joint.dry_friction), ("armature", joint.armature)):
+        prim.own("double", name, value or None)

@@ -1,0 +1,95 @@
+"""What a file of USD carries of each feature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from simspec.contact.meeting import meeting_laws
+from simspec.formats.kit.plain import Fate, Loss
+from simspec.formats.usd.names import model_of
+from simspec.support.declarations import Level, Support, Table, alike, approximate, exactly, never, shape_kinds, via_api
+from simspec.support.features import Feature
+from simspec.world.kinematics import trees
+from simspec.world.types import World
+
+KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
+"""Kinds of shapes that the schemas have."""
+_OWN: Final = "in an attribute of simspec's own, which no other tool reads"
+_SOLVER: Final = "UsdPhysics leaves it to the solver"
+_COMBINED: Final = "each shape has its own material's number; UsdPhysics does not say how two are combined"
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        *(Feature.LIMIT_POSITION, Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.RESTITUTION, Feature.GRAVITY),
+    ),
+    **shape_kinds("UsdPhysics", KINDS),
+    Feature.SHAPE_MESH: Support(Level.EXACT, "as a mesh with the approximation convexHull"),
+    Feature.SHAPE_VISUAL: Support(Level.EXACT, "what is not drawn has the purpose guide"),
+    Feature.INERTIA_FULL: Support(Level.EXACT, "principal moments and axes"),
+    Feature.INERTIA_SINGULAR: approximate("a moment of zero means that none is said: 1e-12 kg m² stands for it"),
+    Feature.MASSLESS: approximate("a mass of zero means that none is said: 1e-9 kg stands for it"),
+    Feature.JOINT_SEVERAL: approximate(
+        "bodies of 1e-9 kg stand between the joints: UsdPhysics does not say the order of the axes of a joint"
+    ),
+    Feature.DAMPING: Support(Level.EXACT, "as the damping of a drive"),
+    Feature.SPRING: Support(Level.EXACT, "as the stiffness of a drive"),
+    Feature.LIMIT_VELOCITY: via_api(_OWN),
+    Feature.LIMIT_EFFORT: via_api(_OWN),
+    Feature.DRY_FRICTION: via_api(_OWN),
+    Feature.ARMATURE: via_api(_OWN),
+    Feature.TIMESTEP: via_api(_OWN),
+    Feature.BALL_DAMPING: via_api(_OWN),
+    Feature.BALL_SPRING: via_api(_OWN),
+    Feature.INITIAL_POSITION: Support(Level.EXACT, "by the places of the bodies"),
+    Feature.INITIAL_VELOCITY: via_api("bodies that move freely have theirs; those of joints are " + _OWN),
+    Feature.FRICTION_PAIRS: approximate(_COMBINED),
+    Feature.RESTITUTION_PAIRS: approximate(_COMBINED),
+    Feature.RESTITUTION_THRESHOLD: never(_SOLVER),
+    Feature.TORSIONAL_FRICTION: never("UsdPhysics has sliding friction only"),
+    Feature.ROLLING_FRICTION: never("UsdPhysics has sliding friction only"),
+    **alike(
+        never(_SOLVER),
+        *(Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *(Feature.CONE_PYRAMID_CIRCUMSCRIBED, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
+        *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+    ),
+    Feature.PASSING_PAIRS: never("UsdPhysics does not say it of pairs of materials"),
+    Feature.COLLISION_GROUPS: Support(Level.EXACT, "as collision groups"),
+    Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "as filtered pairs"),
+    Feature.CONTROL: never("UsdPhysics has no control laws"),
+    Feature.CONTROL_NATIVE: never("a drive of a file is a spring and a damper of the model"),
+    Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "as joints that are excluded from the articulation"),
+    Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
+}
+"""What plain USD carries of each feature."""
+
+
+def more_losses(world: World) -> Iterator[Loss]:
+    """What is lost of this world beyond the table: laws of pairs that are not the language's rule of the two materials."""
+    odd = tuple(
+        f"bodies.{body.name}"
+        for bodies in trees(world).values()
+        if model_of(bodies) is None
+        for body in bodies
+        if "/" in body.name or "." in body.name
+    )
+    if odd:
+        yield Loss(
+            "body.name",
+            Fate.APPROXIMATED,
+            "another name: bodies of several models are in one tree, or stand between joints",
+            odd,
+        )
+    laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
+    for feature, quantity in ((Feature.FRICTION_PAIRS, "friction"), (Feature.RESTITUTION_PAIRS, "restitution")):
+        odd = tuple(
+            f"contact.pairs.{law.first}.{law.second}.{quantity}"
+            for law in meeting_laws(world).values()
+            if law.first != law.second
+            and getattr(law, quantity) != min(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
+        )
+        if odd:
+            yield Loss(feature.value, Fate.APPROXIMATED, "each shape has its own material's number", odd)

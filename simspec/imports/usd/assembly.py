@@ -1,0 +1,540 @@
+"""A stage as the data of a spec: bodies, their trees, the scene around them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from simspec.imports.draft import Draft, names, numbers, plain
+from simspec.imports.usd.contact import LEFT_TO_SOLVER, Materials, bind, filtered, groups
+from simspec.imports.usd.drives import has_drives, stable_timestep
+from simspec.imports.usd.graph import Link, frame_in_body, in_order, origin_of, trees
+from simspec.imports.usd.joints import TYPES, Joint, JointReader, start_of, start_words
+from simspec.imports.usd.loops import loop_data
+from simspec.imports.usd.masses import MassReader
+from simspec.imports.usd.meshes import name_meshes
+from simspec.imports.usd.places import UPRIGHT, Places
+from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
+from simspec.imports.usd.stage import Prim, Stage, agree
+from simspec.language.foreign import Fate
+from simspec.language.words import clean_name
+from simspec.resolve.poses import direction
+from simspec.world import frames
+from simspec.world.types import Pose, Vector3
+
+RIGID: Final = "PhysicsRigidBodyAPI"
+ARTICULATION: Final = "PhysicsArticulationRootAPI"
+GRAVITY: Final = 9.81
+"""m/s², where the scene does not say it."""
+APART: Final = 1e-3
+"""m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
+MASSLESS: Final = "massless"
+
+
+@dataclass
+class Body:
+    """A body: its prim, its shapes in its rigid frame, and where its frame in the spec is in that."""
+
+    prim: Prim
+    link: Link
+    shapes: list[Shape]
+    name: str = ""
+    model: str = ""
+    frame: Pose = field(default_factory=Pose)
+    fixed: bool = False
+
+    @property
+    def offset(self) -> Vector3:
+        """The origin of the spec's frame in the prim's."""
+        return self.frame.position
+
+
+class Assembly:
+    """What is made of a stage."""
+
+    def __init__(self, stage: Stage, draft: Draft):
+        self.stage, self.draft = stage, draft
+        self.places = Places(stage.metres, stage.up == "Z")
+        self.data: dict[str, Any] = {}
+        self.body_of: dict[str, Prim] = {}
+        self.bodies: dict[int, Body] = {}
+        self.shapes = ShapeReader(self.places, draft)
+        self.masses = MassReader(stage, self.places, draft)
+
+    def fill(self) -> None:
+        """Make the data. Problems are kept in the draft; raises SpecError where nothing can be made."""
+        prims = self._rigid()
+        joints = self._joints()
+        roots = [
+            body
+            for prim in self.stage.used()
+            if prim.applies(ARTICULATION) and (body := self._root(prim, prims)) is not None
+        ]
+        shapes = self._shapes()
+        if self.draft.problems:
+            self.draft.finish()
+        tops, loops = trees(prims, joints, roots)
+        order: list[Body] = []
+        for top in tops:
+            for link in in_order(top):
+                order.append(self._body(link, shapes.pop(link.prim.where, [])))
+        still = self._still(shapes)
+        if not order and not still:
+            raise self.stage.root.error("this stage has no bodies and nothing that they could touch")
+        self._name(tops, order, still)
+        self._scenario(tops, order, still, loops)
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def _rigid(self) -> list[Prim]:
+        bodies: list[Prim] = []
+        for prim in self.stage.used():
+            if prim.applies(RIGID):
+                if prim.flag("physics:rigidBodyEnabled", True):
+                    bodies.append(prim)
+                    self.body_of[prim.where] = prim
+                prim.value("physics:startsAsleep")
+            if prim.where not in self.body_of and prim.above is not None and prim.above.where in self.body_of:
+                self.body_of[prim.where] = self.body_of[prim.above.where]
+        return bodies
+
+    def _root(self, prim: Prim, bodies: list[Prim]) -> Prim | None:
+        """The body that an articulation begins with, where it is said."""
+        if prim.where in self.body_of:
+            return self.body_of[prim.where]
+        for name in ("physics:body1", "physics:body0"):
+            for target in prim.told["relationships"].get(name, ()):
+                if target in self.body_of:
+                    return self.body_of[target]
+        return None
+
+    def _joints(self) -> list[Joint]:
+        reader = JointReader(self.stage, self.places, lambda prim: self.body_of.get(prim.where))
+        joints: list[Joint] = []
+        for prim in self.stage.used():
+            if prim.tag not in TYPES:
+                continue
+            with self.draft.collecting():
+                joint = reader.read(prim)
+                if joint is None:
+                    continue
+                first, second = (
+                    Pose() if one is None else self.places.world(one).pose for one in (joint.first, joint.second)
+                )
+                start_of(joint, first, second)
+                joints.append(joint)
+        return joints
+
+    def _shapes(self) -> dict[str, list[Shape]]:
+        """Shapes by the path of their body; those of the world by the path of what they are fixed on."""
+        shapes: dict[str, list[Shape]] = {}
+        for prim in self.stage.used():
+            if prim.tag not in GEOMETRY:
+                continue
+            with self.draft.collecting():
+                body = self.body_of.get(prim.where)
+                shape = self.shapes.read(prim, body)
+                if shape is None:
+                    continue
+                if shape.collision:
+                    bind(shape, self.stage)
+                holder = body if body is not None else self._holder(prim)
+                shapes.setdefault(holder.where, []).append(shape)
+        readable = name_meshes([shape for held in shapes.values() for shape in held], self.draft)
+        return {
+            path: kept for path, held in shapes.items() if (kept := [shape for shape in held if id(shape) in readable])
+        }
+
+    def _holder(self, prim: Prim) -> Prim:
+        """What a shape of the world is fixed on: the prim around it, unless that is around bodies or other such prims."""
+        above = prim.above
+        if (
+            above is None
+            or above is self.stage.root
+            or above.where == self.stage.default
+            or above.tag not in ("Xform", "prim")
+        ):
+            return prim
+        inside = [other for other in above.look() if isinstance(other, Prim)]
+        return above if all(other.tag in GEOMETRY for other in inside) else prim
+
+    def _body(self, link: Link, shapes: list[Shape]) -> Body:
+        body = Body(link.prim, link, shapes)
+        if link.joint is not None:
+            body.frame = frame_in_body(link.joint)
+            start_words(link.joint)
+            if link.joint.apart > APART:
+                reason = f"the joint's frames are {link.joint.apart:.3g} m or rad apart where the bodies are: the joint places {link.prim.name}"
+                link.prim.set_aside("xformOp:translate", Fate.LOST, reason)
+                link.joint.prim.set_aside("physics:body1", Fate.LOST, reason)
+        self.bodies[id(link.prim)] = body
+        return body
+
+    def _still(self, shapes: dict[str, list[Shape]]) -> list[Body]:
+        bodies = []
+        for path, held in shapes.items():
+            prim = self.stage.prims[path]
+            body = Body(prim, Link(prim), held, fixed=True)
+            place = self.places.world(prim).pose
+            back = frames.inverse(place)
+            for shape in held:
+                within = self.places.within(shape.prim, prim) if shape.prim is not prim else None
+                turn = frames.compose(back, shape.pose)
+                shape.pose = (
+                    within.pose if within is not None and shape.prim.tag in ("Cube", "Sphere", "Mesh") else turn
+                )
+            bodies.append(body)
+            self.bodies[id(prim)] = body
+        return bodies
+
+    # --- names --------------------------------------------------------------------------------------------------
+
+    def _name(self, tops: list[Link], order: list[Body], still: list[Body]) -> None:
+        """Names of bodies, models and joints. A tree that stands alone within a prim is a model, called as that."""
+        of_model: dict[int, Prim] = {}
+        for top in tops:
+            holder = self._model(top, tops)
+            if holder is not None:
+                of_model[id(top)] = holder
+        alone = self._alone(tops, still)
+        loose = [
+            body
+            for top in tops
+            if alone or id(top) not in of_model
+            for link in in_order(top)
+            if (body := self.bodies[id(link.prim)])
+        ]
+        loose += still
+        models = [] if alone else [top for top in tops if id(top) in of_model]
+        given = names([*(body.prim.called() for body in loose), *(of_model[id(top)].called() for top in models)])
+        for body, name in zip(loose, given, strict=False):
+            body.name = name
+        for top, name in zip(models, given[len(loose) :], strict=True):
+            inside = [self.bodies[id(link.prim)] for link in in_order(top)]
+            for body, own in zip(inside, names([body.prim.called() for body in inside]), strict=True):
+                body.name, body.model = own, name
+        for held in ([body for body in order if body.model == model] for model in {body.model: None for body in order}):
+            joined = [body.link.joint for body in held if body.link.joint is not None]
+            for joint, name in zip(joined, names([joint.name for joint in joined]), strict=True):
+                joint.name = name
+        for group in ([*loose], *([body for body in order if body.model == name] for name in given[len(loose) :])):
+            shapes = [shape for body in group for shape in body.shapes]
+            for shape, name in zip(shapes, names([shape.name for shape in shapes]), strict=True):
+                shape.name = name
+
+    def _model(self, top: Link, tops: list[Link]) -> Prim | None:
+        """The prim that all bodies of a tree are in, and no others."""
+        paths = [link.prim.where for link in in_order(top)]
+        for holder in top.prim.ancestors():
+            if holder is self.stage.root or holder.where == self.stage.default:
+                return None
+            if holder is top.prim or holder.where in self.body_of:
+                continue
+            start = f"{holder.where}/"
+            if all(path.startswith(start) for path in paths):
+                others = (link.prim.where for other in tops if other is not top for link in in_order(other))
+                return None if any(path.startswith(start) for path in others) else holder
+        return None
+
+    def _alone(self, tops: list[Link], still: list[Body]) -> bool:
+        """Whether the stage is one tree: a model file, unless simspec wrote it as a scenario that places a model."""
+        default = self.stage.prims.get(self.stage.default)
+        placed = (
+            bool(tops)
+            and default is not None
+            and default.has("simspec:world")
+            and self._model(tops[0], tops) is not None
+        )
+        return len(tops) == 1 and not still and not placed
+
+    # --- data ---------------------------------------------------------------------------------------------------
+
+    def _scenario(self, tops: list[Link], order: list[Body], still: list[Body], loops: list[Joint]) -> None:
+        alone = self._alone(tops, still)
+        draft = self.draft
+        default = self.stage.prims.get(self.stage.default)
+        stem = draft.files.path.name.partition(".")[0]
+        name = default.name if default is not None and default.name != "World" else stem
+        if default is not None and (said := default.token("simspec:world")):
+            name = said
+        self.data |= {"simspec": 1, "name": clean_name(name)[:150]}
+        draft.places[()] = self.stage.root.location
+        if (physics := self._physics()) is not None:
+            self.data["physics"] = physics
+        materials = Materials(self.stage)
+        # in the order of the file: trees by their roots
+        index = {path: number for number, path in enumerate(self.stage.prims)}
+        above = {id(link.prim): index[top.prim.where] for top in tops for link in in_order(top)}
+        every = sorted([*order, *still], key=lambda body: above.get(id(body.prim), index[body.prim.where]))
+        materials.read([shape for body in every for shape in body.shapes], alone)
+        for body in every:
+            base: tuple[str, ...] = (
+                ("model", "bodies") if alone else ("models", body.model, "bodies") if body.model else ("bodies",)
+            )
+            with draft.collecting():
+                words = self._words(body, (*base, body.name), materials)
+                holder: Any = self.data
+                for step in base:
+                    holder = holder.setdefault(step, {})
+                holder[body.name] = words
+        for joint in loops:
+            made = loop_data(joint, self.bodies, self.places)
+            if made is None:
+                continue
+            model, words = made
+            holder = self.data["model"] if alone else self.data["models"][model] if model else self.data
+            table = holder.setdefault("constraints", {})
+            (given,) = names([joint.name], list(table))
+            table[given] = words
+        self._contact(materials, every)
+        if has_drives(self.data):
+            self._drives(every)
+        if alone and "contact" in self.data:
+            self.data = {
+                key: self.data[key] for key in ("simspec", "name", "physics", "contact", "model") if key in self.data
+            }
+
+    def _drives(self, every: list[Body]) -> None:
+        """The timestep at which drives are stable, where the file says none."""
+        if "timestep" in self.data.get("physics", {}) or self.draft.problems:
+            return
+        joints = {f"{body.model}/{body.name}" if body.model else body.name: body.link.joint for body in every}
+
+        def leave_out(name: str, step: float) -> None:
+            joint = joints[name]
+            if joint is None:
+                return
+            for attribute in joint.prim.attributes:
+                if attribute.startswith("drive:"):
+                    reason = (
+                        f"too stiff a drive for a spring that is explicit in time, which is stable up to {step:.2g} s"
+                    )
+                    joint.prim.set_aside(
+                        attribute, Fate.LOST, reason, hint="write the actuators as `control:` of the scenario"
+                    )
+
+        step = stable_timestep(self.data, self.draft.meshes, leave_out)
+        if step is not None:
+            self.data.setdefault("physics", {})["timestep"] = step
+            self.draft.note(("physics", "timestep"), "the file says no timestep; its drives are stable at this one")
+
+    def _words(self, body: Body, path: tuple[str, ...], materials: Materials) -> dict[str, Any]:
+        draft, prim, joint = self.draft, body.prim, body.link.joint
+        draft.place(path, prim)
+        data: dict[str, Any] = {}
+        if body.fixed:
+            data["fixed"] = True
+            if pose := pose_data(self.places.world(prim).pose):
+                data["pose"] = pose
+        elif body.link.parent is not None or joint is not None:
+            assert joint is not None
+            if body.link.parent is not None:
+                data["parent"] = self.bodies[id(body.link.parent)].name
+            self._join(body, joint, data, path)
+            for name in ("physics:velocity", "physics:angularVelocity"):
+                if any(prim.reals(name, 3) or ()):
+                    prim.set_aside(name, Fate.LOST, "bodies of a tree start with the velocities of their joints")
+            prim.flag("physics:kinematicEnabled", False)
+        else:
+            self._free(body, data, path)
+        if not body.fixed:
+            scale = self.places.world(prim).scale
+            data |= self.masses.read(prim, body.shapes, body.offset, scale, path)
+            self._massless(body, data, path)
+        shapes = []
+        for index, shape in enumerate(body.shapes):
+            words = shape.written(body.offset, f"{body.name}_{index}")
+            if shape.collision and len(materials.data) > 1:
+                words["material"] = materials.names[shape.material]
+            shapes.append(words)
+            draft.place((*path, "shapes", index), shape.prim)
+        if shapes:
+            data["shapes"] = shapes
+        if body.name != prim.name and body.name != prim.called():
+            draft.note(path, f"{prim.path} in the file")
+        return data
+
+    def _join(self, body: Body, joint: Joint, data: dict[str, Any], path: tuple[str, ...]) -> None:
+        self.draft.place((*path, "joint"), joint.prim)
+        origin = origin_of(joint)
+        if body.link.parent is not None:
+            above = self.bodies[id(body.link.parent)].frame
+            origin = frames.compose(frames.inverse(above), origin) if above != Pose() else origin
+        position = joint.prim.exactly("origin", origin.position)
+        if position == tuple(origin.position) or agree(position, origin.position):
+            turn = joint.prim.turn("orientation", origin.quaternion)
+            origin = Pose(position, turn)  # type: ignore[arg-type]
+        words: list[dict[str, Any]] = []
+        for freedom in joint.freedoms:
+            one: dict[str, Any] = {"type": freedom.kind}
+            if freedom.kind != "ball":
+                axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
+                own = joint.prim.own("axis", 3) if len(joint.freedoms) == 1 else None
+                if own is not None and any(own) and agree(direction((own[0], own[1], own[2])), axis):
+                    axis = (own[0], own[1], own[2])
+                one["axis"] = numbers(_tidy(axis))
+            words.append(one | freedom.data)
+        if not words:
+            words.append({"type": "fixed"})
+        if place := pose_data(origin):
+            words[0] = {"type": words[0]["type"], "origin": place, **words[0]}
+        default = f"{body.name}_joint"
+        if len(words) == 1:
+            named = {"name": joint.name} if joint.name != default else {}
+            if body.link.parent is None and words[0]["type"] == "fixed" and not named:
+                data["fixed"] = True
+                if place:
+                    data["pose"] = place
+                return
+            data["joint"] = {**named, **words[0]}
+            return
+        data["joints"] = [
+            {"name": f"{joint.name}_{freedom.word}", **one} for freedom, one in zip(joint.freedoms, words, strict=True)
+        ]
+
+    def _free(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
+        prim = body.prim
+        place = self.places.world(prim)
+        if prim.flag("physics:kinematicEnabled", False):
+            prim.set_aside("physics:kinematicEnabled", Fate.LOST, "a body that is moved from outside stands still")
+            data["fixed"] = True
+        if pose := pose_data(place.pose):
+            data["pose"] = pose
+        speeds: list[tuple[float, ...]] = []
+        for name, own, unit in (
+            ("velocity", "velocity", self.stage.metres),
+            ("angularVelocity", "angular_velocity", math.pi / 180.0),
+        ):
+            said = prim.reals(f"physics:{name}", 3) or (0.0, 0.0, 0.0)
+            speeds.append(prim.exactly(own, [value * unit for value in said]))
+        if self.stage.up == "Y":
+            speeds = [frames.rotate(UPRIGHT.quaternion, (one[0], one[1], one[2])) for one in speeds]
+        if any(any(one) for one in speeds) and "fixed" not in data:
+            data["velocity"] = {
+                word: numbers(one) for word, one in zip(("linear", "angular"), speeds, strict=True) if any(one)
+            }
+        said_name = prim.token("simspec:joint_name")
+        if said_name and "fixed" not in data:
+            data["joint"] = {"name": said_name, "type": "free"}
+
+    def _massless(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
+        """A free root without any mass is a defect, which a rule repairs."""
+        if body.link.parent is not None or body.link.joint is not None or "fixed" in data:
+            return
+
+        def weighs(one: Body) -> bool:
+            return bool(one.prim.told["attributes"].get("physics:mass", {}).get("value")) or any(
+                shape.collision for shape in one.shapes
+            )
+
+        if any(weighs(self.bodies[id(link.prim)]) for link in in_order(body.link)):
+            return
+        if not self.draft.repairing(MASSLESS):
+            self.draft.defect(
+                body.prim,
+                "a body that moves freely has no mass",
+                MASSLESS,
+                "a root without mass that nothing holds is fixed to the world",
+            )
+            return
+        data["fixed"] = True
+        data.pop("velocity", None)
+        self.draft.repaired(
+            MASSLESS, body.prim, "it has no mass, and nothing holds it: fixed to the world", (*path, "fixed")
+        )
+
+    def _physics(self) -> dict[str, Any] | None:
+        scenes = [prim for prim in self.stage.used() if prim.tag == "PhysicsScene"]
+        for other in scenes[1:]:
+            other.set_aside(None, Fate.LOST, "another scene of the file is in force")
+        if not scenes:
+            return None
+        scene = scenes[0].take()
+        assert isinstance(scene, Prim)
+        along = scene.reals("physics:gravityDirection", 3) or (0.0, 0.0, 0.0)
+        size = scene.real("physics:gravityMagnitude", -math.inf, infinite=True)
+        length = math.sqrt(sum(value * value for value in along))
+        size = GRAVITY if size < 0.0 else size * self.stage.metres
+        down = (0.0, 0.0, -1.0) if self.stage.up == "Z" else (0.0, -1.0, 0.0)
+        unit = tuple(value / length for value in along) if length else down
+        gravity = scene.exactly("gravity", [value * size for value in unit])
+        vector = (gravity[0], gravity[1], gravity[2])
+        if self.stage.up == "Y":
+            vector = _tidy(frames.rotate(UPRIGHT.quaternion, vector))
+            self.draft.note(("physics", "gravity"), "y is up in the file: its world is turned by 90 deg about x")
+        physics: dict[str, Any] = {"gravity": numbers([_short(value) for value in vector])}
+        step = scene.own("timestep", 1)
+        if step is not None and step[0] > 0.0:
+            physics["timestep"] = plain(step[0])
+        return physics
+
+    def _contact(self, materials: Materials, every: list[Body]) -> None:
+        contact: dict[str, Any] = {}
+        if materials.data:
+            contact["materials"] = materials.data
+            if "" in materials.names:
+                self.draft.note(("contact", "materials", materials.names[""]), LEFT_TO_SOLVER)
+        full = {id(body.prim): f"{body.model}/{body.name}" if body.model else body.name for body in every}
+        of_shape = {shape.prim.where: full[id(body.prim)] for body in every for shape in body.shapes if shape.collision}
+        words, member = groups(self.stage, of_shape)
+        if words:
+            contact["groups"] = words
+            for body in every:
+                if full[id(body.prim)] in member:
+                    self._of(body)["collision_group"] = member[full[id(body.prim)]]
+        body_of = dict(self.body_of)
+        for body in every:
+            if body.fixed:
+                body_of[body.prim.where] = body.prim
+                body_of |= {shape.prim.where: body.prim for shape in body.shapes}
+        pairs = {
+            tuple(sorted((full[id(one)], full[id(two)])))
+            for one, two in filtered(self.stage, body_of)
+            if id(one) in full and id(two) in full
+        }
+        rigid = self._rigid_groups(every)
+        kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
+        if kept:
+            contact["exclude"] = [list(pair) for pair in kept]
+        if contact:
+            self.data["contact"] = contact
+
+    def _rigid_groups(self, every: list[Body]) -> dict[str, str]:
+        """Bodies that fixed joints hold together, by a name for each group."""
+        group: dict[str, str] = {}
+        for body in every:
+            name = f"{body.model}/{body.name}" if body.model else body.name
+            joint = body.link.joint
+            rigid = joint is not None and not joint.freedoms
+            if body.fixed or (rigid and body.link.parent is None):
+                group[name] = "world"
+            elif rigid and body.link.parent is not None:
+                above = self.bodies[id(body.link.parent)]
+                group[name] = group[f"{above.model}/{above.name}" if above.model else above.name]
+            else:
+                group[name] = name
+        return group
+
+    def _of(self, body: Body) -> dict[str, Any]:
+        """The words of a body."""
+        if "model" in self.data:
+            table = self.data["model"]["bodies"]
+        else:
+            table = self.data["models"][body.model]["bodies"] if body.model else self.data["bodies"]
+        words: dict[str, Any] = table[body.name]
+        return words
+
+
+def _tidy(vector: Vector3) -> Vector3:
+    """An axis whose components that rounding left are zero."""
+    x, y, z = (0.0 if abs(value) < 1e-9 else value for value in vector)
+    return (x, y, z)
+
+
+def _short(value: float) -> float:
+    """A number of single precision as a person wrote it, where it is one."""
+    import numpy as np
+
+    short = float(str(np.float32(value)))
+    return short if abs(short - value) <= 1e-7 * abs(value) and float(np.float32(value)) == value else value

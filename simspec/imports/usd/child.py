@@ -1,0 +1,283 @@
+"""A stage of USD as JSON: a program of its own, which simspec runs in a process of bounded time and memory.
+
+It is told ``{"path", "roots", "seconds", "memory", ...}`` as JSON on standard input and answers on standard output: ``{"error"}``, or the
+composed stage as a list of prims with what is authored on each. Layers are opened one by one before they are composed, so that
+no file is read that is not in a folder of ``roots`` (none: any). Nothing of physics is judged here.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+import os
+import resource
+import sys
+from typing import Any
+
+LARGEST_LAYER = 256 * 2**20
+"""Bytes of one file."""
+MOST_LAYERS = 1000
+MOST_PRIMS = 200_000
+DEEPEST = 200
+"""Prims within each other."""
+MOST_NUMBERS = 6_000_000
+"""Numbers of all arrays that are told, together."""
+SHORT = 64
+"""Items of an array that is told item by item; longer ones of other prims than meshes by their length."""
+LONGEST_PATH = 1000
+MESH_ARRAYS = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices", "simspec:points")
+LONGEST_TEXT = 400
+
+
+class RefusedError(Exception):
+    """The stage is not read; the message says why. ``missing``: of a file that is not there."""
+
+    def __init__(self, message: str, found: str = "", missing: bool = False):
+        self.found, self.missing = found, missing
+        super().__init__(message)
+
+
+def main() -> None:
+    """Answer one request."""
+    asked = json.loads(sys.stdin.buffer.read())
+    resource.setrlimit(resource.RLIMIT_CPU, (asked["seconds"], asked["seconds"] + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (asked["memory"], asked["memory"]))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.environ["PXR_WORK_THREAD_LIMIT"] = "1"
+    try:
+        answer = _answer(asked)
+    except RefusedError as refused:
+        answer = {"error": str(refused), "found": refused.found, "missing": refused.missing}
+    except MemoryError:
+        answer = {"error": "it takes more memory than is allowed", "found": "", "missing": False}
+    except RecursionError:
+        answer = {"error": "it is nested too deeply", "found": "", "missing": False}
+    sys.stdout.buffer.write(json.dumps(answer, allow_nan=False).encode())
+
+
+def _answer(asked: dict[str, Any]) -> dict[str, Any]:
+    try:
+        from pxr import Tf, Usd
+    except ImportError:
+        return {"error": "USD is read by usd-core, which is not installed", "found": "", "missing": True}
+    layers = _Layers([os.path.realpath(root) for root in asked["roots"]], bool(asked["forgive"]))
+    layers.walk(asked["path"])
+    with Tf.DiagnosticTrap():  # what is wrong is told by the stage itself
+        try:
+            stage = Usd.Stage.Open(layers.opened[os.path.realpath(asked["path"])], Usd.Stage.LoadAll)
+        except Tf.ErrorException as error:
+            raise RefusedError("this stage cannot be opened", _first(error)) from None
+    used = {os.path.realpath(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
+    if beyond := sorted(used - layers.read.keys()):
+        raise RefusedError("this stage reads a file that it does not name", beyond[0])
+    if not asked["forgive"]:
+        for error in stage.GetCompositionErrors():
+            raise RefusedError("this stage does not compose", " ".join(str(error).split())[:LONGEST_TEXT])
+    answer = _Reader(stage).answer()
+    answer["read"] = layers.read
+    answer["missing"] = layers.missing
+    answer["usd"] = ".".join(map(str, Usd.GetVersion()))
+    return answer
+
+
+def _first(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return (lines[-1] if lines else "")[:LONGEST_TEXT]
+
+
+class _Layers:
+    """The files of a stage, each opened before anything is composed."""
+
+    def __init__(self, roots: list[str], forgive: bool):
+        self.roots, self.forgive = roots, forgive
+        self.read: dict[str, str] = {}
+        self.opened: dict[str, Any] = {}
+        self.missing: list[str] = []
+
+    def walk(self, path: str) -> None:
+        """Open a file and all that it names."""
+        waiting = [os.path.realpath(path)]
+        while waiting:
+            place = waiting.pop()
+            if place in self.read:
+                continue
+            if len(self.read) >= MOST_LAYERS:
+                raise RefusedError(f"more than {MOST_LAYERS} files")
+            layer = self._open(place)
+            for named in layer.GetCompositionAssetDependencies():
+                target = self._target(str(named), place)
+                if target is not None:
+                    waiting.append(target)
+
+    def _open(self, place: str) -> Any:
+        from pxr import Sdf, Tf
+
+        if os.path.getsize(place) > LARGEST_LAYER:
+            raise RefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", os.path.basename(place))
+        with open(place, "rb") as stream:
+            self.read[place] = hashlib.file_digest(stream, "sha256").hexdigest()
+        if place.lower().endswith(".usdz"):
+            raise RefusedError("packages are not supported", os.path.basename(place))
+        try:
+            layer = Sdf.Layer.FindOrOpen(place)
+        except Tf.ErrorException as error:
+            raise RefusedError("this is no file of USD, or it is damaged", _first(error)) from None
+        if layer is None:
+            raise RefusedError("this is no file of USD, or it is damaged", os.path.basename(place))
+        self.opened[place] = layer
+        return layer
+
+    def _target(self, text: str, beside: str) -> str | None:
+        """The file that an asset path means; None for one that is missing and may be."""
+        if not text:
+            return None
+        if (
+            len(text) > LONGEST_PATH
+            or text.startswith("`")
+            or "[" in text
+            or "://" in text
+            or ":SDF_FORMAT_ARGS:" in text
+        ):
+            raise RefusedError("simspec does not read this kind of path", text[:LONGEST_TEXT])
+        target = os.path.realpath(os.path.join(os.path.dirname(beside), text))
+        if self.roots and not any(target == root or target.startswith(root + os.sep) for root in self.roots):
+            raise RefusedError("leaves the project folder", text)
+        if not os.path.isfile(target):
+            if not self.forgive:
+                raise RefusedError("no such file", text, missing=True)
+            self.missing.append(text)
+            return None
+        return target
+
+
+class _Reader:
+    """A composed stage as plain values."""
+
+    def __init__(self, stage: Any):
+        self.stage = stage
+        self.numbers = 0
+
+    def answer(self) -> dict[str, Any]:
+        from pxr import Usd, UsdGeom, UsdPhysics
+
+        stage = self.stage
+        prims: list[dict[str, Any]] = []
+        cache = UsdGeom.XformCache()
+        walk = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+        for prim in walk:
+            if prim.IsPseudoRoot():
+                continue
+            if len(prims) >= MOST_PRIMS:
+                raise RefusedError(f"more than {MOST_PRIMS:,} prims")
+            if prim.GetPath().pathElementCount > DEEPEST:
+                raise RefusedError(f"more than {DEEPEST} prims within each other")
+            prims.append(self._prim(prim, cache))
+        default = stage.GetDefaultPrim()
+        return {
+            "metres": UsdGeom.GetStageMetersPerUnit(stage),
+            "kilograms": UsdPhysics.GetStageKilogramsPerUnit(stage),
+            "authored": {
+                "metersPerUnit": UsdGeom.StageHasAuthoredMetersPerUnit(stage),
+                "kilogramsPerUnit": UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage),
+            },
+            "up": str(UsdGeom.GetStageUpAxis(stage)),
+            "default": str(default.GetPath()) if default else "",
+            "prims": prims,
+        }
+
+    def _prim(self, prim: Any, cache: Any) -> dict[str, Any]:
+        from pxr import UsdGeom
+
+        told: dict[str, Any] = {
+            "path": str(prim.GetPath()),
+            "type": str(prim.GetTypeName()),
+            "schemas": [str(name) for name in prim.GetAppliedSchemas()],
+            "used": bool(prim.IsActive() and prim.IsDefined() and prim.IsLoaded() and not prim.IsAbstract()),
+        }
+        if prim.IsInstance():
+            told["instance"] = True
+        if prim.HasVariantSets():
+            sets = prim.GetVariantSets()
+            told["variants"] = {
+                name: [sets.GetVariantSelection(name), list(sets.GetVariantSet(name).GetVariantNames())]
+                for name in sets.GetNames()
+            }
+        attributes: dict[str, Any] = {}
+        relationships: dict[str, list[str]] = {}
+        for property_ in prim.GetAuthoredProperties():
+            name = str(property_.GetName())
+            if hasattr(property_, "GetTargets"):
+                relationships[name] = [str(target) for target in property_.GetTargets()][:10_000]
+            else:
+                attributes[name] = self._attribute(prim, property_, name)
+        told["attributes"], told["relationships"] = attributes, relationships
+        if told["used"] and (xform := UsdGeom.Xformable(prim)):
+            told["world"] = self._flat(cache.GetLocalToWorldTransform(prim))
+            told["reset"] = bool(xform.GetResetXformStack())
+            told["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
+        if told["used"] and (image := UsdGeom.Imageable(prim)):
+            told["purpose"] = str(image.ComputePurpose())
+            told["visible"] = str(image.ComputeVisibility()) != "invisible"
+        return told
+
+    def _op(self, op: Any) -> list[Any]:
+        return [
+            str(op.GetOpName()),
+            str(op.GetOpType()).rpartition(".Type")[2],
+            bool(op.IsInverseOp()),
+            self._value(op.Get()),
+        ]
+
+    def _attribute(self, prim: Any, attribute: Any, name: str) -> dict[str, Any]:
+        told: dict[str, Any] = {"type": str(attribute.GetTypeName())}
+        if attribute.HasAuthoredConnections():
+            told["connected"] = [str(path) for path in attribute.GetConnections()][:10]
+        if attribute.GetNumTimeSamples():
+            told["samples"] = attribute.GetNumTimeSamples()
+        value = attribute.Get()
+        if value is None:
+            return told
+        if attribute.GetTypeName().isArray:
+            import numpy as np
+
+            told["length"] = len(value)
+            if prim.GetTypeName() == "Mesh" and name in MESH_ARRAYS:
+                array = np.asarray(value)
+                self.numbers += array.size
+                if self.numbers > MOST_NUMBERS:
+                    raise RefusedError(f"more than {MOST_NUMBERS:,} numbers of meshes")
+                kind = "<f8" if array.dtype.kind == "f" else "<i8"
+                told["array"] = [kind, list(array.shape), base64.b64encode(array.astype(kind).tobytes()).decode()]
+            elif len(value) <= SHORT:
+                told["value"] = [self._value(item) for item in value]
+        else:
+            told["value"] = self._value(value)
+        return told
+
+    def _value(self, value: Any) -> Any:
+        """A value of JSON; numbers that are not finite as ``"nan"``, ``"inf"`` and ``"-inf"``, quaternions w x y z."""
+        if value is None or isinstance(value, (bool, int)):
+            return value
+        if isinstance(value, float):
+            return value if math.isfinite(value) else str(value)
+        if isinstance(value, str):
+            return value[:LONGEST_TEXT]
+        if hasattr(value, "GetReal"):
+            return [self._value(float(value.GetReal())), *(self._value(float(item)) for item in value.GetImaginary())]
+        if hasattr(value, "GetTranspose"):
+            return self._flat(value)
+        if hasattr(value, "path") and hasattr(value, "resolvedPath"):
+            return str(value.path)[:LONGEST_TEXT]
+        try:
+            return [self._value(float(item)) for item in value]
+        except TypeError:
+            return str(value)[:LONGEST_TEXT]
+
+    def _flat(self, matrix: Any) -> list[Any]:
+        return [self._value(float(item)) for row in matrix for item in row]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Drives as springs and dampers, which are explicit in time: the timestep at which they are stable, and those that are at none."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from simspec.language.load import Spec
+from simspec.language.mesh import named_files
+from simspec.world.carriers import owner_of
+from simspec.world.types import World
+
+USUAL: Final = 1e-3
+"""s; the language's default."""
+SHORTEST: Final = 1e-5
+"""s; a drive that needs shorter steps is no spring that anyone would simulate so."""
+RESOLVED: Final = 1e-9
+"""s: a timestep at which every spring is stable, so that every world resolves; nothing is stepped."""
+SHARE: Final = 0.7
+"""Of the longest stable timestep that is taken: other postures allow less."""
+MOST_ROUNDS: Final = 50
+DRIVEN: Final = ("spring", "damping")
+
+
+def has_drives(data: dict[str, Any]) -> bool:
+    """Whether a joint of a spec has a spring or a damper."""
+    return any(word in joint for body in _bodies(data).values() for joint in _joints(body) for word in DRIVEN)
+
+
+def stable_timestep(
+    data: dict[str, Any], meshes: dict[str, Path], leave_out: Callable[[str, float], None]
+) -> float | None:
+    """The timestep of a spec whose file says none; None for the usual one. ``leave_out`` is told the full name of each body whose
+    joint's drives are stable at no timestep of :data:`SHORTEST` or more, with the longest (s) at which they are; they are taken
+    out of ``data``. Raises SpecError as resolving does. Without Pinocchio, which knows the mass matrix, nothing can be told."""
+    try:
+        from simspec.dynamics.stability import unstable
+    except ModuleNotFoundError:
+        return None
+    for _ in range(MOST_ROUNDS):
+        world = _resolved(data, meshes)
+        stiff = unstable(_stepped(world, SHORTEST))
+        if not stiff:
+            steps = [one.largest_stable_step for one in unstable(_stepped(world, USUAL))]
+            return _round_step(SHARE * min(steps)) if steps else None
+        bodies = _bodies(data)
+        for instability in stiff:
+            for name in dict.fromkeys(owner_of(one) for one in instability.bodies):
+                for joint in _joints(bodies[name]):
+                    for word in DRIVEN:
+                        joint.pop(word, None)
+                leave_out(name, instability.largest_stable_step)
+    return None
+
+
+def _stepped(world: World, step: float) -> World:
+    return dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=step))
+
+
+def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:
+    timed = copy.deepcopy(data)
+    timed.setdefault("physics", {})["timestep"] = RESOLVED
+    here = Path.cwd()
+    for path, text in list(named_files(timed)):
+        holder: Any = timed
+        for step in path[:-1]:
+            holder = holder[step]
+        holder[path[-1]] = os.path.relpath(meshes[text], here)
+    return Spec.from_data(timed, folder=here, allow_outside=True).resolve()
+
+
+def _bodies(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """All bodies by their full names."""
+    bodies = dict(data.get("model", {}).get("bodies", {}))
+    bodies |= data.get("bodies", {})
+    for model, placed in data.get("models", {}).items():
+        bodies |= {f"{model}/{name}": body for name, body in placed["bodies"].items()}
+    return bodies
+
+
+def _joints(body: dict[str, Any]) -> list[dict[str, Any]]:
+    return [body["joint"]] if "joint" in body else list(body.get("joints", ()))
+
+
+def _round_step(longest: float) -> float:
+    """The longest of 1, 2 and 5 times a power of ten that is not above ``longest``."""
+    power = math.floor(math.log10(longest))
+    return float(f"{max(digit for digit in (1, 2, 5) if digit * 10.0**power <= longest)}e{power}")

@@ -1,0 +1,141 @@
+"""What becomes of what no reader of a stage takes: by the type of the prim, and by the name of the attribute."""
+
+from __future__ import annotations
+
+import re
+from typing import Final, NamedTuple
+
+from simspec.imports.usd.stage import Stage
+from simspec.language.foreign import Fate, Severity
+
+PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
+
+
+class Rule(NamedTuple):
+    """Names that a regular expression fits, and what becomes of them."""
+
+    pattern: re.Pattern[str]
+    shown: str
+    fate: Fate
+    severity: Severity
+    reason: str
+    hint: str = ""
+
+
+def _rule(pattern: str, shown: str, fate: Fate, severity: Severity, reason: str, hint: str = "") -> Rule:
+    return Rule(re.compile(pattern), shown, fate, severity, reason, hint)
+
+
+TYPES: Final = (
+    _rule(".*Light|LightFilter", "lights", Fate.LOST, APPEARANCE, "simspec has no lights"),
+    _rule("Camera", "Camera", Fate.LOST, APPEARANCE, "simspec has no cameras"),
+    _rule("Shader|NodeGraph", "Shader, NodeGraph", Fate.LOST, APPEARANCE, "a shape has one colour"),
+    _rule("GeomSubset", "GeomSubset", Fate.LOST, APPEARANCE, "a shape has one material and one colour"),
+    _rule("Render.*", "RenderSettings and others", Fate.LOST, APPEARANCE, "of programs that draw"),
+    _rule("Skel.*|BlendShape", "SkelRoot and others", Fate.LOST, APPEARANCE, "simspec has no skins"),
+    _rule(
+        "PointInstancer",
+        "PointInstancer",
+        Fate.LOST,
+        PHYSICS,
+        "simspec does not read instances of points",
+        "write each as a prim",
+    ),
+    _rule(
+        "BasisCurves|NurbsCurves|HermiteCurves|Points|NurbsPatch|Volume",
+        "curves, points, volumes",
+        Fate.LOST,
+        APPEARANCE,
+        "they do not collide, and simspec does not draw them",
+    ),
+    _rule("TetMesh", "TetMesh", Fate.LOST, PHYSICS, "deformable bodies are not supported"),
+)
+"""Prims of these types are not read."""
+ATTRIBUTES: Final = (
+    _rule(
+        "physics:approximation|apiSchemas:PhysicsMeshCollisionAPI",
+        "`physics:approximation` of other prims than meshes",
+        Fate.UNUSED,
+        INFORMATION,
+        "only meshes are approximated",
+    ),
+    _rule("apiSchemas:.*", "other schemas", Fate.LOST, INFORMATION, "its attributes are told one by one"),
+    _rule(
+        "xformOp.*",
+        "`xformOp:…` of prims that nothing stands in",
+        Fate.UNUSED,
+        INFORMATION,
+        "nothing that is carried stands there",
+    ),
+    _rule(
+        "extent|extentsHint|doubleSided|orientation|visibility|purpose|proxyPrim|primvars:.*|normals|velocities|accelerations",
+        "`extent`, `doubleSided`, `primvars:…`, `normals` and others",
+        Fate.LOST,
+        APPEARANCE,
+        "a shape has one colour",
+    ),
+    _rule(
+        "subdivision.*|interpolateBoundary|faceVaryingLinearInterpolation|triangleSubdivisionRule|corner.*|crease.*|holeIndices|subset.*",
+        "`subdivisionScheme` and others",
+        Fate.LOST,
+        APPEARANCE,
+        "a mesh is its points",
+    ),
+    _rule(
+        "material:binding(:.*)?|inputs:.*|outputs:.*|info:.*|displayName",
+        "`material:binding`, `inputs:…`, `outputs:…`",
+        Fate.LOST,
+        APPEARANCE,
+        "a shape has one colour",
+    ),
+    _rule(
+        "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*",
+        "`ui:…`, `omni:…`, `semantic…`",
+        Fate.LOST,
+        INFORMATION,
+        "of other programs",
+    ),
+    _rule(
+        "physxScene:.*|newton:(max_solver_iterations|timeStepsPerSecond|.*[Ii]teration.*)|mjc:(option|compiler|flag):.*",
+        "`physxScene:…`, `mjc:option:…`",
+        Fate.LOST,
+        INFORMATION,
+        "settings of one engine's solver",
+    ),
+    _rule(
+        "physx.*:.*|newton:.*|mjc:.*",
+        "`physx…`, `newton:…`, `mjc:…`",
+        Fate.LOST,
+        PHYSICS,
+        "of one engine: UsdPhysics does not have it",
+    ),
+    _rule("variantSets:.*", "variant sets", Fate.UNUSED, INFORMATION, "the chosen variant is read"),
+    _rule(
+        "timeCodesPerSecond|framesPerSecond|startTimeCode|endTimeCode",
+        "time codes",
+        Fate.UNUSED,
+        INFORMATION,
+        "nothing is animated",
+    ),
+    _rule("simspec:.*", "`simspec:…`", Fate.UNUSED, INFORMATION, "nothing here needs it"),
+)
+
+
+def settle(stage: Stage) -> None:
+    """Say of every prim and attribute that nothing took what becomes of it."""
+    for prim in stage.prims.values():
+        if not prim.used:
+            prim.set_aside(None, Fate.UNUSED, "inactive, abstract, or not defined", INFORMATION)
+            continue
+        rule = next((rule for rule in TYPES if rule.pattern.fullmatch(prim.tag)), None)
+        if prim._own is False:
+            if rule is not None:
+                prim.set_aside(None, rule.fate, rule.reason, rule.severity, rule.hint)
+            else:
+                prim.take()
+        for name in prim.attributes:
+            if name in prim._taken or name in prim._fates:
+                continue
+            said = rule or next((one for one in ATTRIBUTES if one.pattern.fullmatch(name)), None)
+            if said is not None and prim._own is True:
+                prim.set_aside(name, said.fate, said.reason, said.severity, said.hint)

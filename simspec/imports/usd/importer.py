@@ -1,0 +1,63 @@
+"""The importer of USD: stages with the schemas of UsdPhysics."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from simspec.imports.draft import Draft
+from simspec.imports.files import Files
+from simspec.imports.table import Row
+from simspec.imports.usd.assembly import Assembly
+from simspec.imports.usd.fates import settle
+from simspec.imports.usd.places import ROTATIONS
+from simspec.imports.usd.stage import read_stage
+from simspec.imports.usd.table import RULES, rows
+from simspec.language.foreign import Imported, ImportOptions
+
+MISSING: Final = "missing-files"
+
+
+class Usd:
+    """Reads ``.usda``, ``.usdc`` and ``.usd``, also those that refer to others."""
+
+    NAME: Final = "USD"
+    SUFFIXES: Final = (".usd", ".usda", ".usdc")
+
+    def recognises(self, content: bytes) -> bool:
+        return re.match(rb"#usda|PXR-USDC", content) is not None
+
+    @staticmethod
+    def table() -> list[Row]:
+        """What prims and attributes become."""
+        return rows()
+
+    @staticmethod
+    def rules() -> dict[str, str]:
+        """The rules of repair."""
+        return dict(RULES)
+
+    def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        """A stage as a spec. Raises SpecError with every problem."""
+        files = Files(path, shown, options)
+        draft = Draft(files, options, tuple(RULES))
+        stage = read_stage(files, draft.repairing(MISSING))
+        for prim in stage.prims.values():
+            prim.forgiving = draft.repairing(ROTATIONS)
+        assembly = Assembly(stage, draft)
+        assembly.fill()
+        for text in stage.missing:
+            draft.repaired(MISSING, stage.root, f"{text} is left out: it is not there", ())
+        draft.finish()
+        settle(stage)
+        accounts = list(stage.root.accounts())
+        return Imported(
+            assembly.data,
+            draft.places,
+            accounts,
+            draft.repairs,
+            files=draft.meshes,
+            read=files.read,
+            comments=draft.comments,
+        )

@@ -1,0 +1,352 @@
+"""Joints of a stage: which bodies they join, where, and along which axes they move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from simspec.imports.draft import angle, numbers, plain
+from simspec.imports.usd.places import Places, quaternion
+from simspec.imports.usd.stage import Prim, Stage
+from simspec.language.foreign import Fate, Severity
+from simspec.world import frames
+from simspec.world.types import Pose, Vector3
+
+TYPES: Final = {
+    "PhysicsFixedJoint": "fixed",
+    "PhysicsRevoluteJoint": "hinge",
+    "PhysicsPrismaticJoint": "slide",
+    "PhysicsSphericalJoint": "ball",
+    "PhysicsDistanceJoint": "distance",
+    "PhysicsJoint": "several",
+}
+UNITS: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+SLIDES: Final = {f"trans{axis}": unit for axis, unit in UNITS.items()}
+TURNS: Final = {f"rot{axis}": unit for axis, unit in UNITS.items()}
+START: Final = 1e-5
+"""rad and m below which a joint stands at zero: places of bodies and frames have single precision."""
+
+
+@dataclass
+class Freedom:
+    """One degree of freedom: ``kind`` hinge, slide or ball, its axis in the frame of the joint, and its words in a spec."""
+
+    kind: str
+    axis: Vector3
+    word: str
+    data: dict[str, Any] = field(default_factory=dict)
+    start: tuple[float, ...] = ()
+
+
+@dataclass
+class Joint:
+    """A joint between two bodies (None: the world), with its frames in theirs (m)."""
+
+    prim: Prim
+    first: Prim | None
+    second: Prim | None
+    in_first: Pose
+    in_second: Pose
+    freedoms: list[Freedom]
+    outside: bool = False
+    """The file excludes it from the tree."""
+    name: str = ""
+    apart: float = 0.0
+    """m or rad by which its frames are apart where the bodies are."""
+
+    def other(self, body: Prim | None) -> Prim | None:
+        """The body that it joins to ``body``."""
+        return self.second if body is self.first else self.first
+
+
+class JointReader:
+    """Reads the joints of a stage. ``body_of``: the body that a prim is part of, None for what is fixed in the world."""
+
+    def __init__(self, stage: Stage, places: Places, body_of: Callable[[Prim], Prim | None]):
+        self.stage, self.places, self.body_of = stage, places, body_of
+        self.of_force = stage.kilograms * stage.metres
+        self.of_torque = stage.kilograms * stage.metres**2
+
+    def read(self, prim: Prim) -> Joint | None:
+        """The joint of a prim; None for one that joins nothing. Raises SpecError for what is wrong."""
+        prim.take()
+        if not prim.flag("physics:jointEnabled", True):
+            return self._unused(prim, "a joint that is switched off")
+        kind = TYPES[prim.tag]
+        for name in ("physics:breakForce", "physics:breakTorque"):
+            if not math.isinf(prim.real(name, math.inf, infinite=True)):
+                prim.set_aside(name, Fate.LOST, "joints of simspec do not break")
+        first, in_first = self._side(prim, 0)
+        second, in_second = self._side(prim, 1)
+        if kind == "distance":
+            prim.set_aside(None, Fate.LOST, "simspec has no joints of distance")
+            return None
+        if first is second:
+            return self._unused(prim, "it joins what does not move against each other")
+        collide = prim.flag("physics:collisionEnabled", False)
+        if collide:
+            prim.set_aside("physics:collisionEnabled", Fate.LOST, "bodies that a joint joins do not touch each other")
+        freedoms = self._freedoms(prim, kind)
+        if freedoms is None:
+            return self._unused(prim, "a joint that leaves everything free")
+        joint = Joint(
+            prim,
+            first,
+            second,
+            in_first,
+            in_second,
+            freedoms,
+            prim.flag("physics:excludeFromArticulation", False),
+            prim.called(),
+        )
+        return joint
+
+    def _unused(self, prim: Prim, why: str) -> None:
+        prim.set_aside(None, Fate.UNUSED, why, Severity.INFORMATION)
+
+    def _side(self, prim: Prim, number: int) -> tuple[Prim | None, Pose]:
+        """The body at one end of a joint, and the joint's frame in it."""
+        targets = prim.targets(f"physics:body{number}")
+        if len(targets) > 1:
+            raise prim.error(f"physics:body{number} should name one body", found=" ".join(targets)[:80])
+        at = prim.reals(f"physics:localPos{number}", 3) or (0.0, 0.0, 0.0)
+        turn = quaternion(
+            prim, f"physics:localRot{number}", prim.reals(f"physics:localRot{number}", 4) or frames.IDENTITY
+        )
+        holder = self.stage.prims.get(targets[0]) if targets else None
+        if targets and (holder is None or not holder.used):
+            raise prim.error(f"physics:body{number} names what is not there", found=targets[0][:200])
+        if holder is None:
+            place = self.places.world(self.stage.root)
+        else:
+            body = self.body_of(holder)
+            place = self.places.world(holder) if body is None else self.places.within(holder, body)
+        x, y, z = (value * factor * self.stage.metres for value, factor in zip(at, place.scale, strict=True))
+        frame = frames.compose(place.pose, Pose((x, y, z), turn))
+        return None if holder is None else self.body_of(holder), frame
+
+    # --- axes -------------------------------------------------------------------------------------------------
+
+    def _freedoms(self, prim: Prim, kind: str) -> list[Freedom] | None:
+        """What a joint leaves free, in order; None where that is everything."""
+        if kind == "fixed":
+            return []
+        if kind in ("hinge", "slide"):
+            axis = prim.token("physics:axis", "X")
+            if axis not in UNITS:
+                raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z")
+            freedom = Freedom(kind, UNITS[axis], axis)
+            self._moves(
+                prim, freedom, "physics:lowerLimit", "physics:upperLimit", "angular" if kind == "hinge" else "linear"
+            )
+            return [freedom]
+        if kind == "ball":
+            prim.token("physics:axis", "X")
+            for name in ("physics:coneAngle0Limit", "physics:coneAngle1Limit"):
+                if prim.real(name, -1.0, infinite=True) >= 0.0 and not math.isinf(prim.real(name, -1.0, infinite=True)):
+                    prim.set_aside(name, Fate.LOST, "ball joints have no limits")
+            for drive in prim.instances("PhysicsDriveAPI"):
+                self._no_drive(prim, drive)
+            ball = Freedom("ball", (0.0, 0.0, 0.0), "ball")
+            stiffness, damping = prim.own("spring_stiffness", 1), prim.own("damping", 1)
+            if stiffness is not None:
+                ball.data["spring"] = {"stiffness": plain(stiffness[0])}
+            if damping is not None:
+                ball.data["damping"] = plain(damping[0])
+            return [ball]
+        return self._several(prim)
+
+    def _several(self, prim: Prim) -> list[Freedom] | None:
+        """The axes of a joint of up to six degrees of freedom: its slides, then its turns, in the order X, Y, Z."""
+        limited = set(prim.instances("PhysicsLimitAPI"))
+        if "distance" in limited:
+            prim.set_aside("apiSchemas:PhysicsLimitAPI:distance", Fate.LOST, "simspec has no joints of distance")
+        free: list[str] = []
+        for word in (*SLIDES, *TURNS):
+            low = prim.real(f"limit:{word}:physics:low", -math.inf, infinite=True)
+            high = prim.real(f"limit:{word}:physics:high", math.inf, infinite=True)
+            if word in limited and low > high:
+                continue  # locked
+            free.append(word)
+        drives = prim.instances("PhysicsDriveAPI")
+        turns = [word for word in free if word in TURNS]
+        bounded = any(self._bounded(prim, word) for word in free if word in limited)
+        if len(free) == 6 and not bounded and not drives:
+            return None
+        freedoms = [self._along(prim, word, "slide", SLIDES[word]) for word in free if word in SLIDES]
+        plain_turns = not any(self._bounded(prim, word) or word in drives for word in turns)
+        if len(turns) == 3 and plain_turns:
+            return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot")]
+        for drive in drives:
+            if drive not in free:
+                self._no_drive(prim, drive)
+        return [*freedoms, *(self._along(prim, word, "hinge", TURNS[word]) for word in turns)]
+
+    def _bounded(self, prim: Prim, word: str) -> bool:
+        ends = (prim.real(f"limit:{word}:physics:{end}", math.inf, infinite=True) for end in ("low", "high"))
+        return any(math.isfinite(end) and abs(end) < UNBOUNDED for end in ends)
+
+    def _along(self, prim: Prim, word: str, kind: str, axis: Vector3) -> Freedom:
+        freedom = Freedom(kind, axis, word)
+        self._moves(prim, freedom, f"limit:{word}:physics:low", f"limit:{word}:physics:high", word)
+        return freedom
+
+    def _moves(self, prim: Prim, freedom: Freedom, low: str, high: str, drive: str) -> None:
+        """Limits, drives and ratings of one axis."""
+        turns = freedom.kind == "hinge"
+        unit = math.pi / 180.0 if turns else self.stage.metres
+        lower, upper = (prim.real(name, end, infinite=True) for name, end in ((low, -math.inf), (high, math.inf)))
+        bounded = lower <= upper and (abs(lower) < UNBOUNDED or abs(upper) < UNBOUNDED)
+        data = freedom.data
+        limits: dict[str, Any] = {}
+        if lower > upper and TYPES[prim.tag] != "several":
+            # the schema says: a lower limit above the upper one locks nothing, it is no limit
+            prim.set_aside(low, Fate.UNUSED, "above the upper limit: no limits are said", Severity.INFORMATION)
+        if bounded:
+            ends = [max(-FAR, min(FAR, value * unit)) for value in (lower, upper)]
+            said = prim.exactly("limits", ends)
+            limits["position"] = [angle(value) if turns else plain(value) for value in said]
+        self._drive(prim, freedom, drive)
+        for name, word in (("velocity_limit", "velocity"), ("effort_limit", "effort")):
+            own = prim.own(name, 1)
+            if own is not None:
+                limits[word] = plain(own[0])
+        maximum = prim.real("physxJoint:maxJointVelocity", math.inf, infinite=True)
+        if "velocity" not in limits and 0.0 < maximum < UNBOUNDED:
+            limits["velocity"] = plain(maximum * unit)
+        if limits:
+            data["limits"] = limits
+        for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
+            own = prim.own(name, 1)
+            if own is not None and own[0]:
+                data[word] = plain(own[0])
+        if prim.has("physxJoint:armature") and "armature" not in data:
+            armature = prim.real("physxJoint:armature", 0.0) * (self.of_torque if turns else self.stage.kilograms)
+            if armature:
+                data["armature"] = plain(armature)
+
+    def _drive(self, prim: Prim, freedom: Freedom, name: str) -> None:
+        """A drive as a spring and a damper."""
+        if name not in prim.instances("PhysicsDriveAPI"):
+            return
+        turns, start = freedom.kind == "hinge", f"drive:{name}:physics:"
+        degrees = 180.0 / math.pi if turns else 1.0
+        unit = (self.of_torque if turns else self.of_force / self.stage.metres) * degrees
+        stiffness, damping = (prim.real(f"{start}{word}", 0.0) * unit for word in ("stiffness", "damping"))
+        rest = prim.real(f"{start}targetPosition", 0.0) * (math.pi / 180.0 if turns else self.stage.metres)
+        speed = prim.real(f"{start}targetVelocity", 0.0)
+        most = prim.real(f"{start}maxForce", math.inf, infinite=True)
+        kind = prim.token(f"{start}type", "force")
+        if stiffness < 0.0 or damping < 0.0:
+            raise prim.error("a drive with a stiffness or a damping below 0", found=f"{stiffness:g}, {damping:g}")
+        if not stiffness and not damping:
+            for word in ("targetPosition", "targetVelocity", "maxForce", "type"):
+                prim.set_aside(
+                    f"{start}{word}",
+                    Fate.UNUSED,
+                    "a drive without stiffness and damping does nothing",
+                    Severity.INFORMATION,
+                )
+            return
+        if kind != "force":
+            reason = "simspec has no drives by acceleration: write the actuators as `control:` of the scenario"
+            for word in ("type", "stiffness", "damping", "targetPosition", "targetVelocity", "maxForce"):
+                prim.set_aside(f"{start}{word}", Fate.LOST, reason)
+            return
+        if speed:
+            prim.set_aside(
+                f"{start}targetVelocity",
+                Fate.LOST,
+                "a damper of simspec has no speed of its own; write `control:` in the scenario",
+            )
+        if most < UNBOUNDED:
+            prim.set_aside(
+                f"{start}maxForce",
+                Fate.LOST,
+                "springs and dampers have no largest effort; write `control:` in the scenario",
+            )
+        stiffness, damping, rest = (
+            prim.exactly(word, (value,))[0]
+            for word, value in (("spring_stiffness", stiffness), ("damping", damping), ("spring_rest", rest))
+        )
+        if stiffness:
+            freedom.data["spring"] = {
+                "stiffness": plain(stiffness),
+                **({"rest": angle(rest) if turns else plain(rest)} if rest else {}),
+            }
+        elif rest:
+            prim.set_aside(
+                f"{start}targetPosition", Fate.UNUSED, "without stiffness it does nothing", Severity.INFORMATION
+            )
+        if damping:
+            freedom.data["damping"] = plain(damping)
+
+    def _no_drive(self, prim: Prim, name: str) -> None:
+        for attribute in prim.attributes:
+            if attribute.startswith(f"drive:{name}:"):
+                prim.set_aside(attribute, Fate.LOST, "a drive of an axis that simspec drives by `control:` only")
+
+
+UNBOUNDED: Final = 1e9
+"""Degrees or units of length beyond which a limit is none: files write the largest number that they have."""
+FAR: Final = 1e12
+"""rad or m that stand for no limit at one end, where the other has one."""
+
+
+def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
+    """Where the second frame of a joint is in its first, with the bodies at these poses; the joint gets its freedoms' positions,
+    and what its frames are apart beyond them."""
+    rest = frames.compose(
+        frames.inverse(frames.compose(first, joint.in_first)), frames.compose(second, joint.in_second)
+    )
+    position, turn = rest.position, rest.quaternion
+    left, turned = position, turn
+    hinges = [freedom for freedom in joint.freedoms if freedom.kind == "hinge"]
+    for freedom in joint.freedoms:
+        if freedom.kind == "slide":
+            along = frames.dot(position, freedom.axis)
+            freedom.start = (along,)
+            left = frames.subtract(left, tuple(along * one for one in freedom.axis))  # type: ignore[arg-type]
+        elif freedom.kind == "ball":
+            freedom.start, turned = turn, frames.IDENTITY
+    if len(hinges) == 1:
+        about = frames.dot((turn[1], turn[2], turn[3]), hinges[0].axis)
+        hinges[0].start = (2.0 * frames.angle(about, turn[0]),)
+        turned = frames.multiply(frames.from_axis_angle(hinges[0].axis, -hinges[0].start[0]), turn)
+    elif hinges:
+        angles = dict(zip(UNITS.values(), frames.to_euler_xyz(turn), strict=True))
+        for hinge in hinges:
+            hinge.start = (angles.pop(hinge.axis),)
+        turned = frames.IDENTITY if not angles else (1.0, *(0.5 * value for value in angles.values()))  # type: ignore[assignment]
+    away = max(abs(value) for value in left)
+    joint.apart = max(away, 2.0 * max(abs(value) for value in turned[1:]))
+    return rest
+
+
+def start_words(joint: Joint) -> None:
+    """Say in each freedom's words where it stands, but at zero."""
+    for freedom in joint.freedoms:
+        if freedom.kind == "ball":  # so far in the frame of the joint; in the axes of the body that it moves
+            turn = joint.in_second.quaternion
+            w, x, y, z = freedom.start
+            freedom.start = frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn)))
+    own = joint.prim.own("position")
+    if own is not None and len(joint.freedoms) == 1 and len(own) == len(joint.freedoms[0].start):
+        start = joint.freedoms[0].start
+        if all(abs(one - two) < START for one, two in zip(own, start, strict=True)):
+            joint.freedoms[0].start = own
+    elif len(joint.freedoms) == 1 and not own:
+        joint.freedoms[0].start = tuple(0.0 if abs(value) < START else value for value in joint.freedoms[0].start)
+    for freedom in joint.freedoms:
+        values = freedom.start
+        if freedom.kind == "ball":
+            if any(abs(value) >= START for value in values[1:]) or own:
+                freedom.data["position"] = {"quat": numbers(values)}
+        elif values and (abs(values[0]) >= START or own):
+            freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
+    speeds = joint.prim.own("velocity")
+    if speeds is not None and len(joint.freedoms) == 1:
+        freedom = joint.freedoms[0]
+        freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])

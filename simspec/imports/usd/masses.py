@@ -1,0 +1,271 @@
+"""Mass properties of bodies of a stage.
+
+A mass of the body wins over densities, the body's numbers over those of its shapes; a density of a shape over that of the
+body, and that over one of a material. A mass or a moment of 0, a centre of mass at −∞ and a quaternion of 0 are not said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.imports.draft import Draft, numbers, plain
+from simspec.imports.usd.places import Places, quaternion
+from simspec.imports.usd.shapes import Shape
+from simspec.imports.usd.stage import OWN, STALE, Prim, Stage, agree
+from simspec.language.foreign import Fate, Severity
+from simspec.language.moments import impossible
+from simspec.world import frames
+from simspec.world.mass import combined, part
+from simspec.world.shapes import SHAPES
+from simspec.world.types import Vector3
+
+MASS: Final = "PhysicsMassAPI"
+DENSITY: Final = 1000.0
+"""kg/m³ where nothing says a density."""
+STANDS_FOR_NONE: Final = float(np.float32(1e-9))
+"""kg, which simspec writes for a body without mass."""
+INCOMPLETE: Final = "incomplete-inertial"
+TRIANGLE: Final = "triangle-inequality"
+NAMES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+class MassReader:
+    """Reads the mass properties of bodies."""
+
+    def __init__(self, stage: Stage, places: Places, draft: Draft):
+        self.stage, self.places, self.draft = stage, places, draft
+        self.of_mass = stage.kilograms
+        self.of_inertia = stage.kilograms * stage.metres**2
+        self.of_density = stage.kilograms / stage.metres**3
+
+    def read(
+        self, prim: Prim, shapes: Sequence[Shape], offset: Vector3, scale: Vector3, path: tuple[str, ...]
+    ) -> dict[str, Any]:
+        """The words of a body whose frame is at ``offset`` in the prim's rigid frame. Raises SpecError for what are no
+        numbers."""
+        prim.applies(MASS)
+        mass = prim.real("physics:mass", 0.0) * self.of_mass
+        if prim.own("mass") == (0.0,) and mass == STANDS_FOR_NONE * self.of_mass:
+            for name in (
+                "physics:density",
+                "physics:centerOfMass",
+                "physics:diagonalInertia",
+                "physics:principalAxes",
+                "simspec:centre_of_mass",
+                "simspec:inertia",
+            ):
+                prim.value(name)
+            return {}
+        if mass < 0.0:
+            raise prim.error("a mass below 0", found=f"{mass:g}")
+        mass = prim.exactly("mass", (mass,))[0] if mass else 0.0
+        centre, moments = self._centre(prim, scale), self._moments(prim)
+        solid = [shape for shape in shapes if shape.collision and (shape.sizes is None or shape.sizes[0] != "plane")]
+        if mass and moments is not None:
+            if prim.has("physics:density"):
+                prim.set_aside("physics:density", Fate.UNUSED, "the file gives the mass", Severity.INFORMATION)
+            if centre is None:
+                centre = self._middle(prim, solid)
+            data: dict[str, Any] = {"mass": plain(mass)}
+            place = frames.subtract(centre, offset)
+            if any(place):
+                data["centre_of_mass"] = numbers(place)
+            data["inertia"] = self._inertia(prim, moments, path)
+            return data
+        return self._from_shapes(prim, solid, mass, centre, moments, offset, path)
+
+    def _centre(self, prim: Prim, scale: Vector3) -> Vector3 | None:
+        """The centre of mass in the prim's rigid frame (m); None where it is not said."""
+        said = prim.reals("physics:centerOfMass", 3, infinite=True)
+        if said is None or any(math.isinf(value) for value in said):
+            return None
+        x, y, z = (value * factor * self.stage.metres for value, factor in zip(said, scale, strict=True))
+        own = prim.exactly("centre_of_mass", (x, y, z))
+        return (own[0], own[1], own[2])
+
+    def _moments(self, prim: Prim) -> tuple[float, ...] | None:
+        """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
+        said = prim.reals("physics:diagonalInertia", 3)
+        axes = prim.reals("physics:principalAxes", 4)
+        if said is None or not any(said):
+            return None
+        turn = frames.IDENTITY
+        if axes is not None and any(axes):
+            turn = quaternion(prim, "physics:principalAxes", axes)
+        moments = tuple(value * self.of_inertia for value in said)
+        tensor = frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
+        own = prim.own("inertia", 6)
+        if own is not None and (agree(own, tensor) or max(moments) * 0.999 < 1e-12 * self.of_inertia >= max(own)):
+            return own
+        if own is not None:
+            prim.set_aside(OWN + "inertia", Fate.LOST, STALE, Severity.INFORMATION)
+        return tensor
+
+    def _inertia(self, prim: Prim, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:
+        # moments of a thin plate in single precision may miss it in the last digit
+        tensor = self._possible(prim, tensor, path)
+        if not any(tensor[3:]):
+            return {"principal": numbers(tensor[:3])}
+        return {
+            "tensor": {
+                name: plain(value) for name, value in zip(NAMES, tensor, strict=True) if value or name in NAMES[:3]
+            }
+        }
+
+    def _possible(self, prim: Prim, tensor: tuple[float, ...], path: tuple[str, ...]) -> tuple[float, ...]:
+        from simspec.language.moments import principal_moments
+
+        moments = principal_moments(tensor)
+        why = impossible(moments)
+        if why is None:
+            return tensor
+        low, middle, high = sorted(moments)
+        over = high - low - middle
+        if low < 0.0 or over > 1e-5 * high:
+            if low >= 0.0 and self.draft.repairing(TRIANGLE):
+                self.draft.repaired(
+                    TRIANGLE,
+                    prim,
+                    f"the principal moments {low:g}, {middle:g}, {high:g} kg m² became those of the nearest body",
+                    (*path, "inertia"),
+                )
+            else:
+                self.draft.defect(
+                    prim,
+                    f"physics:diagonalInertia: {why}",
+                    TRIANGLE if low >= 0.0 else "",
+                    "moments that no body has become the nearest ones that a body can have",
+                )
+                return tensor
+        # the same for every axis keeps the axes: what the largest is too large by is shared
+        share = over / 3.0
+        matrix = np.array(
+            [[tensor[0], tensor[3], tensor[4]], [tensor[3], tensor[1], tensor[5]], [tensor[4], tensor[5], tensor[2]]]
+        )
+        values, vectors = np.linalg.eigh(matrix)
+        order = np.argsort(values)
+        values[order[0]] += share * 1.000001
+        values[order[1]] += share * 1.000001
+        values[order[2]] -= share * 1.000001
+        made = vectors @ np.diag(values) @ vectors.T
+        return tuple(float(made[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+
+    def _middle(self, prim: Prim, solid: Sequence[Shape]) -> Vector3:
+        """The centre of mass of the shapes, by their densities; the origin where there are none."""
+        made = self._combined(prim, solid)
+        return (0.0, 0.0, 0.0) if made is None else made[1]
+
+    def _combined(self, prim: Prim, solid: Sequence[Shape]) -> tuple[float, Vector3, tuple[float, ...]] | None:
+        """Mass, centre and tensor of shapes in the prim's rigid frame; None where one is a mesh, or there are none."""
+        parts = []
+        for shape in solid:
+            if shape.sizes is None:
+                return None
+            kind, size = shape.sizes
+            parts.append(part(kind, size, shape.pose, self._density(shape, prim) * SHAPES[kind].volume(size)))
+        if not any(one.mass for one in parts):
+            return None
+        inertial = combined(parts)
+        return inertial.mass, inertial.centre_of_mass, inertial.inertia
+
+    def _density(self, shape: Shape, body: Prim) -> float:
+        """kg/m³ of a shape."""
+        prim = shape.prim
+        prim.applies(MASS)
+        own = prim.real("physics:mass", 0.0) * self.of_mass if prim is not body else 0.0
+        if own > 0.0 and shape.sizes is not None:
+            return own / SHAPES[shape.sizes[0]].volume(shape.sizes[1])
+        for holder in (prim, body):
+            density = holder.real("physics:density", 0.0)
+            if density > 0.0:
+                return density * self.of_density
+        material = self.stage.prims.get(shape.material)
+        density = material.real("physics:density", 0.0) if material is not None else 0.0
+        return density * self.of_density if density > 0.0 else DENSITY
+
+    def _from_shapes(
+        self,
+        prim: Prim,
+        solid: Sequence[Shape],
+        mass: float,
+        centre: Vector3 | None,
+        moments: tuple[float, ...] | None,
+        offset: Vector3,
+        path: tuple[str, ...],
+    ) -> dict[str, Any]:
+        """The words of a body that does not say all."""
+        if moments is not None:
+            prim.set_aside(
+                "physics:diagonalInertia", Fate.LOST, "the file does not say the mass: it follows from the shapes"
+            )
+        if not solid:
+            return self._bare(prim, mass, centre, offset, path)
+        densities = [self._density(shape, prim) for shape in solid]
+        if centre is not None:
+            made = self._combined(prim, solid)
+            if made is not None:
+                total, middle, tensor = made
+                factor = mass / total if mass else 1.0
+                lever = frames.subtract(middle, centre)
+                m = mass or total
+                x, y, z = lever
+                more = (
+                    m * (y * y + z * z),
+                    m * (x * x + z * z),
+                    m * (x * x + y * y),
+                    -m * x * y,
+                    -m * x * z,
+                    -m * y * z,
+                )
+                moved = tuple(factor * one + two for one, two in zip(tensor, more, strict=True))
+                place = frames.subtract(centre, offset)
+                return {
+                    "mass": plain(m),
+                    **({"centre_of_mass": numbers(place)} if any(place) else {}),
+                    "inertia": self._inertia(prim, moved, path),
+                }
+            prim.set_aside(
+                "physics:centerOfMass", Fate.LOST, "with meshes and without moments it follows from the shapes"
+            )
+        if mass and len(set(densities)) == 1:
+            return {"mass": plain(mass)}
+        if mass:
+            made = self._combined(prim, solid)
+            if made is not None:
+                factor = mass / made[0]
+                densities = [factor * density for density in densities]
+            else:
+                return {"mass": plain(mass)}
+        for shape, density in zip(solid, densities, strict=True):
+            shape.data["density"] = plain(density)
+        return {}
+
+    def _bare(
+        self, prim: Prim, mass: float, centre: Vector3 | None, offset: Vector3, path: tuple[str, ...]
+    ) -> dict[str, Any]:
+        """A body without shapes that have a volume: its moments are not known."""
+        if not mass:
+            return {}
+        if not self.draft.repairing(INCOMPLETE):
+            self.draft.defect(
+                prim,
+                "the body has a mass, but neither moments nor shapes that they follow from",
+                INCOMPLETE,
+                "moments that are missing are those of a ball of 1000 kg/m³",
+            )
+            return {}
+        radius = (mass / (4.0 / 3.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
+        moment = 0.4 * mass * radius * radius
+        self.draft.repaired(
+            INCOMPLETE, prim, f"the moments are those of a ball of {mass:g} kg and 1000 kg/m³", (*path, "inertia")
+        )
+        place = frames.subtract(centre or (0.0, 0.0, 0.0), offset)
+        return {
+            "mass": plain(mass),
+            **({"centre_of_mass": numbers(place)} if any(place) else {}),
+            "inertia": {"principal": [moment] * 3},
+        }

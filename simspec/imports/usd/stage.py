@@ -1,0 +1,274 @@
+"""A stage as prims that account for all that is authored on them. It is composed in a process of its own (``child.py``)."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.errors import Location, Problem, SpecError
+from simspec.imports.child import ChildError, run
+from simspec.imports.elements import Element
+from simspec.imports.files import Files
+from simspec.imports.usd.lines import lines_of
+from simspec.language.foreign import Fate, Severity
+from simspec.reading import NotReadableError, parse_json
+
+PROGRAM: Final = Path(__file__).with_name("child.py")
+SECONDS: Final = 8
+"""CPU time of the reader; the largest stage of the measured corpora takes 1 s, of which starting it 0.5 s."""
+PATIENCE: Final = 60.0
+"""s by the clock, on a busy machine."""
+MEMORY: Final = 2 * 2**30
+"""Bytes of addresses of the reader's process, of which usd-core itself takes 0.6 GB."""
+OWN: Final = "simspec:"
+"""How attributes of simspec's own begin."""
+ROUNDING: Final = 1e-6
+"""Largest relative deviation of a number that was computed from numbers of single precision (6e-8 each)."""
+STALE: Final = "it does not agree with the schema's attributes, which have been changed since"
+
+
+class Prim(Element):
+    """A prim. ``attributes`` has a text for each attribute, relationship and applied schema, ``told`` their values.
+    ``forgiving``: whether the rule that repairs quaternions is asked for."""
+
+    forgiving = False
+
+    def __init__(self, told: Mapping[str, Any], location: Location, parent: Prim | None):
+        self.told = told
+        self.where: str = told["path"]
+        self.name: str = self.where.rpartition("/")[2]
+        self.schemas: tuple[str, ...] = tuple(told["schemas"])
+        texts = {f"apiSchemas:{schema}": schema for schema in self.schemas}
+        texts |= {name: _text(value) for name, value in told["attributes"].items()}
+        texts |= {name: " ".join(targets)[:80] for name, targets in told["relationships"].items()}
+        texts |= {f"variantSets:{name}": chosen for name, (chosen, _) in told.get("variants", {}).items()}
+        super().__init__(told["type"] or "prim", texts, location, "", parent)
+        self.used: bool = told["used"]
+
+    @property
+    def label(self) -> str:
+        return self.name
+
+    @property
+    def path(self) -> str:
+        return self.where
+
+    @property
+    def above(self) -> Prim | None:
+        """The prim that this one is in."""
+        return self.parent if isinstance(self.parent, Prim) else None
+
+    def ancestors(self) -> Iterator[Prim]:
+        """This prim, and those that it is in, from the inside."""
+        prim: Prim | None = self
+        while prim is not None:
+            yield prim
+            prim = prim.above
+
+    def applies(self, schema: str) -> bool:
+        """Whether a schema is applied; it is then carried."""
+        if schema in self.schemas:
+            self._taken.add(f"apiSchemas:{schema}")
+            return True
+        return False
+
+    def instances(self, schema: str) -> list[str]:
+        """The names under which a schema is applied (``PhysicsLimitAPI:rotX``)."""
+        names = [one.partition(":")[2] for one in self.schemas if one.startswith(f"{schema}:")]
+        for name in names:
+            self._taken.add(f"apiSchemas:{schema}:{name}")
+        return names
+
+    # --- values -----------------------------------------------------------------------------------------------
+
+    def value(self, name: str) -> Any:
+        """The value of an attribute, taken; None where it has none."""
+        said = self.told["attributes"].get(name)
+        if said is None:
+            return None
+        self._taken.add(name)
+        if "connected" in said:
+            raise self.error(f"{name} is connected to another attribute, which simspec does not follow")
+        if "value" not in said and said.get("samples"):
+            raise self.error(f"{name} changes in time and has no default value", hint="give it a default value")
+        return said.get("value")
+
+    def real(self, name: str, default: float, infinite: bool = False) -> float:
+        """A number, taken. Raises SpecError for what is none, or not finite and not ``infinite``."""
+        value = self.value(name)
+        return default if value is None else self._number(name, value, infinite)
+
+    def reals(self, name: str, count: int, infinite: bool = False) -> tuple[float, ...] | None:
+        """Several numbers, taken; None where the attribute has no value. Raises SpecError for others."""
+        value = self.value(name)
+        if value is None:
+            return None
+        if not isinstance(value, list) or len(value) != count:
+            raise self.error(f"{name} should be {count} numbers", found=str(value)[:80])
+        return tuple(self._number(name, item, infinite) for item in value)
+
+    def _number(self, name: str, value: Any, infinite: bool) -> float:
+        if value in ("inf", "-inf") and infinite:
+            return float(value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self.error(f"{name} should be a finite number", found=str(value)[:80])
+        return float(value)
+
+    def flag(self, name: str, default: bool) -> bool:
+        """A flag, taken. Raises SpecError for what is none."""
+        value = self.value(name)
+        if value is not None and not isinstance(value, (bool, int)):
+            raise self.error(f"{name} should be true or false", found=str(value)[:80])
+        return default if value is None else bool(value)
+
+    def token(self, name: str, default: str = "") -> str:
+        """A word, taken."""
+        value = self.value(name)
+        return value if isinstance(value, str) else default
+
+    def targets(self, name: str) -> list[str]:
+        """The paths that a relationship names, taken."""
+        if name in self.told["relationships"]:
+            self._taken.add(name)
+        targets: list[str] = self.told["relationships"].get(name, [])
+        return targets
+
+    def array(self, name: str) -> NDArray[Any] | None:
+        """The array of a mesh, taken; None where it has none."""
+        said = self.told["attributes"].get(name)
+        if said is None or "array" not in said:
+            return None
+        self._taken.add(name)
+        kind, shape, text = said["array"]
+        return np.frombuffer(base64.b64decode(text), kind).reshape(shape)
+
+    # --- attributes of simspec's own --------------------------------------------------------------------------
+
+    def own(self, name: str, count: int = 0) -> tuple[float, ...] | None:
+        """Numbers that only simspec reads, taken; None where there are none. ``count`` 0: any."""
+        value = self.value(OWN + name)
+        values = [value] if isinstance(value, (int, float)) else value
+        if not isinstance(values, list) or (count and len(values) != count):
+            return None
+        return tuple(self._number(OWN + name, item, False) for item in values)
+
+    def exactly(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
+        """The doubles of ``simspec:NAME``, where they are ``rough`` but for the rounding to single precision; else ``rough``."""
+        said = self.own(name, len(rough))
+        if said is None:
+            return tuple(rough)
+        if agree(said, rough):
+            return said
+        self.set_aside(OWN + name, Fate.LOST, STALE, Severity.INFORMATION)
+        return tuple(rough)
+
+    def turn(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
+        """The same of a quaternion, of which both signs are one rotation."""
+        said = self.own(name, 4)
+        if said is not None and agree(said, [-value for value in rough]):
+            return said
+        return self.exactly(name, rough)
+
+    def called(self) -> str:
+        """The name in a spec: that of ``simspec:name`` where the prim's comes from it, else the prim's."""
+        said = self.token(OWN + "name")
+        plain = "".join(character if character.isalnum() and character.isascii() else "_" for character in said)
+        if said and (self.name.startswith((plain, f"_{plain}"))):
+            return said
+        return self.name
+
+
+def agree(first: Sequence[float], second: Sequence[float]) -> bool:
+    """Whether numbers are the same but for rounding to single precision."""
+    scale = max((abs(value) for value in (*first, *second)), default=0.0)
+    return all(abs(one - two) <= ROUNDING * scale for one, two in zip(first, second, strict=True))
+
+
+def _text(said: Mapping[str, Any]) -> str:
+    return str(said.get("value", f"{said.get('length', 0)} items" if "length" in said else ""))[:80]
+
+
+@dataclass
+class Stage:
+    """A composed stage: prims in its order, by their paths."""
+
+    root: Prim
+    prims: dict[str, Prim]
+    metres: float
+    kilograms: float
+    up: str
+    default: str
+    missing: list[str]
+    """Files that are not there, where that is forgiven."""
+
+    def used(self) -> Iterator[Prim]:
+        """Prims that take part: active, defined, not abstract."""
+        return (prim for prim in self.prims.values() if prim.used)
+
+
+def read_stage(files: Files, forgive: bool) -> Stage:
+    """The stage of a file. ``forgive``: files that are not there are left out. Raises SpecError where it cannot be read."""
+    content = files.content()
+    here = Location(files.shown, 1, 1)
+    asked = {
+        "path": str(files.path.resolve()),
+        "roots": [str(root) for root in files.roots],
+        "seconds": SECONDS,
+        "memory": MEMORY,
+        "forgive": forgive,
+    }
+    try:
+        answer = parse_json(run(PROGRAM, (), json.dumps(asked).encode(), PATIENCE))
+    except (ChildError, NotReadableError) as error:
+        raise SpecError([Problem(f"usd-core gave no answer: {error}", location=here)]) from None
+    if "error" in answer:
+        raise SpecError([_refused(answer, here)])
+    files.read.update({Path(path): digest for path, digest in answer["read"].items()})
+    return _stage(answer, files.shown, lines_of(content))
+
+
+def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
+    message, found = str(answer["error"]), str(answer["found"]) or None
+    hint = None
+    if "not installed" in message:
+        hint = "pip install 'simspec[usd]'"
+    elif answer["missing"]:
+        hint = "simspec import --repair missing-files: what is not there is left out"
+    elif message.startswith("leaves"):
+        hint = "--allow-outside allows it"
+    return Problem(message, location=here, found=found, hint=hint)
+
+
+def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> Stage:
+    here = Location(shown, 1, 1)
+    top: dict[str, Any] = {"path": "/", "type": "stage", "schemas": [], "used": True, "relationships": {}}
+    authored = [name for name, said in answer["authored"].items() if said]
+    top["attributes"] = {name: {"type": "double", "value": answer[_UNITS[name]]} for name in authored}
+    top["attributes"]["upAxis"] = {"type": "token", "value": answer["up"]}
+    root = Prim(top, here, None)
+    root.take()
+    prims: dict[str, Prim] = {}
+    for told in answer["prims"]:
+        parent = prims.get(told["path"].rpartition("/")[0], root)
+        place = Location(shown, lines[told["path"]], 1) if told["path"] in lines else parent.location
+        prim = Prim(told, place, parent)
+        prims[prim.where] = prim
+        parent._children.append(prim)
+    units = [root.real(name, answer[_UNITS[name]]) for name in _UNITS]
+    if not all(unit > 0.0 and math.isfinite(unit) for unit in units):
+        raise root.error("units should be above 0", found=str(units))
+    up = root.token("upAxis", answer["up"])
+    if up not in ("Y", "Z"):
+        raise root.error("not an axis that is up", found=up[:20], allowed="Y, Z")
+    return Stage(root, prims, units[0], units[1], up, answer["default"], answer["missing"])
+
+
+_UNITS: Final = {"metersPerUnit": "metres", "kilogramsPerUnit": "kilograms"}
