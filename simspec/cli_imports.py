@@ -90,6 +90,10 @@ def export_command(
             "--out", "-o", metavar="DIR", help="Output folder (default plain/NAME/FORMAT); of several, DIR/NAME."
         ),
     ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option("--profile", metavar="NAME", help="The layout of the files, where a format has several."),
+    ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Write nothing; exit with 1 if the folder is not current.")
     ] = False,
@@ -113,6 +117,7 @@ def export_command(
         None,
         format_name,
         out,
+        profile=profile,
         check=check,
         explain=False,
         sets=sets,

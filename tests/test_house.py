@@ -77,6 +77,10 @@ NAMED_ELSEWHERE = {
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",
     ("imports/mjcf/fates.py", "sdf_iterations sdf_initpoints"): "attributes of the language, of signed distance fields",
+    ("imports/usd/child.py", "Sdf"): "a module of the reader, of scene description foundations",
+    ("imports/usd/child.py", "SDF_FORMAT_ARGS"): "a word of its paths",
+    ("imports/usd/fates.py", "Skel"): "types of prims, of skeletons",
+    ("imports/usd/shapes.py", '"sdf"'): "an approximation of the language, by signed distance fields",
     ("language/hint_words_bodies.py", "sdf_shape"): "a word for signed distance fields",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""
@@ -257,7 +261,7 @@ def test_engines_and_formats_are_named_only_at_home(path):
 
 def test_the_names_are_those_of_the_packages():
     assert {"mujoco", "pybullet", "dart", "drake"} <= ENGINES
-    assert {"mjcf", "urdf", "skel", "sdf"} == FORMATS
+    assert {"mjcf", "urdf", "skel", "sdf", "usd"} == FORMATS
 
 
 @pytest.mark.parametrize("path", ["proof/motion.py", "engines/kit/worker.py", "help.txt", "formats/world/write.py"])

@@ -38,6 +38,7 @@ def compile_specs(
     allow_outside: bool,
     strict: bool,
     as_json: bool,
+    profile: str | None = None,
 ) -> int:
     """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``, or to plain files of the
     format ``format_name``."""
@@ -66,7 +67,9 @@ def compile_specs(
     if format_name is not None:
         from simspec.commands.plain import write_plain
 
-        return write_plain(names, load, format_name, out, check=check, strict=strict, as_json=as_json, warnings=warned)
+        return write_plain(
+            names, load, format_name, out, check=check, strict=strict, as_json=as_json, warnings=warned, profile=profile
+        )
     return compile_all(
         names,
         load,

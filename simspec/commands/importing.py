@@ -61,6 +61,9 @@ def import_file(
     imported = imported_of(spec)
     if strict and (lost := of_physics(imported)):
         raise SpecError(problems(lost))
+    if imported.made and meshes is None and out is not None:
+        hint = f"--meshes {out.parent / f'{out.stem}-meshes'}"
+        raise SpecError([Problem(f"{path.name} has meshes within itself, which a spec names as files", hint=hint)])
     folder = out.parent if out is not None else Path()
     if meshes is None:
         called = from_folder(imported, folder)

@@ -88,9 +88,12 @@ def write_plain(
     strict: bool,
     as_json: bool,
     warnings: Sequence[Problem] = (),
+    profile: str | None = None,
 ) -> int:
     """Write the plain files of specs, or see whether they are current. The problems of all specs come together."""
     language = find_format(format_name)
+    if profile is not None:
+        language = language.in_profile(profile)
     problems: list[Problem] = []
     exports: list[Export] = []
     for name in names:

@@ -105,6 +105,8 @@ class Imported:
     repairs: list[Repair] = field(default_factory=list)
     files: dict[str, Path] = field(default_factory=dict)
     """Files that ``data`` names (meshes), by the text that names them: found and allowed."""
+    made: frozenset[str] = frozenset()
+    """Those of ``files`` that the source has within itself: they were written to the cache, so that a spec needs copies."""
     read: dict[Path, str] = field(default_factory=dict)
     """SHA-256 of every file that was read, by its path."""
     comments: dict[str, str] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from simspec.errors import Problem, UnsupportedError
+from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.formats.kit.plain import Plain
 from simspec.plugins import Offered, offered
 from simspec.support.declarations import Table, check_total
@@ -21,6 +21,13 @@ class Format:
     SUPPORT: ClassVar[Table]
     """What files of the language carry of each feature, whoever reads them. ``via_api`` = it stands beside them, in a file of
     simspec's own. For plain files; dialects have tables of their own."""
+    PROFILES: ClassVar[tuple[str, ...]] = ()
+    """Names of the ways in which the same plain files can be laid out, the default first."""
+
+    def in_profile(self, name: str) -> Format:
+        """The format whose plain files are laid out so. Raises SpecError for a name that is not of ``PROFILES``."""
+        allowed = ", ".join(self.PROFILES) or f"none: {self.NAME} has one layout"
+        raise SpecError([Problem(f"{self.NAME} has no profile {name!r}", allowed=allowed)])
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)

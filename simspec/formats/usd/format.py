@@ -28,9 +28,18 @@ class Usd(Format):
         """``world.usda``. Raises ValueError for numbers that are not finite, or too large for single precision."""
         return {WORLD: text(tree)}
 
-    def plain(self, world: World, profile: str = "flat") -> Plain:
-        """``world.usda``. ``profile`` flat: bodies stand beside each other; nested: within their parents."""
-        return Plain(self.write(stage_of(world, profile == "nested")), losses(world, SUPPORT, more_losses(world)))
+    def __init__(self, profile: str = PROFILES[0]):
+        self.profile = profile
+        """flat: bodies stand beside each other; nested: within their parents."""
+
+    def in_profile(self, name: str) -> Format:
+        """The format in this layout. Raises SpecError for a name that is not of ``PROFILES``."""
+        return Usd(name) if name in self.PROFILES else super().in_profile(name)
+
+    def plain(self, world: World) -> Plain:
+        """``world.usda``."""
+        tree = stage_of(world, nested=self.profile == "nested")
+        return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
 
     def read(self, folder: Path) -> str:
         """The text of ``world.usda`` in ``folder``: its meaning is the importer's matter. Raises FileNotFoundError, and

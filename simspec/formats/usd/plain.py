@@ -15,7 +15,7 @@ from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Pl
 from simspec.formats.usd.shapes import place, shape_prim
 from simspec.formats.usd.tree import Prim, Stage
 from simspec.world import frames
-from simspec.world.carriers import joined
+from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.tuples import ordered
 from simspec.world.types import Body, Connect, Inertial, Joint, Material, Pose, Quaternion, Vector3, Weld, World
@@ -141,7 +141,7 @@ class _Writer:
                 prim.own("double3", "angular_velocity", angular)
             if free and joint.name != f"{body.name}_joint":
                 prim.own("string", "joint_name", local(joint.name, model))
-            _mass(prim, body.inertial)
+            _mass(prim, body.inertial, alone=not is_carrier(body.name))
         _place(prim, self.poses[body.name], reset=self.nested and joint.parent is not None)
         return prim
 
@@ -269,13 +269,16 @@ def _place(prim: Prim, pose: Pose, reset: bool = False) -> None:
     place(prim, pose, ["!resetXformStack!"] if reset else [])
 
 
-def _mass(prim: Prim, inertial: Inertial) -> None:
+def _mass(prim: Prim, inertial: Inertial, alone: bool) -> None:
+    """Mass properties; those of a body that stands between joints (not ``alone``) are the ones that are written."""
     moments, turn = principal_axes(inertial.inertia)
     prim.say("float", "physics:mass", max(inertial.mass, SMALLEST_MASS))
     prim.say("float", "physics:density", 0.0)
     prim.say("point3f", "physics:centerOfMass", inertial.centre_of_mass)
     prim.say("float3", "physics:diagonalInertia", tuple(max(moment, SMALLEST_MOMENT) for moment in moments))
     prim.say("quatf", "physics:principalAxes", turn)
+    if not alone and not inertial.mass:
+        return
     prim.own("double", "mass", inertial.mass)
     prim.own("double3", "centre_of_mass", inertial.centre_of_mass)
     prim.own("double[]", "inertia", list(inertial.inertia))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, names, numbers, plain
-from simspec.imports.usd.contact import LEFT_TO_SOLVER, Materials, bind, filtered, groups
+from simspec.imports.draft import Draft, names, numbers
+from simspec.imports.usd.bodies import Body
+from simspec.imports.usd.contact import Materials, bind
 from simspec.imports.usd.drives import has_drives, stable_timestep
 from simspec.imports.usd.graph import Link, frame_in_body, in_order, origin_of, trees
 from simspec.imports.usd.joints import TYPES, Joint, JointReader, start_of, start_words
@@ -15,39 +15,20 @@ from simspec.imports.usd.loops import loop_data
 from simspec.imports.usd.masses import MassReader
 from simspec.imports.usd.meshes import name_meshes
 from simspec.imports.usd.places import UPRIGHT, Places
+from simspec.imports.usd.scene import contact_data, physics_data, tidy
 from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
 from simspec.imports.usd.stage import Prim, Stage, agree
 from simspec.language.foreign import Fate
 from simspec.language.words import clean_name
 from simspec.resolve.poses import direction
 from simspec.world import frames
-from simspec.world.types import Pose, Vector3
+from simspec.world.types import Pose
 
 RIGID: Final = "PhysicsRigidBodyAPI"
 ARTICULATION: Final = "PhysicsArticulationRootAPI"
-GRAVITY: Final = 9.81
-"""m/s², where the scene does not say it."""
 APART: Final = 1e-3
 """m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
 MASSLESS: Final = "massless"
-
-
-@dataclass
-class Body:
-    """A body: its prim, its shapes in its rigid frame, and where its frame in the spec is in that."""
-
-    prim: Prim
-    link: Link
-    shapes: list[Shape]
-    name: str = ""
-    model: str = ""
-    frame: Pose = field(default_factory=Pose)
-    fixed: bool = False
-
-    @property
-    def offset(self) -> Vector3:
-        """The origin of the spec's frame in the prim's."""
-        return self.frame.position
 
 
 class Assembly:
@@ -165,7 +146,8 @@ class Assembly:
             body.frame = frame_in_body(link.joint)
             start_words(link.joint)
             if link.joint.apart > APART:
-                reason = f"the joint's frames are {link.joint.apart:.3g} m or rad apart where the bodies are: the joint places {link.prim.name}"
+                apart = f"{link.joint.apart:.3g} m or rad apart where the bodies are"
+                reason = f"the joint's frames are {apart}: the joint places {link.prim.name}"
                 link.prim.set_aside("xformOp:translate", Fate.LOST, reason)
                 link.joint.prim.set_aside("physics:body1", Fate.LOST, reason)
         self.bodies[id(link.prim)] = body
@@ -260,7 +242,7 @@ class Assembly:
             name = said
         self.data |= {"simspec": 1, "name": clean_name(name)[:150]}
         draft.places[()] = self.stage.root.location
-        if (physics := self._physics()) is not None:
+        if (physics := physics_data(self.stage, draft)) is not None:
             self.data["physics"] = physics
         materials = Materials(self.stage)
         # in the order of the file: trees by their roots
@@ -287,7 +269,9 @@ class Assembly:
             table = holder.setdefault("constraints", {})
             (given,) = names([joint.name], list(table))
             table[given] = words
-        self._contact(materials, every)
+        contact = contact_data(self.stage, draft, self.body_of, self.bodies, materials, every, self.data)
+        if contact:
+            self.data["contact"] = contact
         if has_drives(self.data):
             self._drives(every)
         if alone and "contact" in self.data:
@@ -373,7 +357,7 @@ class Assembly:
                 own = joint.prim.own("axis", 3) if len(joint.freedoms) == 1 else None
                 if own is not None and any(own) and agree(direction((own[0], own[1], own[2])), axis):
                     axis = (own[0], own[1], own[2])
-                one["axis"] = numbers(_tidy(axis))
+                one["axis"] = numbers(tidy(axis))
             words.append(one | freedom.data)
         if not words:
             words.append({"type": "fixed"})
@@ -443,98 +427,3 @@ class Assembly:
         self.draft.repaired(
             MASSLESS, body.prim, "it has no mass, and nothing holds it: fixed to the world", (*path, "fixed")
         )
-
-    def _physics(self) -> dict[str, Any] | None:
-        scenes = [prim for prim in self.stage.used() if prim.tag == "PhysicsScene"]
-        for other in scenes[1:]:
-            other.set_aside(None, Fate.LOST, "another scene of the file is in force")
-        if not scenes:
-            return None
-        scene = scenes[0].take()
-        assert isinstance(scene, Prim)
-        along = scene.reals("physics:gravityDirection", 3) or (0.0, 0.0, 0.0)
-        size = scene.real("physics:gravityMagnitude", -math.inf, infinite=True)
-        length = math.sqrt(sum(value * value for value in along))
-        size = GRAVITY if size < 0.0 else size * self.stage.metres
-        down = (0.0, 0.0, -1.0) if self.stage.up == "Z" else (0.0, -1.0, 0.0)
-        unit = tuple(value / length for value in along) if length else down
-        gravity = scene.exactly("gravity", [value * size for value in unit])
-        vector = (gravity[0], gravity[1], gravity[2])
-        if self.stage.up == "Y":
-            vector = _tidy(frames.rotate(UPRIGHT.quaternion, vector))
-            self.draft.note(("physics", "gravity"), "y is up in the file: its world is turned by 90 deg about x")
-        physics: dict[str, Any] = {"gravity": numbers([_short(value) for value in vector])}
-        step = scene.own("timestep", 1)
-        if step is not None and step[0] > 0.0:
-            physics["timestep"] = plain(step[0])
-        return physics
-
-    def _contact(self, materials: Materials, every: list[Body]) -> None:
-        contact: dict[str, Any] = {}
-        if materials.data:
-            contact["materials"] = materials.data
-            if "" in materials.names:
-                self.draft.note(("contact", "materials", materials.names[""]), LEFT_TO_SOLVER)
-        full = {id(body.prim): f"{body.model}/{body.name}" if body.model else body.name for body in every}
-        of_shape = {shape.prim.where: full[id(body.prim)] for body in every for shape in body.shapes if shape.collision}
-        words, member = groups(self.stage, of_shape)
-        if words:
-            contact["groups"] = words
-            for body in every:
-                if full[id(body.prim)] in member:
-                    self._of(body)["collision_group"] = member[full[id(body.prim)]]
-        body_of = dict(self.body_of)
-        for body in every:
-            if body.fixed:
-                body_of[body.prim.where] = body.prim
-                body_of |= {shape.prim.where: body.prim for shape in body.shapes}
-        pairs = {
-            tuple(sorted((full[id(one)], full[id(two)])))
-            for one, two in filtered(self.stage, body_of)
-            if id(one) in full and id(two) in full
-        }
-        rigid = self._rigid_groups(every)
-        kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
-        if kept:
-            contact["exclude"] = [list(pair) for pair in kept]
-        if contact:
-            self.data["contact"] = contact
-
-    def _rigid_groups(self, every: list[Body]) -> dict[str, str]:
-        """Bodies that fixed joints hold together, by a name for each group."""
-        group: dict[str, str] = {}
-        for body in every:
-            name = f"{body.model}/{body.name}" if body.model else body.name
-            joint = body.link.joint
-            rigid = joint is not None and not joint.freedoms
-            if body.fixed or (rigid and body.link.parent is None):
-                group[name] = "world"
-            elif rigid and body.link.parent is not None:
-                above = self.bodies[id(body.link.parent)]
-                group[name] = group[f"{above.model}/{above.name}" if above.model else above.name]
-            else:
-                group[name] = name
-        return group
-
-    def _of(self, body: Body) -> dict[str, Any]:
-        """The words of a body."""
-        if "model" in self.data:
-            table = self.data["model"]["bodies"]
-        else:
-            table = self.data["models"][body.model]["bodies"] if body.model else self.data["bodies"]
-        words: dict[str, Any] = table[body.name]
-        return words
-
-
-def _tidy(vector: Vector3) -> Vector3:
-    """An axis whose components that rounding left are zero."""
-    x, y, z = (0.0 if abs(value) < 1e-9 else value for value in vector)
-    return (x, y, z)
-
-
-def _short(value: float) -> float:
-    """A number of single precision as a person wrote it, where it is one."""
-    import numpy as np
-
-    short = float(str(np.float32(value)))
-    return short if abs(short - value) <= 1e-7 * abs(value) and float(np.float32(value)) == value else value

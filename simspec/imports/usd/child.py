@@ -1,8 +1,8 @@
 """A stage of USD as JSON: a program of its own, which simspec runs in a process of bounded time and memory.
 
-It is told ``{"path", "roots", "seconds", "memory", ...}`` as JSON on standard input and answers on standard output: ``{"error"}``, or the
-composed stage as a list of prims with what is authored on each. Layers are opened one by one before they are composed, so that
-no file is read that is not in a folder of ``roots`` (none: any). Nothing of physics is judged here.
+It is told ``{"path", "roots", "seconds", "memory", "forgive"}`` as JSON on standard input and answers on standard output:
+``{"error"}``, or the composed stage as a list of prims with what is authored on each. Layers are opened one by one before they
+are composed, so that no file is read that is not in a folder of ``roots`` (none: any). Nothing of physics is judged here.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
     if beyond := sorted(used - layers.read.keys()):
         raise RefusedError("this stage reads a file that it does not name", beyond[0])
     if not asked["forgive"]:
-        for error in stage.GetCompositionErrors():
-            raise RefusedError("this stage does not compose", " ".join(str(error).split())[:LONGEST_TEXT])
+        for wrong in stage.GetCompositionErrors():
+            raise RefusedError("this stage does not compose", " ".join(str(wrong).split())[:LONGEST_TEXT])
     answer = _Reader(stage).answer()
     answer["read"] = layers.read
     answer["missing"] = layers.missing

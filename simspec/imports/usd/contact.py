@@ -47,7 +47,12 @@ class Materials:
     def read(self, shapes: Sequence[Shape], alone: bool) -> None:
         """Name the materials of shapes that collide. In a model file (``alone``) shapes need none."""
         solid = [shape for shape in shapes if shape.collision]
-        paths = list(dict.fromkeys(shape.material for shape in solid if shape.material))
+        bound = {shape.material for shape in solid}
+        paths = [
+            prim.where
+            for prim in self.stage.used()
+            if prim.where in bound or (prim.tag == "Material" and MATERIAL in prim.schemas)
+        ]
         called = names([self.stage.prims[path].called() for path in paths])
         for path, name in zip(paths, called, strict=True):
             self.names[path] = name

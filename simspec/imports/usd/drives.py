@@ -1,4 +1,4 @@
-"""Drives as springs and dampers, which are explicit in time: the timestep at which they are stable, and those that are at none."""
+"""Drives as springs and dampers, which are explicit in time: the timestep at which they are stable."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ def has_drives(data: dict[str, Any]) -> bool:
 def stable_timestep(
     data: dict[str, Any], meshes: dict[str, Path], leave_out: Callable[[str, float], None]
 ) -> float | None:
-    """The timestep of a spec whose file says none; None for the usual one. ``leave_out`` is told the full name of each body whose
-    joint's drives are stable at no timestep of :data:`SHORTEST` or more, with the longest (s) at which they are; they are taken
-    out of ``data``. Raises SpecError as resolving does. Without Pinocchio, which knows the mass matrix, nothing can be told."""
+    """The timestep of a spec whose file says none; None for the usual one. ``leave_out`` is told the full name of each body
+    whose joint's drives are stable at no timestep of :data:`SHORTEST` or more, with the longest (s) at which they are; they are
+    taken out of ``data``. Raises SpecError as resolving does. Without Pinocchio, which knows mass matrices, nothing is told.
+    """
     try:
         from simspec.dynamics.stability import unstable
     except ModuleNotFoundError:

@@ -41,7 +41,7 @@ def _turned(freedom: Freedom) -> Freedom:
 
 
 def trees(bodies: list[Prim], joints: list[Joint], roots: list[Prim]) -> tuple[list[Link], list[Joint]]:
-    """The roots of the trees, in the order of the file, and the joints that are in none. ``roots``: bodies that the file calls so."""
+    """The roots of the trees, in the file's order, and the joints that are in none. ``roots``: those that the file names."""
     inside = [joint for joint in joints if not joint.outside]
     beside: dict[int, list[Joint]] = {}
     for joint in inside:

@@ -58,6 +58,7 @@ class Usd:
             accounts,
             draft.repairs,
             files=draft.meshes,
+            made=frozenset(draft.meshes),
             read=files.read,
             comments=draft.comments,
         )

@@ -73,7 +73,8 @@ class JointReader:
         """The joint of a prim; None for one that joins nothing. Raises SpecError for what is wrong."""
         prim.take()
         if not prim.flag("physics:jointEnabled", True):
-            return self._unused(prim, "a joint that is switched off")
+            self._unused(prim, "a joint that is switched off")
+            return None
         kind = TYPES[prim.tag]
         for name in ("physics:breakForce", "physics:breakTorque"):
             if not math.isinf(prim.real(name, math.inf, infinite=True)):
@@ -84,13 +85,15 @@ class JointReader:
             prim.set_aside(None, Fate.LOST, "simspec has no joints of distance")
             return None
         if first is second:
-            return self._unused(prim, "it joins what does not move against each other")
+            self._unused(prim, "it joins what does not move against each other")
+            return None
         collide = prim.flag("physics:collisionEnabled", False)
         if collide:
             prim.set_aside("physics:collisionEnabled", Fate.LOST, "bodies that a joint joins do not touch each other")
         freedoms = self._freedoms(prim, kind)
         if freedoms is None:
-            return self._unused(prim, "a joint that leaves everything free")
+            self._unused(prim, "a joint that leaves everything free")
+            return None
         joint = Joint(
             prim,
             first,
@@ -296,8 +299,8 @@ FAR: Final = 1e12
 
 
 def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
-    """Where the second frame of a joint is in its first, with the bodies at these poses; the joint gets its freedoms' positions,
-    and what its frames are apart beyond them."""
+    """Where the second frame of a joint is in its first, with the bodies at these poses; its freedoms get their positions,
+    and it what its frames are apart beyond them."""
     rest = frames.compose(
         frames.inverse(frames.compose(first, joint.in_first)), frames.compose(second, joint.in_second)
     )

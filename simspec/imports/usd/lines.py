@@ -1,4 +1,4 @@
-"""The lines of prims in a text of USD, by their paths. It reads no values: a binary file, or one that it does not follow, has none."""
+"""The lines of prims in a text of USD, by their paths. No values are read; a binary file has no lines."""
 
 from __future__ import annotations
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simspec.imports.draft import numbers
+from simspec.imports.usd.bodies import Body
 from simspec.imports.usd.joints import Joint
 from simspec.imports.usd.places import Places
+from simspec.imports.usd.shapes import pose_data
 from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Pose
-
-if TYPE_CHECKING:
-    from simspec.imports.usd.assembly import Body
 
 
 def loop_data(joint: Joint, bodies: Mapping[int, Body], places: Places) -> tuple[str, dict[str, Any]] | None:
@@ -38,8 +37,6 @@ def loop_data(joint: Joint, bodies: Mapping[int, Body], places: Places) -> tuple
     if not kinds:
         pose = frames.compose(here, frames.inverse(there))
         said = Pose(prim.exactly("origin", pose.position), prim.turn("orientation", pose.quaternion))  # type: ignore[arg-type]
-        from simspec.imports.usd.shapes import pose_data
-
         return first.model, {"weld": {"bodies": names, "pose": pose_data(said)}}
     if kinds not in (["ball"], ["hinge"]):
         prim.set_aside(None, Fate.LOST, "loops are closed by fixed, spherical and revolute joints only")

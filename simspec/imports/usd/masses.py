@@ -99,7 +99,7 @@ class MassReader:
         moments = tuple(value * self.of_inertia for value in said)
         tensor = frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
         own = prim.own("inertia", 6)
-        if own is not None and (agree(own, tensor) or max(moments) * 0.999 < 1e-12 * self.of_inertia >= max(own)):
+        if own is not None and (agree(own, tensor) or _stands_for(moments, own)):
             return own
         if own is not None:
             prim.set_aside(OWN + "inertia", Fate.LOST, STALE, Severity.INFORMATION)
@@ -269,3 +269,10 @@ class MassReader:
             **({"centre_of_mass": numbers(place)} if any(place) else {}),
             "inertia": {"principal": [moment] * 3},
         }
+
+
+def _stands_for(moments: Sequence[float], own: Sequence[float]) -> bool:
+    """Whether moments are those of ``own`` with 1e-12 kg m² for each of zero, as simspec writes them."""
+    least = float(np.float32(1e-12))
+    scale = max(moments)
+    return least in moments and all(abs(value) <= scale * (1.0 + 1e-6) for value in own)

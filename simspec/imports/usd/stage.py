@@ -161,7 +161,7 @@ class Prim(Element):
         return tuple(self._number(OWN + name, item, False) for item in values)
 
     def exactly(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
-        """The doubles of ``simspec:NAME``, where they are ``rough`` but for the rounding to single precision; else ``rough``."""
+        """The doubles of ``simspec:NAME``, where they are ``rough`` but for its single precision; else ``rough``."""
         said = self.own(name, len(rough))
         if said is None:
             return tuple(rough)
