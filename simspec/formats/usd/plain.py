@@ -14,6 +14,7 @@ from simspec.formats.kit.passes import principal_axes
 from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Places, Taken, local, model_of, places
 from simspec.formats.usd.shapes import place, shape_prim
 from simspec.formats.usd.tree import Prim, Stage
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import poses, rigid_groups, trees
@@ -178,7 +179,7 @@ class _Writer:
             prim.own("double", "spring_stiffness", joint.spring_stiffness or None)
             prim.own("double", "damping", joint.damping or None)
         _identity(prim, joint)
-        if joint.kind in ("hinge", "slide"):
+        if joint.kind in SCALAR_JOINTS:
             _motion(prim, joint)
         if joint.kind != "fixed" and (any(joint.position[1:]) if joint.kind == "ball" else any(joint.position)):
             prim.own("double[]", "position", list(joint.position))

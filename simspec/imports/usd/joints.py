@@ -11,6 +11,7 @@ from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd.places import Places, quaternion
 from simspec.imports.usd.stage import Prim, Stage
 from simspec.language.foreign import Fate, Severity
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
@@ -136,7 +137,7 @@ class JointReader:
         """What a joint leaves free, in order; None where that is everything."""
         if kind == "fixed":
             return []
-        if kind in ("hinge", "slide"):
+        if kind in SCALAR_JOINTS:
             axis = prim.token("physics:axis", "X")
             if axis not in UNITS:
                 raise prim.error("not an axis", found=axis[:20], allowed="X, Y, Z")
