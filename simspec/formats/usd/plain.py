@@ -17,7 +17,7 @@ from simspec.formats.usd.tree import Prim, Stage
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
-from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
 from simspec.world.tuples import ordered
 from simspec.world.types import Body, Connect, Inertial, Joint, Material, Pose, Quaternion, Vector3, Weld, World
 
@@ -40,6 +40,8 @@ class _Writer:
         self.world, self.nested = world, nested
         self.places: Places = places(world, nested)
         self.poses = poses(world)
+        self.filter = CollisionFilter(world)
+        self.kinematic = {motion.body for motion in world.motions}
         self.prims: dict[str, Prim] = {}
         """Prims of bodies, by the names of the bodies."""
         taken = Taken(path.rpartition("/")[2] for path in self.places.joints.values())
@@ -130,7 +132,7 @@ class _Writer:
         if not still:
             prim.apply("PhysicsRigidBodyAPI", "PhysicsMassAPI")
             prim.say("bool", "physics:rigidBodyEnabled", True)
-            prim.say("bool", "physics:kinematicEnabled", False)
+            prim.say("bool", "physics:kinematicEnabled", body.name in self.kinematic)
             prim.say("bool", "physics:startsAsleep", False)
             free = joint.kind == "free"
             linear: Vector3 = joint.velocity[:3] if free else (0.0, 0.0, 0.0)  # type: ignore[assignment]
@@ -170,7 +172,14 @@ class _Writer:
         axis, turn = _towards(joint.axis) if any(joint.axis) else ("X", frames.IDENTITY)
         here = Pose(joint.origin.position, frames.multiply(joint.origin.quaternion, turn))
         parent = None if joint.parent is None else self.places.bodies[joint.parent]
-        _frames(prim, parent, self.places.bodies[body.name], here, Pose((0.0, 0.0, 0.0), turn))
+        _frames(
+            prim,
+            parent,
+            self.places.bodies[body.name],
+            here,
+            Pose((0.0, 0.0, 0.0), turn),
+            touching=joint.parent is not None and self.filter.may_touch(joint.parent, body.name),
+        )
         if joint.kind != "fixed":
             prim.uniform("physics:axis", axis)
         if joint.kind == "ball":
@@ -197,7 +206,15 @@ class _Writer:
         else:
             first, second = constraint.pose, Pose()
         bodies = self.places.bodies
-        _frames(prim, bodies[constraint.first], bodies[constraint.second], first, second, loop=True)
+        _frames(
+            prim,
+            bodies[constraint.first],
+            bodies[constraint.second],
+            first,
+            second,
+            loop=True,
+            touching=self.filter.may_touch(constraint.first, constraint.second),
+        )
         if constraint.kind == "connect":
             prim.uniform("physics:axis", "X")
             prim.say("float", "physics:coneAngle0Limit", -1.0)
@@ -297,7 +314,15 @@ def _towards(axis: Vector3) -> tuple[str, Quaternion]:
     return "X", frames.normalise((1.0 + x, 0.0, 0.0 - z, y))
 
 
-def _frames(prim: Prim, first: str | None, second: str, in_first: Pose, in_second: Pose, loop: bool = False) -> None:
+def _frames(
+    prim: Prim,
+    first: str | None,
+    second: str,
+    in_first: Pose,
+    in_second: Pose,
+    loop: bool = False,
+    touching: bool = False,
+) -> None:
     """What every joint has: its bodies, its frames in theirs, and how it is taken."""
     if first is not None:
         prim.relate("physics:body0", [first])
@@ -306,7 +331,7 @@ def _frames(prim: Prim, first: str | None, second: str, in_first: Pose, in_secon
         prim.say("point3f", f"physics:localPos{number}", pose.position)
         prim.say("quatf", f"physics:localRot{number}", pose.quaternion)
     prim.say("bool", "physics:jointEnabled", True)
-    prim.say("bool", "physics:collisionEnabled", False)
+    prim.say("bool", "physics:collisionEnabled", touching)
     prim.say("bool", "physics:excludeFromArticulation", loop)
     prim.say("float", "physics:breakForce", math.inf)
     prim.say("float", "physics:breakTorque", math.inf)

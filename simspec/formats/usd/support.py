@@ -59,6 +59,8 @@ SUPPORT: Final[Table] = {
     Feature.PASSING_PAIRS: never("UsdPhysics does not say it of pairs of materials"),
     Feature.COLLISION_GROUPS: Support(Level.EXACT, "as collision groups"),
     Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "as filtered pairs"),
+    Feature.KINEMATIC: approximate("as a kinematic body, without its motion"),
+    Feature.TOUCHING_PAIRS: Support(Level.EXACT, "as joints with collisions"),
     Feature.FORCES: never("UsdPhysics has no forces on bodies"),
     Feature.CONTROL: never("UsdPhysics has no control laws"),
     Feature.CONTROL_NATIVE: never("a drive of a file is a spring and a damper of the model"),

@@ -269,7 +269,8 @@ class Assembly:
             table = holder.setdefault("constraints", {})
             (given,) = names([joint.name], list(table))
             table[given] = words
-        contact = contact_data(self.stage, draft, self.body_of, self.bodies, materials, every, self.data)
+        inner = [*loops, *(body.link.joint for body in every if body.link.joint is not None)]
+        contact = contact_data(self.stage, draft, self.body_of, self.bodies, materials, every, inner, self.data)
         if contact:
             self.data["contact"] = contact
         if has_drives(self.data):
@@ -319,7 +320,9 @@ class Assembly:
             for name in ("physics:velocity", "physics:angularVelocity"):
                 if any(prim.reals(name, 3) or ()):
                     prim.set_aside(name, Fate.LOST, "bodies of a tree start with the velocities of their joints")
-            prim.flag("physics:kinematicEnabled", False)
+            if prim.flag("physics:kinematicEnabled", False):
+                reason = "a kinematic body that joints hold moves with them"
+                prim.set_aside("physics:kinematicEnabled", Fate.LOST, reason)
         else:
             self._free(body, data, path)
         if not body.fixed:
@@ -381,8 +384,7 @@ class Assembly:
         prim = body.prim
         place = self.places.world(prim)
         if prim.flag("physics:kinematicEnabled", False):
-            prim.set_aside("physics:kinematicEnabled", Fate.LOST, "a body that is moved from outside stands still")
-            data["fixed"] = True
+            data["kinematic"] = True
         if pose := pose_data(place.pose):
             data["pose"] = pose
         speeds: list[tuple[float, ...]] = []
@@ -394,7 +396,7 @@ class Assembly:
             speeds.append(prim.exactly(own, [value * unit for value in said]))
         if self.stage.up == "Y":
             speeds = [frames.rotate(UPRIGHT.quaternion, (one[0], one[1], one[2])) for one in speeds]
-        if any(any(one) for one in speeds) and "fixed" not in data:
+        if any(any(one) for one in speeds) and not data.keys() & {"fixed", "kinematic"}:
             data["velocity"] = {
                 word: numbers(one) for word, one in zip(("linear", "angular"), speeds, strict=True) if any(one)
             }
@@ -404,7 +406,7 @@ class Assembly:
 
     def _massless(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
         """A free root without any mass is a defect, which a rule repairs."""
-        if body.link.parent is not None or body.link.joint is not None or "fixed" in data:
+        if body.link.parent is not None or body.link.joint is not None or "fixed" in data or "kinematic" in data:
             return
 
         def weighs(one: Body) -> bool:

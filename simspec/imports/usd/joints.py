@@ -54,6 +54,8 @@ class Joint:
     outside: bool = False
     """The file excludes it from the tree."""
     name: str = ""
+    touching: bool = False
+    """Whether the bodies that it joins touch each other."""
     apart: float = 0.0
     """m or rad by which its frames are apart where the bodies are."""
 
@@ -89,8 +91,6 @@ class JointReader:
             self._unused(prim, "it joins what does not move against each other")
             return None
         collide = prim.flag("physics:collisionEnabled", False)
-        if collide:
-            prim.set_aside("physics:collisionEnabled", Fate.LOST, "bodies that a joint joins do not touch each other")
         freedoms = self._freedoms(prim, kind)
         if freedoms is None:
             self._unused(prim, "a joint that leaves everything free")
@@ -104,6 +104,7 @@ class JointReader:
             freedoms,
             prim.flag("physics:excludeFromArticulation", False),
             prim.called(),
+            collide,
         )
         return joint
 

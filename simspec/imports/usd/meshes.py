@@ -14,21 +14,21 @@ from simspec.imports.draft import Draft
 from simspec.imports.usd.shapes import Shape, refuse
 from simspec.language.mesh import MOST_VERTICES
 from simspec.language.words import clean_name
-from simspec.meshes import cache
 from simspec.meshes.files import MeshError
 from simspec.meshes.load import load
 from simspec.meshes.made import MeshOptions
+from simspec.outputs.entries import Entries
 from simspec.outputs.writing import write_file
 
-FOLDER: Final = "stages"
-"""Within the folder of the cache of meshes."""
 BEGINNING: Final = b"# Made by simspec import"
+ENTRIES: Final = Entries("stages", head=BEGINNING, largest=256 * 2**20, bound=512 * 2**20)
+"""Where the user's cache is."""
 
 
 def folder() -> Path:
     """Where the files are: in the cache, else in the folder of temporary files."""
-    place = cache.folder()
-    return place / FOLDER if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / FOLDER
+    place = ENTRIES.folder()
+    return place if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / ENTRIES.name
 
 
 def name_meshes(shapes: Sequence[Shape], draft: Draft) -> set[int]:

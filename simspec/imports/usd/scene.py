@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.usd.bodies import Body
 from simspec.imports.usd.contact import LEFT_TO_SOLVER, Materials, filtered, groups
+from simspec.imports.usd.joints import Joint
 from simspec.imports.usd.places import UPRIGHT
 from simspec.imports.usd.stage import Prim, Stage
 from simspec.language.foreign import Fate
@@ -53,6 +54,7 @@ def contact_data(
     bodies: Mapping[int, Body],
     materials: Materials,
     every: Sequence[Body],
+    joints: Sequence[Joint],
     data: dict[str, Any],
 ) -> dict[str, Any]:
     """Materials, groups and pairs; bodies in ``data`` are told their groups. ``parts``: the body of every prim that is part of
@@ -84,7 +86,21 @@ def contact_data(
     kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
     if kept:
         contact["exclude"] = [list(pair) for pair in kept]
+    if touch := _touching(joints, full, set(of_shape.values()), rigid):
+        contact["touch"] = [list(pair) for pair in touch]
     return contact
+
+
+def _touching(
+    joints: Sequence[Joint], full: Mapping[int, str], solid: Container[str], rigid: Mapping[str, str]
+) -> list[tuple[str, str]]:
+    """Pairs of bodies that touch although a joint joins them."""
+    pairs = set()
+    for joint in joints:
+        names = [full.get(id(side), "") for side in (joint.first, joint.second)]
+        if joint.touching and all(name in solid for name in names) and rigid[names[0]] != rigid[names[1]]:
+            pairs.add((min(names), max(names)))
+    return sorted(pairs)
 
 
 def _rigid_groups(every: Sequence[Body], bodies: Mapping[int, Body]) -> dict[str, str]:
