@@ -87,6 +87,30 @@ def _not_solid(content: dict[str, Any]) -> None:
     _body(content, "cube")["shapes"][0]["copies"].clear()
 
 
+def _hull(by: tuple[float, float, float]) -> Plant:
+    """Scale a hull along its axes."""
+
+    def edit(content: dict[str, Any]) -> None:
+        shape = _body(content, "stone")["shapes"][0]
+        shape["size"] = [value * by[index % 3] for index, value in enumerate(shape["size"])]
+
+    return _world(edit)
+
+
+def _other_hull(content: dict[str, Any]) -> None:
+    _body(content, "stone")["shapes"][0]["size"] = _body(content, "toy")["shapes"][1]["size"]
+
+
+def _no_hull(content: dict[str, Any]) -> None:
+    _body(content, "stone")["shapes"][0]["size"].clear()
+
+
+def _exchanged(content: dict[str, Any]) -> None:
+    """Two shapes of a body exchange their hulls."""
+    first, second = _body(content, "toy")["shapes"]
+    first["size"], second["size"] = second["size"], first["size"]
+
+
 def _pair_value(content: dict[str, Any]) -> None:
     """Halve ice's number in the layer where it meets rubber."""
     layer = next(layer for one, other, layer in content["meets"] if {one, other} == {"ice", "rubber"})
@@ -165,20 +189,13 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape position": _number("lower", "shapes", 0, "pose", "position", 0),
     "shape orientation": _orientation("lower", "shapes", 0, "pose"),
     "shape not solid": _world(_not_solid),
-    **dict.fromkeys(
-        (
-            *(
-                "mesh, a vertex",
-                "mesh, scale",
-                "mesh, mirrored",
-                "mesh of another shape",
-                "mesh missing",
-                "mesh, margin",
-            ),
-            "meshes in another order",
-        ),
-        "simspec gives Drake no meshes",
-    ),
+    "mesh, a vertex": _number("stone", "shapes", 0, "size", 0),
+    "mesh, scale": _hull((1.0 + STEP, 1.0 + STEP, 1.0 + STEP)),
+    "mesh, mirrored": _hull((-1.0, 1.0, 1.0)),
+    "mesh of another shape": _world(_other_hull),
+    "mesh missing": _world(_no_hull),
+    "mesh, margin": "Drake has no margin around hulls that touch at points, and no file has a number for one",
+    "meshes in another order": _world(_exchanged),
     "friction": _number("ball", "shapes", 0, "copies", 0, "friction", by=-STEP),
     "restitution": _number("ball", "shapes", 0, "copies", 0, "restitution", by=-STEP),
     "pair value": _world(_pair_value),

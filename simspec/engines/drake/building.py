@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, corners, hydroelastic
 from simspec.engines.drake.memory import too_large
 from simspec.errors import EngineError
@@ -256,8 +258,11 @@ def _joint(built: Built, index: int, joint: Joint, bodies: Mapping[str | None, A
 
 
 def solid(drake: Drake, kind: str, size: Sequence[float]) -> Any:
-    """A shape as Drake's."""
+    """A shape as Drake's. Of a mesh the convex hull, which Drake makes of the vertices, each of which it keeps to the last bit
+    (measured)."""
     geometry = drake.geometry
+    if kind == "mesh":
+        return geometry.Convex(np.array(size, dtype=float).reshape(-1, 3).T, "hull")
     made = {
         "sphere": geometry.Sphere,
         "box": geometry.Box,

@@ -16,7 +16,7 @@ from simspec.control.native import Servos
 from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, pressure_holds, stops
-from simspec.engines.drake.corners import corners
+from simspec.engines.drake.corners import MOST_CORNERS, corners
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.drake.inventory import inventory, neutral
@@ -166,6 +166,11 @@ class Drake(SimulatedEngine[Simulation]):
             f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
         ),
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
+        Feature.SHAPE_MESH: Support(
+            Level.EXACT,
+            f"the convex hull, with balls in up to {MOST_CORNERS} of its corners: {_ONE_POINT}; it touches hulls, boxes and "
+            "cylinders from 2e-6 m of overlap on",
+        ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: never("Drake's contact has no restitution"),

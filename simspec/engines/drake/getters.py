@@ -87,8 +87,8 @@ GETTERS: Mapping[str, Mapping[str, str]] = {
     "SceneGraphInspector": {
         INVENTORY: "CollisionFiltered GetProximityProperties GetPoseInFrame GetShape num_sources maybe_get_hydroelastic_mesh "
         "GetAllDeformableGeometryIds",
-        READ_BACK: "GetIllustrationProperties GetName",
-        DERIVED: "GetCollisionCandidates GetConvexHull GetFrameGroup GetObbInGeometryFrame GetProperties "
+        READ_BACK: "GetConvexHull GetIllustrationProperties GetName",
+        DERIVED: "GetCollisionCandidates GetFrameGroup GetObbInGeometryFrame GetProperties "
         "IsDeformableGeometry NumAnchoredGeometries NumDeformableGeometriesWithRole NumDynamicGeometries "
         "NumFramesForSource NumGeometriesForFrame NumGeometriesForFrameWithRole NumGeometriesWithRole num_frames "
         "num_geometries geometry_version",

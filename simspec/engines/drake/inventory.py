@@ -18,6 +18,7 @@ from simspec.engines.drake.readback import (
     geometries_of,
     inertial,
     joint_of,
+    kind_and_size,
     properties,
     seen_of,
     surface,
@@ -156,9 +157,8 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
     found[f"surface.{name}.properties"] = named_set({word for one in parts.values() for word in properties(sim, one)})
     for part, one in parts.items():
         if part != SHAPE:
-            place, shape = inspector.GetPoseInFrame(one).translation().tolist(), inspector.GetShape(one)
-            kind, sizes = SIZES[type(shape).__name__]
-            found[f"surface.{name}.{part}"] = (kind, *place, *(float(getattr(shape, word)()) for word in sizes))
+            kind, size = kind_and_size(sim, one)
+            found[f"surface.{name}.{part}"] = (kind, *inspector.GetPoseInFrame(one).translation().tolist(), *size)
     return found
 
 

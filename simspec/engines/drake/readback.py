@@ -30,8 +30,9 @@ SIZES = {
     "Capsule": ("capsule", ("radius", "length")),
     "Ellipsoid": ("ellipsoid", ("a", "b", "c")),
     "HalfSpace": ("plane", ()),
+    "Convex": ("mesh", ()),
 }
-"""Drake's shapes, and what gives their size."""
+"""Drake's shapes, and what gives their size; of a hull its vertices do."""
 SHAPE = "shape"
 """The part of a shape's geometries that is the shape itself."""
 
@@ -186,6 +187,17 @@ def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
     }
 
 
+def kind_and_size(sim: Simulation, geometry: Any) -> tuple[str, tuple[float, ...]]:
+    """What a geometry is; of a hull the vertices that Drake's own hull of it has, flat."""
+    inspector = sim.query().inspector()
+    shape = inspector.GetShape(geometry)
+    kind, sizes = SIZES[type(shape).__name__]
+    if kind != "mesh":
+        return kind, tuple(float(getattr(shape, word)()) for word in sizes)
+    hull = inspector.GetConvexHull(geometry)
+    return kind, tuple(float(value) for index in range(hull.num_vertices()) for value in hull.vertex(index))
+
+
 def properties(sim: Simulation, geometry: Any) -> list[str]:
     """The names of everything that is said of a geometry's contact, as ``group.name``."""
     told = sim.query().inspector().GetProximityProperties(geometry)
@@ -194,9 +206,7 @@ def properties(sim: Simulation, geometry: Any) -> list[str]:
 
 def _shape(sim: Simulation, held: Any, name: str, geometry: Any) -> Shape:
     """A geometry as a shape that is neither seen nor solid."""
-    shape = sim.query().inspector().GetShape(geometry)
-    kind, sizes = SIZES[type(shape).__name__]
-    size = tuple(float(getattr(shape, word)()) for word in sizes)
+    kind, size = kind_and_size(sim, geometry)
     return Shape(name, kind, size, pose_of(place_of(sim, held, geometry)), collision=False, visual=False)
 
 

@@ -27,7 +27,7 @@ from simspec.world.types import Pose, Shape
 from tests import worlds
 from tests.engines.drake.scenes import boxes, told
 
-REFUSED = ("rolling", "bouncing", "dry friction", "meshes")
+REFUSED = ("rolling", "bouncing", "dry friction")
 
 
 @pytest.fixture
