@@ -177,6 +177,8 @@ def build(document: Document, settings: Mapping[str, Any]) -> Built:
         built.diagram = builder.Build()
     except (RuntimeError, ValueError) as error:
         raise EngineError(NAME, f"refuses the world: {error}") from error
+    except ImportError as error:
+        raise EngineError(NAME, f"meshes need scipy beside Drake: {error}") from error
     return built
 
 

@@ -3,7 +3,8 @@
 Drake has one point of contact for each pair of geometries: a box on a floor stands on one of its corners, and turns about it.
 What is put in touches the shape's surface from within, and gives a point of its own where it is under the other's: balls in
 the corners of boxes and along the rims of cylinders, a thin disc at each end of a cylinder, which lies on both, and the two
-round ends of a capsule, which are its own. Balls in the corners of the hull of a mesh are so small that they need not be within.
+round ends of a capsule, which are its own. In each corner of the hull of a mesh there is a ball for every three faces that meet there,
+which touches these.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.world.hull import hull_of, vertices_of
+from simspec.world.inset import inset
+
 RADIUS = 1e-4
 """Of the balls (m), where the shape is not smaller: how far points of contact are inside the edges."""
 SHARE = 0.05
 """Of the shape's smallest size, at most."""
 RIM = 8
 """Balls on each rim of a cylinder."""
-POINT = 1e-7
-"""Radius of the balls in the corners of a hull (m), how far they stand out. Drake tells how deep a ball of that size is in a box,
-a plane or a hull to 1e-9 of the depth, from 1e-9 m to 1 mm (measured)."""
-MOST_CORNERS = 32
-"""Balls in a hull. Where it has more corners, these are far from each other; where it tips over another, the hull's own point of
-contact is there."""
+MOST_CORNERS = 48
+"""Balls in a hull. Where more would fit, these are far from each other; where it tips over another corner, the hull's own point
+of contact is there."""
 
 FACED = ("box", "plane")
 """Kinds of shapes that touch each other by hydroelastic contact, where that is asked for. Cylinders do not: their meshes are
@@ -55,7 +56,9 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
     if kind == "capsule":
         return [("sphere", (size[0],), (0.0, 0.0, z)) for z in (-size[1] / 2.0, size[1] / 2.0)]
     if kind == "mesh":
-        return [("sphere", (POINT,), (x, y, z)) for x, y, z in spread(np.array(size).reshape(-1, 3)).tolist()]
+        radius = min(RADIUS, SHARE * 2.0 * float(hull_of(size).offsets.min()))
+        centres = spread(vertices_of(inset(tuple(size), radius)))
+        return [("sphere", (radius,), (x, y, z)) for x, y, z in centres.tolist()]
     return []
 
 

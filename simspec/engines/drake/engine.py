@@ -168,7 +168,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
-            f"the convex hull, with balls in up to {MOST_CORNERS} of its corners: {_ONE_POINT}; it touches hulls, boxes and "
+            f"the convex hull, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch hulls, boxes and "
             "cylinders from 2e-6 m of overlap on",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
