@@ -175,7 +175,7 @@ class ForcesSuite(Suite):
         assert check.tolerance == 1e-9
         heavy = dataclasses.replace(bodies[2].inertial, mass=bodies[2].inertial.mass * 1.001)
         other = dataclasses.replace(world, bodies=(*bodies[:2], dataclasses.replace(bodies[2], inertial=heavy)))
-        folder = bench.place / "other-mass"
+        folder = bench.place / "other-mass-pushed"
         write_folder(compile_world(other, [bench.engine])[bench.engine].files, folder)
         proven = verify(world, [bench.engine], artifacts={bench.engine: folder}, pythons=bench.pythons, levels=["L7"])
         assert [check.passed for check in proven.engines[bench.engine].level("L7")] == [False]

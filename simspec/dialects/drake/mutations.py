@@ -30,7 +30,16 @@ TABLE = MutationTable(
     words={
         "bodies.*.joint.kind": (*JOINT_KINDS, "something-else"),
         "bodies.*.kind": (*JOINT_KINDS, "something-else"),
-        "bodies.*.shapes.*.kind": ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "mesh", "something-else"),
+        "bodies.*.shapes.*.kind": (
+            "sphere",
+            "box",
+            "cylinder",
+            "capsule",
+            "ellipsoid",
+            "plane",
+            "mesh",
+            "something-else",
+        ),
         "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
         "settings.contact_approximation": ("auto", "sap", "tamsi", "something-else"),
     },

@@ -3,8 +3,8 @@
 Drake has one point of contact for each pair of geometries: a box on a floor stands on one of its corners, and turns about it.
 What is put in touches the shape's surface from within, and gives a point of its own where it is under the other's: balls in
 the corners of boxes and along the rims of cylinders, a thin disc at each end of a cylinder, which lies on both, and the two
-round ends of a capsule, which are its own. In each corner of the hull of a mesh there is a ball for every three faces that meet there,
-which touches these.
+round ends of a capsule, which are its own. In each corner of the hull of a mesh there is a ball for every three faces that
+meet there, which touches these.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
 
 
 def spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """At most ``MOST_CORNERS`` of ``points`` (n, 3), in their order: the one that is furthest from the origin, and then again and
-    again the one that is furthest from those that are taken."""
+    """At most ``MOST_CORNERS`` of ``points`` (n, 3), in their order: the one that is furthest from the origin, and then again
+    and again the one that is furthest from those that are taken."""
     if len(points) <= MOST_CORNERS:
         return points
     taken = [int(np.argmax(np.linalg.norm(points, axis=1)))]

@@ -168,8 +168,9 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
-            f"the convex hull, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch hulls, boxes and "
-            "cylinders from 2e-6 m of overlap on",
+            f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch "
+            "hulls, boxes and cylinders from 2e-6 m of overlap on. By TAMSI 15 of 160 landings of irregular hulls at 1 m/s and "
+            "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),

@@ -25,6 +25,6 @@ def too_large(geometries: int, velocities: int) -> str | None:
         return None
     return (
         f"Drake needs {needed:.1f} GB, and more than {MOST_GIGABYTES:g} GB are not given to it: its collision filter keeps "
-        f"every pair of {geometries:,} geometries (a box is nine, itself and its corners; a cylinder 19, a mesh up to 49), and its mass "
-        f"matrix of {velocities:,} velocities is dense"
+        f"every pair of {geometries:,} geometries (a box is nine, itself and its corners; a cylinder 19, a mesh up to 49), and "
+        f"its mass matrix of {velocities:,} velocities is dense"
     )
