@@ -89,7 +89,7 @@ lock:
 # into a folder outside of the project, since no file of others enters it
 CORPORA ?= $(HOME)/.cache/simspec-corpora
 corpora: setup
-	$(BIN)/python tools/corpora.py --into $(CORPORA) --fetch --run --write
+	$(BIN)/python tools/corpora --into $(CORPORA) --fetch --run --write
 
 benchmarks: setup
 	$(BIN)/python benchmarks/overhead.py

@@ -15,7 +15,8 @@ from simspec.engines.kit.foreign import Reads
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, Reply, side_by_side, start
 from simspec.engines.kit.registry import find_engine
-from simspec.errors import EngineError, clipped
+from simspec.engines.kit.warm import WarmProcesses
+from simspec.errors import EngineError, Location, clipped
 from simspec.language.foreign import ImportOptions
 from simspec.language.foreign import Severity as LossSeverity
 from simspec.scratch import scratch_folder
@@ -41,29 +42,30 @@ def audit(
     prove: bool = True,
     allow_outside: bool = False,
     progress: Callable[[str], None] = lambda text: None,
+    warm: WarmProcesses | None = None,
 ) -> FileAudit:
-    """Audit one file in ``engines``. Raises SpecError for what is no such file, or not readable; an engine that refuses
-    the file or dies is a finding."""
+    """Audit one file in ``engines``, whose processes are forked from ``warm`` ones where there are such. Raises SpecError for
+    what is no such file, or not readable; an engine that refuses the file or dies is a finding."""
     progress(f"{path.name}: reading")
     meaning = meaning_of(path, options, allow_outside)
     readers, skipped = readers_of(meaning.language, engines)
     progress(f"{path.name}: {', '.join(readers)}")
     with side_by_side(AT_ONCE) as pool:
-        replies = list(pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline), readers))
+        replies = list(pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline, warm), readers))
     held = dict(zip(readers, replies, strict=True))
     meaning = _defined(meaning, held, {name: readers[name] for name in readers})
     audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in held.items())
-    proven: tuple[Compiled, ...] = ()
+    results: tuple[Compiled, ...] = ()
     if prove and meaning.world is not None:
         progress(f"{path.name}: compiling and proving")
-        proven = _proven(meaning, list(engines), pythons, deadline)
+        results = proven(meaning.world, list(engines), meaning.locate, pythons, deadline, warm)
     losses = meaning.imported.losses() if meaning.imported is not None else []
     return FileAudit(
         str(path),
         meaning.language,
         meaning.source,
         audits,
-        proven,
+        results,
         tuple(str(problem) for problem in meaning.defects),
         len(losses),
         sum(loss.severity is LossSeverity.PHYSICS for loss in losses),
@@ -96,7 +98,9 @@ class Loaded:
         return self.reply.answers[0].held if self.reply is not None else None
 
 
-def loaded(engine: str, meaning: Meaning, python: str | None, deadline: float) -> Loaded:
+def loaded(
+    engine: str, meaning: Meaning, python: str | None, deadline: float, warm: WarmProcesses | None = None
+) -> Loaded:
     """Load a file in an engine, in a process of its own."""
     parameters = {
         "file": str(meaning.path.resolve()),
@@ -107,7 +111,7 @@ def loaded(engine: str, meaning: Meaning, python: str | None, deadline: float) -
     with scratch_folder("audit") as nothing:
         try:
             operations = [Operation("foreign", parameters)]
-            with start(engine, nothing, operations, python=python, deadline=deadline) as running:
+            with start(engine, nothing, operations, python=python, deadline=deadline, warm=warm) as running:
                 return Loaded(running.wait(), None, time.perf_counter() - begun)
         except EngineError as error:
             return Loaded(None, error, time.perf_counter() - begun)
@@ -143,18 +147,21 @@ def _engine_audit(name: str, reads: Reads, meaning: Meaning, loading: Loaded) ->
     return EngineAudit(name, reads.how, True, tuple(findings), compared, version, loading.seconds, log)
 
 
-def _proven(
-    meaning: Meaning, engines: Sequence[str], pythons: Mapping[str, str] | None, deadline: float
+def proven(
+    world: World,
+    engines: Sequence[str],
+    locate: Callable[[str], Location | None] = lambda path: None,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    warm: WarmProcesses | None = None,
 ) -> tuple[Compiled, ...]:
-    """What the proof says of the file as simspec compiles it."""
+    """What the proof says in each of ``engines`` of a world of a robot file, as simspec compiles it. ``locate``: places in the
+    file, by dotted paths of the world."""
     from simspec.proof.verify import verify
     from simspec.selection import supporting
 
-    world = meaning.world
-    if world is None:
-        return ()
     world = accepting(world, engines)
-    compiled, left = supporting(world, engines, meaning.locate, pythons)
+    compiled, left = supporting(world, engines, locate, pythons)
     results = {name: Compiled(name, None, clipped(reason.reason)) for name, reason in left.items()}
     if compiled:
         certificate = verify(
@@ -163,8 +170,9 @@ def _proven(
             compiled=compiled,
             levels=LEVELS,
             pythons=pythons,
-            locate=meaning.locate,
+            locate=locate,
             deadline=deadline,
+            warm=warm,
         )
         for name, proof in certificate.engines.items():
             wrong = [check for check in proof.checks if not check.passed]

@@ -10,6 +10,7 @@ from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.language.foreign import ImportOptions
 from simspec.outputs.targets import demand, file_problem
@@ -46,7 +47,7 @@ def audit(
         demand([file_problem(page_file, is_page)])
     with reporting(reports, ", ".join(str(path) for path in files[:3]), as_json):
         audits: list[FileAudit] = []
-        with progress(not as_json) as tell:
+        with progress(not as_json) as tell, WarmProcesses() as warm:
             for path in files:
                 audits.append(
                     audit_file(
@@ -58,6 +59,7 @@ def audit(
                         prove=verify,
                         allow_outside=allow_outside,
                         progress=tell,
+                        warm=warm,
                     )
                 )
         reports.write(audit_suites(audits), as_json=as_json)

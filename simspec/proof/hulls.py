@@ -17,8 +17,9 @@ from simspec.world.hull import hull_of, vertices_of
 
 DIRECTIONS = 2000
 """Spread over the sphere: 4.5° apart."""
-AT_ONCE = 512
-"""Directions looked at together, which bounds the memory."""
+AT_ONCE = 65_536
+"""Products of a direction and a vertex that are looked at together: they stay in the processor's cache, and are too few for
+a BLAS to share among threads, which on a busy machine wait for each other forty times as long as they work (measured)."""
 KEPT = 64
 """Hulls whose directions are remembered."""
 
@@ -39,7 +40,8 @@ def extent(size: tuple[float, ...]) -> float:
 
 def _support(size: tuple[float, ...], directions: Array) -> Array:
     vertices = vertices_of(size).T
-    parts = (directions[start : start + AT_ONCE] @ vertices for start in range(0, len(directions), AT_ONCE))
+    step = max(1, AT_ONCE // vertices.shape[1])
+    parts = (directions[start : start + step] @ vertices for start in range(0, len(directions), step))
     reach: Array = np.concatenate([part.max(axis=1) for part in parts])
     return reach
 

@@ -20,6 +20,7 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.proof import control, dry_friction, forces, motion
 from simspec.proof.certificate import Certificate, EngineProof
@@ -106,7 +107,7 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     oracle = Oracle(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)
-    meetings = touch.plan(world, oracle) if "L4" in wanted else touch.nothing(oracle)
+    meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)
     moving = motion.plan(world, oracle) if "L6" in wanted else None
     rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
     response = control.plan(world) if "L7" in wanted else None
@@ -128,13 +129,15 @@ def verify(
     progress: Callable[[str], None] | None = None,
     probes: Probes | None = None,
     cache: bool = True,
+    warm: WarmProcesses | None = None,
 ) -> Certificate:
     """Hold what every engine of ``engines`` makes of ``world`` against the world and the oracle.
 
     ``compiled``: what compiling the world for these engines gave (default: compiled here); ``artifacts``: folders of its files
     by engine (default: written to a temporary one); ``pythons``: interpreters by engine;
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
-    :func:`prepare`, to use again; ``cache``: take contact figures that were measured before.
+    :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
+    are forked from (not for contact).
     An engine that fails is a failed check with its message, the others go on.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """
@@ -157,9 +160,8 @@ def verify(
         for name in compiled:
             try:
                 python = (pythons or {}).get(name)
-                asked = start(
-                    name, folders[name], probes.operations(find_engine(name)), python=python, deadline=deadline
-                )
+                operations = probes.operations(find_engine(name))
+                asked = start(name, folders[name], operations, python=python, deadline=deadline, warm=warm)
                 running[name] = stack.enter_context(asked)
             except EngineError as error:
                 refused[name] = error

@@ -75,6 +75,8 @@ def from_plain(kind: Any, value: Any) -> Any:
     if origin is tuple:
         items = typing.get_args(kind)
         if len(items) == 2 and items[1] is Ellipsis:
+            if items[0] is float and all(type(item) is float for item in value):
+                return tuple(value)  # the vertices of meshes: 100,000 numbers and more
             return tuple(from_plain(items[0], item) for item in value)
         if len(items) != len(value):
             raise TypeError(f"expected {len(items)} values, found {len(value)}")

@@ -14,6 +14,7 @@ from simspec.proof.touch.free import FreePairs
 from simspec.proof.touch.geometry import Solid, overlap
 from simspec.proof.touch.mechanisms import JointPairs
 from simspec.proof.touch.scene import Pair, Scene, States
+from simspec.world.derived import derived
 from simspec.world.kinematics import trees
 from simspec.world.types import World
 
@@ -59,10 +60,17 @@ def nothing_to_try(world: World) -> str:
     carrying = {root: bodies[0].joint.kind for root, bodies in trees(world).items() if any(b in solid for b in bodies)}
     if len(carrying) > 1 and "free" in carrying.values():
         return ""
-    planned = plan(world, Oracle(world))
+    planned = meetings_of(world)
     return (
         "" if len(planned.tried) else f"the joints bring no two of {planned.pairs} pairs of collision shapes together"
     )
+
+
+@derived
+def meetings_of(world: World) -> Meetings:
+    """The plan of a world, made once: a proof probes engines with it, and says by it what a world does not have. Its arrays are
+    shared: they are not to be changed."""
+    return plan(world, Oracle(world))
 
 
 def plan(world: World, oracle: Oracle) -> Meetings:

@@ -88,7 +88,7 @@ class Mechanism:
         for name, point, sign in zip(names, (between.first, between.second), (-1.0, 1.0), strict=True):
             columns = self._columns[self._joint[name]]
             spin = jacobian[3:, columns]
-            slope[columns] += sign * (between.normal @ jacobian[:3, columns] + np.cross(point, between.normal) @ spin)
+            slope[columns] += sign * (between.normal @ jacobian[:3, columns] + _cross(point, between.normal) @ spin)
         return between.distance, slope
 
     def descend(
@@ -139,6 +139,12 @@ class Mechanism:
     def holds(self, q: np.ndarray) -> bool:
         """Whether a state is one within the limits."""
         return bool(np.isfinite(q).all() and (q >= self.low).all() and (q <= self.high).all())
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product of two vectors (3,); numpy's takes ten times as long for one pair, half the time of a search."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
 
 
 class Reach:

@@ -1,0 +1,64 @@
+"""Robot files of other people's packages: each imported, certified in every engine, and audited as it is; docs/corpora.md.
+
+    python tools/corpora --into DIR --fetch          installs the packages into DIR, never into the project
+    python tools/corpora --into DIR --run            what has no result yet; ended at any moment, it goes on there
+    python tools/corpora --into DIR --run --stages import --anew
+    python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
+    python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
+    python tools/corpora --into DIR --write          docs/corpora.md from DIR/results
+
+Stages: import (no engine), certify (what simspec compiles, in every engine), audit (the file itself, in every engine). Workers
+answer one file after the other, each file within a deadline. Files are never copied into the project.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import refusals
+from models import fetch, models
+from run import STAGES, run
+
+import page
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--into", type=Path, required=True, help="folder of packages and results")
+    parser.add_argument("--fetch", action="store_true", help="install the packages that are missing")
+    parser.add_argument("--run", action="store_true", help="ask about files")
+    parser.add_argument("--stages", default=",".join(STAGES), help="which, in this order (default: all)")
+    parser.add_argument("--anew", action="store_true", help="ask again what was asked of other code than today's")
+    parser.add_argument("--only", default="", help="languages, by commas")
+    parser.add_argument("--in", dest="within", default="", help="a text that package and name contain")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--seconds", type=float, default=24 * 3600.0, help="no file is begun later")
+    parser.add_argument("--refusals", type=Path, help="a file that is written")
+    parser.add_argument("--write", action="store_true", help="write docs/corpora.md")
+    told = parser.parse_args()
+    folder = told.into.resolve()
+    if folder.is_relative_to(ROOT):
+        parser.error("--into must lie outside of the project")
+    folder.mkdir(parents=True, exist_ok=True)
+    if told.fetch:
+        fetch(folder)
+    asked = [
+        model
+        for model in models(folder)
+        if (not told.only or model.language in told.only.split(",")) and told.within in f"{model.package} {model.name}"
+    ]
+    if told.run:
+        run(asked, folder / "results", told.stages.split(","), told.workers, told.seconds, told.anew)
+    if told.refusals:
+        told.refusals.write_text(refusals.listed(asked, folder / "results"), encoding="utf-8")
+    if told.write:
+        page.write(models(folder), folder / "results")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,2 @@
+def write(models, results):
+    pass

@@ -1,0 +1,174 @@
+"""Asking about many files: workers side by side, a deadline for each file, a result in a file of its own as soon as there is
+one."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import os
+import queue
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from models import Model, package_folders
+
+HERE = Path(__file__).resolve().parent
+STAGES = ("import", "certify", "audit")
+DEADLINES = {"import": 90.0, "certify": 300.0, "audit": 240.0}
+"""s for one file."""
+RENEWED = 60
+"""Files after which a worker is replaced, which bounds the memory that libraries keep."""
+FIRST = 120.0
+"""s that a worker has beside a deadline for its start."""
+
+
+@functools.cache
+def code() -> str:
+    """The hash of simspec's own modules, by which results are told to be of today's code."""
+    digest = hashlib.sha256()
+    package = HERE.parents[1] / "simspec"
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+class Worker:
+    """A process that answers for files, started anew when it is gone."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._answers = -1
+        self._asked = 0
+
+    def ask(self, stage: str, model: Model) -> dict[str, Any]:
+        """The answer of a stage for a file; ``late`` or ``died`` where there is none."""
+        fresh = self._process is None
+        process = self._process or self._start()
+        folders = [str(folder) for folder in package_folders(model.root)]
+        request = {"stage": stage, "file": str(model.path), "folders": folders}
+        assert process.stdin is not None
+        begun = time.monotonic()
+        with contextlib.suppress(BrokenPipeError):
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.flush()
+        line = self._line(begun + DEADLINES[stage] + (FIRST if fresh else 0.0))
+        self._asked += 1
+        if line is None or not line.endswith(b"\n"):
+            self.end()
+            took = round(time.monotonic() - begun, 2)
+            return {"late": took} if line is None else {"died": process.returncode, "seconds": took}
+        if self._asked >= RENEWED:
+            self.end()
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        self._answers, theirs = os.pipe()
+        words = [sys.executable, str(HERE / "worker.py"), str(theirs)]
+        self._process = subprocess.Popen(
+            words,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=[theirs],
+            start_new_session=True,
+        )
+        os.close(theirs)
+        self._asked = 0
+        return self._process
+
+    def _line(self, ends: float) -> bytes | None:
+        """A line of the answers; None when it is late, without an end of line when the process is gone."""
+        read = b""
+        while not read.endswith(b"\n"):
+            if not select.select([self._answers], [], [], max(0.0, ends - time.monotonic()))[0]:
+                return None
+            block = os.read(self._answers, 65536)
+            if not block:
+                return read
+            read += block
+        return read
+
+    def end(self) -> None:
+        """End the process and what it started."""
+        if self._process is None:
+            return
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        os.close(self._answers)
+        self._process = None
+
+
+def place(results: Path, stage: str, model: Model) -> Path:
+    """Where a result is."""
+    return results / stage / f"{model.key}.json"
+
+
+def stored(results: Path, stage: str, model: Model) -> dict[str, Any] | None:
+    """A result, if there is one."""
+    try:
+        result: dict[str, Any] = json.loads(place(results, stage, model).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    return result
+
+
+def needed(results: Path, stage: str, model: Model, anew: bool) -> bool:
+    """Whether a stage has to be asked for a file. What is not imported is not certified."""
+    known = stored(results, stage, model)
+    if known is not None and not (anew and known["code"] != code()):
+        return False
+    if stage == "certify":
+        imported = stored(results, "import", model)
+        return imported is None or imported.get("imported") is True
+    return True
+
+
+def run(
+    models: Sequence[Model], results: Path, stages: Sequence[str], workers: int, seconds: float, anew: bool
+) -> None:
+    """Ask one stage after the other, until all is asked or time is up."""
+    ends = time.monotonic() + seconds
+    for stage in stages:
+        (results / stage).mkdir(parents=True, exist_ok=True)
+        waiting: queue.SimpleQueue[Model] = queue.SimpleQueue()
+        left = [model for model in models if needed(results, stage, model, anew)]
+        print(f"{stage}: {len(left)} files to ask", flush=True)
+        for model in left:
+            waiting.put(model)
+        threads = [
+            threading.Thread(target=_work, args=(stage, waiting, results, ends)) for _ in range(min(workers, len(left)))
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
+def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: float) -> None:
+    worker = Worker()
+    try:
+        while time.monotonic() < ends:
+            try:
+                model = waiting.get_nowait()
+            except queue.Empty:
+                return
+            answer = {**worker.ask(stage, model), "code": code()}
+            target = place(results, stage, model)
+            part = target.with_suffix(".part")
+            part.write_text(json.dumps(answer), encoding="utf-8")
+            part.replace(target)
+            told = "late" if "late" in answer else "died" if "died" in answer else "crash" if "crash" in answer else ""
+            print(f"{answer.get('seconds', 0.0):7.1f} s {told:5s} {model.package} {model.name}", flush=True)
+    finally:
+        worker.end()

@@ -1,0 +1,164 @@
+"""What a file is asked: whether it is imported, whether engines hold what simspec compiles of it, and what they make of the
+file itself. Each stage stands alone, so that any of them goes on where it stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from simspec.audit.audit import audit, proven
+from simspec.audit.meaning import content_of, language_of
+from simspec.engines.kit.registry import engines
+from simspec.engines.kit.warm import WarmProcesses
+from simspec.errors import Problem, SpecError, UnsupportedError
+from simspec.language.foreign import Fate, Imported, ImportOptions, Severity, importers, is_foreign
+from simspec.language.load import load
+from simspec.report.plain import plain
+
+ENGINE_DEADLINE = 60.0
+"""s for one engine and one file."""
+MOST = 20
+"""Problems and losses of a file that are kept, of each kind."""
+
+
+class Kept:
+    """What a worker keeps from file to file."""
+
+    def __init__(self) -> None:
+        self.warm = WarmProcesses()
+        self.engines = [name for name, engine in engines().items() if engine.version() is not None]
+
+    def __enter__(self) -> Kept:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.warm.close()
+
+
+def options_of(folders: Sequence[str]) -> ImportOptions:
+    """Packages are looked for in all folders of the package that the file is of."""
+    return ImportOptions(package_path=tuple(folders), base=Path("/"))
+
+
+def importing(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
+    """Whether a file is imported and resolves to a world, what is lost, and of MJCF how far it is from the original."""
+    path, options = Path(file), options_of(folders)
+    if not is_foreign(path.name):
+        return {"imported": None, "why": "no importer"}
+    try:
+        spec = load(path, options=options, allow_outside=True)
+        world = spec.resolve()
+    except SpecError as error:
+        answer: dict[str, Any] = {"imported": False, "problems": _told(error)}
+        answer["repaired"] = _repaired(path, options)
+    else:
+        answer = {"imported": True, "bodies": len(world.bodies), **_losses(spec.source.imported)}
+        answer["constraints"] = len(world.constraints)
+    if path.suffix == ".xml":
+        answer |= _original(path, options, answer["imported"])
+    return answer
+
+
+def _told(error: SpecError) -> list[dict[str, str]]:
+    """Problems as texts, each message once."""
+    told: dict[str, Problem] = {}
+    for problem in error.problems:
+        told.setdefault(problem.message, problem)
+    return [
+        {"message": one.message, "found": one.found or "", "hint": one.hint or "", "place": str(one.location or "")}
+        for one in list(told.values())[:MOST]
+    ]
+
+
+def _repaired(path: Path, options: ImportOptions) -> bool:
+    """Whether a refused file is imported with all rules of repair."""
+    importer = next((one for one in importers().good.values() if path.name.lower().endswith(one.SUFFIXES)), None)
+    rules = tuple(importer.rules()) if importer is not None and hasattr(importer, "rules") else ()
+    if not rules:
+        return False
+    told = ImportOptions(package_path=options.package_path, base=options.base, repair=rules)
+    try:
+        load(path, options=told, allow_outside=True).resolve()
+    except SpecError:
+        return False
+    return True
+
+
+def _losses(imported: Imported | None) -> dict[str, Any]:
+    lost: dict[str, list[str]] = {severity.value: [] for severity in Severity}
+    for account in imported.accounts if imported is not None else ():
+        if account.fate is Fate.LOST:
+            lost[account.severity.value].append(f"{account.what}: {account.reason}")
+    counts = {severity: len(texts) for severity, texts in lost.items()}
+    return {"losses": counts, "lost": lost[Severity.PHYSICS.value][:MOST]}
+
+
+def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict[str, Any]:
+    """Whether MuJoCo loads the file, and how far mass matrix, bias force, passive force and places of what was imported are
+    from those of its own compiled model."""
+    from simspec.imports.files import Files
+    from simspec.imports.mjcf.assembly import assemble
+    from simspec.imports.mjcf.compiled import compile_model
+    from simspec.imports.mjcf.equality import deviations
+
+    try:
+        model = compile_model(assemble(Files(path, str(path), options)))
+    except SpecError:
+        return {"loads": False}
+    answer: dict[str, Any] = {"loads": True, "original_bodies": model.numbers["nbody"] - 1, "nv": model.numbers["nv"]}
+    if imported and model.numbers["nv"]:
+        try:
+            worst, _ = deviations(path, options)
+            answer["deviations"] = [worst.mass, worst.bias, worst.passive, worst.place]
+        except (SpecError, ValueError) as error:
+            answer["deviations"] = str(error)[:200]
+    return answer
+
+
+def certifying(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
+    """What the proof says in every engine of what simspec compiles of a file; nothing of a file that is refused."""
+    path, options = Path(file), options_of(folders)
+    if not is_foreign(path.name):
+        return {"proven": None}
+    try:
+        spec = load(path, options=options, allow_outside=True)
+        results = proven(spec.resolve(), kept.engines, locate=spec.locate, deadline=ENGINE_DEADLINE, warm=kept.warm)
+    except UnsupportedError as error:
+        return {"proven": [], "why": str(error)[:500]}
+    except SpecError:
+        return {"proven": None}
+    return {"proven": [plain(result) for result in results]}
+
+
+def auditing(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
+    """What every engine that reads a file makes of it by itself."""
+    path, options = Path(file), options_of(folders)
+    try:
+        language_of(path, content_of(path))
+    except SpecError as error:
+        return {"audited": None, "why": str(error)[:300]}
+    found = audit(
+        path,
+        kept.engines,
+        options,
+        deadline=ENGINE_DEADLINE,
+        prove=False,
+        allow_outside=True,
+        warm=kept.warm,
+    )
+    counted = []
+    for one in found.engines:
+        quantities: dict[str, int] = {}
+        for finding in one.silent:
+            quantities[finding.quantity] = quantities.get(finding.quantity, 0) + 1
+        why = "" if one.loaded else one.findings[0].why[:300]
+        counted.append({"engine": one.engine, "loaded": one.loaded, "died": one.died, "silent": quantities, "why": why})
+    return {"audited": counted, "meaning": found.meaning}
+
+
+STAGES: dict[str, Callable[[str, Sequence[str], Kept], dict[str, Any]]] = {
+    "import": importing,
+    "certify": certifying,
+    "audit": auditing,
+}
