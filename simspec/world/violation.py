@@ -158,7 +158,10 @@ def impulse(mass: Array, jacobian: Array, velocity: Array, violation: Array, tim
 
 
 def multipliers(mobility: Array, wanted: Array) -> Array:
-    """λ (rows,) with A λ = ``wanted``, the smallest where A = J M⁻¹ Jᵀ (rows, rows) has no inverse."""
+    """λ (rows,) with A λ = ``wanted``, the smallest where A = J M⁻¹ Jᵀ (rows, rows) has no inverse; not finite where A is not,
+    as in motion that has diverged."""
+    if not np.isfinite(mobility).all():
+        return np.full(len(wanted), np.nan)
     scale = np.sqrt(np.maximum(np.diag(mobility), 1e-300))
     inverse = np.linalg.pinv(mobility / np.outer(scale, scale), rcond=RANK, hermitian=True)
     return (inverse @ (wanted / scale)) / scale

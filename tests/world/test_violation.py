@@ -74,3 +74,8 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
     own = jacobian[np.concatenate(parts)]
     made = free + impulse(tree.mass_matrix(q), own, free, np.zeros(len(own)), dt)
     np.testing.assert_allclose(made / dt, theirs[tree.v_index], rtol=0, atol=1e-8)
+
+
+def test_motion_that_has_diverged_is_not_finite_and_no_error():
+    mass, jacobian = np.full((2, 2), np.nan), np.ones((1, 2))
+    assert np.isnan(impulse(mass, jacobian, np.ones(2), np.zeros(1), 1e-3)).all()

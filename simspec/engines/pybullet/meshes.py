@@ -118,5 +118,5 @@ def alike(one: Sequence[float], other: Sequence[float]) -> bool:
         return False
     toward = np.concatenate([points, others])
     reach, other_reach = ((toward @ these.T).max(axis=1) for these in (points, others))
-    far = np.linalg.norm(toward, axis=1).max()
-    return bool(np.abs(reach - other_reach).max() <= KEPT * far * far)
+    extent = max(np.ptp(these, axis=0).max() for these in (points, others))
+    return bool((np.abs(reach - other_reach) <= KEPT * extent * np.linalg.norm(toward, axis=1)).all())

@@ -1,0 +1,163 @@
+"""Hard defects of URDF files, found without simspec: what no importer can make a model of unasked."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+RULE = """A URDF has a *hard defect* where it is no model that a body can have: it is not well-formed or is xacro that is not
+expanded; a link, joint or file that it names is not in the package; two links or two joints have one name, links are their own
+parents, or several have none; a number is missing, is no number, or a lower limit is above the upper, or a joint
+that has a range says neither; an inertial has no mass or
+no moments, a mass or a principal moment is below 0, or the largest moment exceeds the sum of the others (by more than 10⁻⁶ of
+it); what a joint moves has no mass or no moments. They are found by a reader of its own (`tools/corpora/defects.py`), which
+shares nothing with the importer."""
+SLACK = 1e-6
+"""Relative: by so much may moments break an inequality, as numbers that are written with seven digits do."""
+MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
+
+
+def defects(path: Path, root: Path) -> list[str]:
+    """The kinds of hard defects of a file in a package."""
+    content = path.read_bytes()
+    try:
+        robot = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        if "unbound prefix" not in str(error):
+            return ["not well-formed"]
+        # a prefix that is not declared: what has one is not URDF's
+        robot = ElementTree.fromstring(re.sub(rb"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_])", rb"\1\2_", content))
+    for element in robot.iter():
+        expression = any("${" in value or "$(arg" in value for value in element.attrib.values())
+        if expression or re.match(r"xacro_|\{[^}]*xacro[^}]*\}", str(element.tag)):
+            return ["unexpanded xacro"]
+    links, joints = robot.findall("link"), robot.findall("joint")
+    kinds = [*_names(links, joints), *_files(robot, root), *_limits(joints)]
+    try:
+        kinds += [*_numbers(robot), *_masses(links, joints)]
+    except ValueError:
+        kinds.append("no number")
+    return list(dict.fromkeys(kinds))
+
+
+def _names(links: list[Any], joints: list[Any]) -> list[str]:
+    kinds = []
+    names = [link.get("name") for link in links]
+    parents = [_link(joint, "parent") for joint in joints]
+    children = [_link(joint, "child") for joint in joints]
+    if len(set(names)) < len(names) or len({joint.get("name") for joint in joints}) < len(joints):
+        kinds.append("one name twice")
+    if not set(parents) | set(children) <= set(names) or not links:
+        kinds.append("a link that is not there")
+    mimicked = {mimic.get("joint") for joint in joints for mimic in joint.findall("mimic")}
+    if not mimicked <= {joint.get("name") for joint in joints}:
+        kinds.append("a joint that is not there")
+    if len(set(children)) < len(children) or len(set(names) - set(children)) != 1:
+        kinds.append("no tree")
+    return kinds
+
+
+def _link(joint: Any, word: str) -> str:
+    element = joint.find(word)
+    return "" if element is None else element.get("link", "")
+
+
+def _files(robot: Any, root: Path) -> list[str]:
+    for mesh in robot.iter("mesh"):
+        place = re.sub(r"^(package|model|file)://[^/]*/?", "", mesh.get("filename", "")).lstrip("./")
+        name = place.rpartition("/")[2]
+        if not place or not any(found.as_posix().endswith(place) for found in _named(root, name)):
+            return ["a file that is not there"]
+    return []
+
+
+_FILES: dict[Path, dict[str, list[Path]]] = {}
+
+
+def _named(root: Path, name: str) -> list[Path]:
+    if root not in _FILES:
+        by_name: dict[str, list[Path]] = {}
+        for path in root.rglob("*"):
+            by_name.setdefault(path.name, []).append(path)
+        _FILES[root] = by_name
+    return _FILES[root].get(name, [])
+
+
+def _limits(joints: list[Any]) -> list[str]:
+    for joint in joints:
+        limit = joint.find("limit")
+        if joint.get("type") in ("revolute", "prismatic") and limit is not None:
+            if limit.get("lower") is None and limit.get("upper") is None:
+                return ["a joint without a range"]
+            try:
+                if float(limit.get("lower", "0")) > float(limit.get("upper", "0")):
+                    return ["the lower limit is above the upper"]
+            except ValueError:
+                return ["no number"]
+    return []
+
+
+def _numbers(robot: Any) -> list[str]:
+    for element in robot.iter():
+        for word, count in (("xyz", 3), ("rpy", 3), ("size", 3), ("scale", 3)):
+            text = element.get(word)
+            if element.tag in ("origin", "axis", "box", "mesh") and text is not None:
+                values = [float(part) for part in text.split()]
+                if len(values) != count or not all(map(math.isfinite, values)):
+                    return ["no number"]
+    return []
+
+
+def _masses(links: list[Any], joints: list[Any]) -> list[str]:
+    kinds = []
+    group = _groups(links, joints)
+    total: Counter[str] = Counter()
+    moments: Counter[str] = Counter()
+    moved = {group.get(_link(joint, "child"), "") for joint in joints if joint.get("type") in MOVING}
+    own: dict[str, list[str]] = {}
+    for link in links:
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        name = link.get("name")
+        mass, tensor = inertial.find("mass"), inertial.find("inertia")
+        if mass is None or mass.get("value") is None or tensor is None:
+            own.setdefault(group[name], []).append("an incomplete inertial")
+            continue
+        if any(tensor.get(word) is None for word in ("ixx", "iyy", "izz")):
+            own.setdefault(group[name], []).append("an incomplete inertial")
+            continue
+        xx, yy, zz, xy, xz, yz = (float(tensor.get(word, "0")) for word in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+        low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if float(mass.get("value")) < 0.0 or low < -SLACK * max(high, -low):
+            own.setdefault(group[name], []).append("a mass or a moment below 0")
+        elif high > (low + middle) * (1.0 + SLACK):
+            own.setdefault(group[name], []).append("the triangle inequality")
+        total[group[name]] += float(mass.get("value"))  # type: ignore[assignment]
+        moments[group[name]] += abs(high)
+    root = next((group[link.get("name")] for link in links if group[link.get("name")] not in moved), "")
+    for name, found in own.items():
+        if name in moved or total[root]:  # what is fixed to the world needs none
+            kinds += found
+    kinds += ["what a joint moves has no mass" for name in moved if not total[name] and name not in own]
+    kinds += ["what a joint moves has no moments" for name in moved if total[name] and not moments[name]]
+    return kinds
+
+
+def _groups(links: list[Any], joints: list[Any]) -> dict[str, str]:
+    """For each link the one on top of those that it is fixed to."""
+    fixed = {_link(joint, "child"): _link(joint, "parent") for joint in joints if joint.get("type") == "fixed"}
+    tops = {}
+    for link in links:
+        name, seen = link.get("name"), set()
+        while name in fixed and name not in seen:
+            seen.add(name)
+            name = fixed[name]
+        tops[link.get("name")] = name
+    return tops
