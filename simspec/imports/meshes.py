@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from simspec.imports.draft import plain
 from simspec.imports.elements import Element
@@ -14,6 +14,8 @@ from simspec.language.mesh import MOST_VERTICES, SUFFIXES
 from simspec.meshes.files import MeshError
 from simspec.meshes.load import load
 from simspec.meshes.made import MadeMesh, MeshOptions
+
+COLLADA: Final = ".dae"
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,20 @@ class NamedMesh:
 
     def data(self) -> dict[str, Any]:
         """The word ``mesh`` of a shape."""
+        data: dict[str, Any] = {"file": self.text}
+        if self.up is not None:
+            data["up"] = self.up
         x, y, z = self.scale
-        if x == y == z:
-            return {"file": self.text} if x == 1.0 else {"file": self.text, "scale": plain(x)}
-        return {"file": self.text, "scale": [plain(value) for value in self.scale]}
+        if not x == y == z:
+            data["scale"] = [plain(value) for value in self.scale]
+        elif x != 1.0:
+            data["scale"] = plain(x)
+        return data
+
+    @property
+    def up(self) -> str | None:
+        """The word ``up``: robots are drawn with the axes that a COLLADA file has, whatever it says is up."""
+        return "z" if self.path.suffix.lower() == COLLADA else None
 
 
 def find_mesh(
@@ -47,6 +59,6 @@ def find_mesh(
 
 def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
     """What is made of each, or why nothing is; it is remembered for the spec that names them."""
-    wanted = [(mesh.path, MeshOptions(scale=mesh.scale)) for mesh in meshes]
+    wanted = [(mesh.path, MeshOptions(up=mesh.up, scale=mesh.scale)) for mesh in meshes]
     made = load(wanted, MOST_VERTICES)
     return [made[one] for one in wanted]

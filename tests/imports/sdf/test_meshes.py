@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import trimesh
 
 from simspec.errors import SpecError
 from simspec.language.load import load
@@ -77,3 +78,15 @@ def test_the_surface_of_a_mesh_is_not_its_hull(tmp_path):
     (tmp_path / "block.obj").write_text(obj(*box(1, 2, 3)))
     concave = shape("collision", "block.obj").replace("<collision", "<collision concave='yes'")
     assert {severity for severity, _ in lost(imported(model(link("base", concave)), tmp_path)).values()} == {"physics"}
+
+
+def test_a_collada_file_has_the_axes_that_it_has_and_its_own_unit(tmp_path):
+    trimesh.Trimesh(*box(1, 2, 3), process=False).export(tmp_path / "m.dae")
+    text = (tmp_path / "m.dae").read_text().replace("<up_axis>Y_UP</up_axis>", "")
+    asset = '<asset><unit meter="0.1"/><up_axis>Y_UP</up_axis>'
+    start, end = text.index("<asset>"), text.index("</asset>")
+    (tmp_path / "m.dae").write_text(text[:start] + asset + text[end:])
+    result = imported(model(link("base", shape("collision", "m.dae"))), tmp_path)
+    assert result.data["model"]["bodies"]["base"]["shapes"][0]["mesh"] == {"file": "m.dae", "up": "z"}
+    (body,) = load(tmp_path / "robot.sdf").resolve().bodies
+    assert body.shapes[0].pose.position == pytest.approx((0.05, 0.1, 0.15))
