@@ -257,6 +257,13 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("moment couple", "torque", "Force.torque", at="Force"),
     *same_hint("link target", "body", "Force.body", at="Force"),
     *same_hint(
+        "surface_velocity belt conveyor belt_velocity surfacevel surface_motion",
+        f"moving surfaces are {NOT_YET}; a kinematic body carries what rests on it",
+        "Body.kinematic",
+        "File.motion",
+        at="Shape Body Material",
+    ),
+    *same_hint(
         "waypoints keyframes knots", "points: [{at: ..., positions: {...}}, ...]", "Trajectory.points", at="Trajectory"
     ),
     *same_hint("p kp_gain stiffness gain p_gain", "kp", "Controller.kp", at="Controller"),

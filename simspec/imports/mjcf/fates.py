@@ -112,7 +112,9 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
             element, around = waiting.pop()
             if around in SECTIONS:
                 whole.add(id(element))
-                if around == KEYFRAME:
+                if around == KEYFRAME and element.attributes.get("name", "") in features.states:
+                    _of_state(element)
+                elif around == KEYFRAME:
                     features.add("key", element)
             elif _element(element, around, by_attribute, features):
                 waiting += [(child, element.tag) for child in assembly.below(element)]
@@ -129,6 +131,17 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
             included.set_aside(name, Fate.UNUSED, "what is included has no name of its own", _INFORMATION)
     accounts = assembly.accounts()
     return [*accounts, *_untold(features, accounts)]
+
+
+def _of_state(element: Element) -> None:
+    """A key that the spec has as a state."""
+    driven = FEATURES["key.driven"]
+    element.take()
+    for name in element.attributes:
+        if f"key/{name}" in driven.attributes.split():
+            element.set_aside(name, Fate.LOST, driven.reason, driven.severity, driven.hint)
+        else:
+            element.word(name)
 
 
 def _carried(element: Element, features: Features) -> None:

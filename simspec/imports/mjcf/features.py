@@ -128,7 +128,15 @@ FEATURES: Final = {
     ),
     "actuator.inertia": Feature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
     "key": Feature(
-        "key/*", _INFORMATION, "named states are not in the language yet", "positions: where the model is placed"
+        "key/*",
+        _INFORMATION,
+        "a named state is carried where the file has one tree, and its joints are within their limits",
+        "positions: where the model is placed",
+    ),
+    "key.driven": Feature(
+        "key/time key/ctrl key/act key/mpos key/mquat",
+        _INFORMATION,
+        "what drives joints and moves bodies is no part of a named state",
     ),
     "plugin": Feature("plugin/*", _PHYSICS, "plugins are programs: what they do is not known"),
 }
@@ -143,6 +151,8 @@ class Features:
 
     carried: list[Element] = field(default_factory=list)
     """Elements of sections (constraints) that the spec says."""
+    states: set[str] = field(default_factory=set)
+    """Names of the keys that the spec has as states."""
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
 

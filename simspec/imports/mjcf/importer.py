@@ -17,6 +17,7 @@ from simspec.imports.mjcf.fates import account, every_loss
 from simspec.imports.mjcf.features import Features
 from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
+from simspec.imports.mjcf.states import add_states
 from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions, Severity
@@ -82,6 +83,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         data["bodies"] = bodies.data
     if constraints:
         (data["model"] if alone else data)["constraints"] = constraints
+    if alone and (states := add_states(bodies, constraints)):
+        data["model"]["states"] = states
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
     places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}

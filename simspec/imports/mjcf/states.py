@@ -1,0 +1,71 @@
+"""Named states: keys of a model as ``states`` of the spec's. What drives joints, and its memory, is not in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from simspec.imports.mjcf.bodies import Bodies, Names, numbers, pose, rotated
+from simspec.imports.mjcf.compiled import BALL, FREE
+
+MOST_STATES: Final = 1000
+ROUND_OFF: Final = 1e-9
+"""rad or m by which a position may be beyond a limit and is then taken for it."""
+
+
+def add_states(bodies: Bodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The states of a model of one root, by their names. A key that puts a joint beyond its limits is left out: a run
+    does not begin there. What follows another joint begins where that one says."""
+    model, names = bodies.model, Names()
+    following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
+    states: dict[str, dict[str, Any]] = {}
+    for key in range(min(model.numbers["nkey"], MOST_STATES)):
+        state = _state(bodies, model["key_qpos"][key], model["key_qvel"][key], following)
+        if state is not None:
+            name = model.part("key", key).name
+            states[names.give(name, f"state_{key}")] = state
+            bodies.features.states.add(name)
+    return states
+
+
+def _state(bodies: Bodies, qpos: Any, qvel: Any, following: set[str]) -> dict[str, Any] | None:
+    model = bodies.model
+    state: dict[str, Any] = {}
+    positions: dict[str, Any] = {}
+    velocities: dict[str, Any] = {}
+    for joint in range(model.numbers["njnt"]):
+        kind, at, dof, body = (int(model[f"jnt_{word}"][joint]) for word in ("type", "qposadr", "dofadr", "bodyid"))
+        own = bodies.names[body]
+        name = bodies.joints.get(joint)
+        if name is None and f"{own}_joint" in bodies.joint_names.taken:
+            return None  # whose implied name is another's
+        name = name or f"{own}_joint"
+        if kind == FREE:
+            turn, spin = np.asarray(qpos[at + 3 : at + 7]), np.asarray(qvel[dof + 3 : dof + 6])
+            lever = rotated(turn, bodies.shifts[body])
+            angular = rotated(turn, spin)
+            state["pose"] = pose(np.asarray(qpos[at : at + 3]) + lever, turn) or {"xyz": [0, 0, 0]}
+            if np.any(qvel[dof : dof + 6]):
+                linear = np.asarray(qvel[dof : dof + 3]) + np.cross(angular, lever)
+                state["velocity"] = {"linear": numbers(linear), "angular": numbers(angular)}
+        elif name in following:
+            continue
+        elif kind == BALL:
+            positions[name] = {"quat": numbers(np.asarray(qpos[at : at + 4]))}
+            if np.any(qvel[dof : dof + 3]):
+                velocities[name] = numbers(np.asarray(qvel[dof : dof + 3]))
+        else:
+            reference = float(model["qpos0"][at])
+            value = float(qpos[at]) - reference
+            if bool(model["jnt_limited"][joint]) and not model.disabled("limit", "constraint"):
+                lower, upper = (float(bound) - reference for bound in model["jnt_range"][joint])
+                if not lower - ROUND_OFF <= value <= upper + ROUND_OFF:
+                    return None
+                value = min(max(value, lower), upper)
+            positions[name] = value
+            if qvel[dof]:
+                velocities[name] = float(qvel[dof])
+    state |= {key: values for key, values in (("positions", positions), ("velocities", velocities)) if values}
+    return state

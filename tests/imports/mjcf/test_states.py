@@ -1,0 +1,53 @@
+"""Keys of MJCF as named states of the model: positions from the reference on, the root's pose, and what is told as lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import simspec
+from simspec.language.foreign import Fate
+from simspec.world.kinematics import initial_state
+
+MODEL = """<mujoco model="walker"><compiler angle="radian"/><worldbody>
+  <body name="trunk" pos="0 0 0.5"><freejoint/><inertial pos="0.1 0 0" mass="5" diaginertia=".1 .1 .1"/>
+    <body name="hip" pos="0.2 0 0"><joint name="swing" axis="0 1 0" ref="0.3" range="-1 1" limited="true"/>
+      <inertial pos="0 0 -0.1" mass="1" diaginertia=".01 .01 .01"/>
+      <body name="foot" pos="0 0 -0.3"><joint type="ball"/><inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/></body>
+    </body>
+  </body></worldbody>
+  <keyframe>
+    <key name="home" qpos="1 2 0.27 1 0 0 0 0.8 0 1 0 0" qvel="1 0 0 0 0 2 0.5 0 0 0"/>
+    <key name="far" qpos="0 0 0 1 0 0 0 7 1 0 0 0"/>
+    <key qpos="0 0 0 0 0 1 0 0.3 1 0 0 0" time="3"/>
+  </keyframe></mujoco>"""
+
+
+def placed(folder, text: str, state: str):
+    (folder / "walker.xml").write_text(text, encoding="utf-8")
+    spec = f"simspec: 1\nname: top\nmodels:\n  w: {{use: walker.xml, state: {state}}}\n"
+    (folder / "top.yaml").write_text(spec, encoding="utf-8")
+    return simspec.load(folder / "top.yaml")
+
+
+def test_a_key_is_a_state(tmp_path):
+    world = placed(tmp_path, MODEL, "home").resolve()
+    base, hip, foot = (body.joint for body in world.bodies)
+    assert base.position == (1.0, 2.0, 0.27, 1.0, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(base.velocity, (1.0, 0.0, 0.0, 0.0, 0.0, 2.0))
+    assert hip.position == pytest.approx((0.5,))  # from the reference of 0.3 on
+    assert hip.velocity == (0.5,)
+    assert foot.position == (0.0, 1.0, 0.0, 0.0)
+    assert np.isfinite(initial_state(world)[0]).all()
+
+
+def test_what_is_not_carried_is_told(tmp_path):
+    spec = placed(tmp_path, MODEL, "state_2")
+    assert spec.resolve().bodies[0].joint.position[3:] == (0.0, 0.0, 1.0, 0.0)
+    (file,) = spec.source.uses.values()
+    assert file.imported is not None
+    told = {entry.what: entry.fate for entry in file.imported.accounts if "key" in entry.what}
+    assert {what for what, fate in told.items() if fate is Fate.LOST} == {"keyframe/key[far]", "keyframe/key/@time"}
+    assert told["keyframe/key[home]"] is told["keyframe/key[home]/@qpos"] is Fate.CARRIED
+    with pytest.raises(simspec.SpecError, match="the model has no state 'far'"):
+        placed(tmp_path, MODEL, "far")
