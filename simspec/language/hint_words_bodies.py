@@ -91,6 +91,9 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
         at="Shape",
     ),
     *same_hint("rgba color rgb diffuse", "colour: [r, g, b]", "Shape.colour"),
+    *same_hint(
+        "contact_margin collision_margin contact_offset rest_offset", "margin, in m", "Shape.margin", at="Shape"
+    ),
     *same_hint("visual_only no_collision", "collision: false", "Shape.collision"),
     # --- mass ---------------------------------------------------------------------------------------------------------
     *same_hint("weight", "mass, in kg", "Body.mass"),

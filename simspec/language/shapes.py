@@ -15,6 +15,7 @@ from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
+Length0 = Annotated[float, Number("length", 0)]
 Lengths = Annotated[tuple[float, float, float], Vector(Number("length", 0, above=True))]
 Point = Annotated[tuple[float, float, float], Vector(Number("length"))]
 Angles = Annotated[tuple[float, float, float], Vector(Number("angle"))]
@@ -127,6 +128,9 @@ class Shape(Strict):
     material: Maybe[NameOf] = Field(
         ABSENT, description="A material of `contact.materials`; default: the only one, where exactly one is defined"
     )
+    margin: Length0 = Field(
+        0.0, description="Distance from the surface at which contact begins; the margins of both shapes are added"
+    )
     collision: Switch = Field(True, description="Whether the shape takes part in contact")
     visual: Switch = Field(True, description="Whether the shape is drawn")
     colour: Colour = Field((0.7, 0.7, 0.7, 1.0), description="Red, green, blue and, where given, opacity; each 0 to 1")
@@ -135,6 +139,8 @@ class Shape(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "plane" in data and "density" in data:
             yield Fault(("density",), "a plane has no volume, so no density")
+        if data.get("collision") is False and "margin" in data:
+            yield Fault(("margin",), "a margin belongs to contact, and the shape has none", hint="remove it")
         if data.get("collision") is False and data.get("visual") is False:
             yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
 

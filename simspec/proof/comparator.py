@@ -354,6 +354,8 @@ class _Comparison:
             self.tally.equal(self.levels["geometry"], "visible", shape.visual, other.visual, f"{at}.visual")
         if not shape.collision:
             return
+        if shape.margin or other.margin:
+            self.note("geometry", "margin", abs(shape.margin - other.margin), f"{at}.margin", f"{other.margin:g} m")
         layers = self.plan.layers(shape.material)
         if self.tally.equal(self.levels["geometry"], "copies of a shape", len(layers), len(other.surfaces), at):
             for layer, surface in zip(layers, other.surfaces, strict=True):
@@ -409,6 +411,7 @@ class _Comparison:
     def explicit(self, laws: Mapping[tuple[str, str], PairContact]) -> None:
         """Pairs of shapes that the engine holds as such, and that all of those are there which numbers cannot give."""
         material = {shape.name: shape.material for body in self.world.bodies for shape in body.shapes}
+        margins = {shape.name: shape.margin for body in self.world.bodies for shape in body.shapes}
         listed = set()
         for pair in self.read_back.pairs:
             at = f"pair {pair.first}, {pair.second}"
@@ -417,7 +420,9 @@ class _Comparison:
             if both not in laws:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
                 continue
-            law = laws[both]
+            law, margin = laws[both], margins[pair.first] + margins[pair.second]
+            if margin or pair.margin:
+                self.note("geometry", "margin", abs(margin - pair.margin), at, f"{pair.margin:g} m")
             for quantity in COMBINED_QUANTITIES:
                 value = getattr(pair.surface, quantity)
                 if value is not None:

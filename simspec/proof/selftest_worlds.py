@@ -290,6 +290,18 @@ def meshes(engine: str) -> World:
     return World("self-test-meshes", bodies, contact, PHYSICS, engines=options)
 
 
+def margins(engine: str) -> World:
+    """A floor and a ball that are felt at a distance."""
+    world = bouncing(engine)
+    bodies = tuple(
+        dataclasses.replace(
+            body, shapes=tuple(dataclasses.replace(shape, margin=0.002 * number) for shape in body.shapes)
+        )
+        for number, body in enumerate(world.bodies, 1)
+    )
+    return dataclasses.replace(world, name="self-test-margins", bodies=bodies)
+
+
 def held(engine: str) -> World:
     """An arm whose slide follows its hinge; a chain of a hinge, a ball and a hinge, closed at a point; two free bodies that are
     held together. Nothing touches anything."""
@@ -351,6 +363,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "surfaces": surfaces,
     "rolling": rolling,
     "meshes": meshes,
+    "margins": margins,
     "held": held,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""

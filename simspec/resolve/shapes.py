@@ -48,7 +48,9 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
     name, place = spec.name or name, pose(spec.pose)
 
     def shape(suffix: str, size: tuple[float, ...], at: Pose) -> Shape:
-        return Shape(f"{name}{suffix}", kind, size, at, material, spec.collision, spec.visual, colour)
+        return Shape(
+            f"{name}{suffix}", kind, size, at, material, spec.collision, spec.visual, colour, margin=spec.margin
+        )
 
     if kind == "mesh":
         written = required(spec.mesh)

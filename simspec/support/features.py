@@ -41,6 +41,7 @@ class Feature(StrEnum):
     SHAPE_PLANE = "shape.plane"
     SHAPE_MESH = "shape.mesh"
     SHAPE_VISUAL = "shape.visual"
+    SHAPE_MARGIN = "shape.margin"
     SHAPES_PER_BODY = "shape.several"
     MATERIALS_PER_BODY = "material.several"
     FRICTION = "material.friction"
@@ -105,6 +106,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.SHAPE_PLANE: "infinite plane",
     Feature.SHAPE_MESH: "convex hull of a mesh",
     Feature.SHAPE_VISUAL: "visual shapes apart from collision shapes",
+    Feature.SHAPE_MARGIN: "contact that begins at a distance from the surface",
     Feature.SHAPES_PER_BODY: "several collision shapes on one body",
     Feature.MATERIALS_PER_BODY: "shapes of different materials on one body",
     Feature.FRICTION: "sliding friction of materials",

@@ -94,6 +94,8 @@ def needs(world: World) -> list[Need]:
             note(Feature(f"shape.{shape.kind}"), f"{path}.shapes.{index}")
             if not (shape.collision and shape.visual):
                 note(Feature.SHAPE_VISUAL, f"{path}.shapes.{index}")
+            if shape.collision and shape.margin:
+                note(Feature.SHAPE_MARGIN, f"{path}.shapes.{index}.margin")
         solid = [shape for shape in body.shapes if shape.collision]
         if len(solid) > 1:
             note(Feature.SHAPES_PER_BODY, f"{path}.shapes")

@@ -239,6 +239,18 @@ def with_options(base: World, engine: str, **options: Any) -> World:
 MATERIAL = Material("default", 0.4, 0.0)
 
 
+def felt_at_a_distance() -> World:
+    """A sphere and a box above a floor, all with margins, without friction."""
+    world = shapes_world(("sphere", "box"), 0.0)
+    bodies = tuple(
+        dataclasses.replace(
+            body, shapes=tuple(dataclasses.replace(shape, margin=0.001 * number) for shape in body.shapes)
+        )
+        for number, body in enumerate(world.bodies, 1)
+    )
+    return dataclasses.replace(world, bodies=bodies)
+
+
 def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
     """One free body of each shape kind above a big fixed box, all of one material; shape frames are turned and moved."""
     generator = random.Random(3)
@@ -460,6 +472,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
         if feature.value.startswith("contact.cone.")
     },
     **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
+    Feature.SHAPE_MARGIN: felt_at_a_distance,
     Feature.ARMATURE: partial(limits_and_armature, armature=0.1),
     Feature.DRY_FRICTION: partial(limits_and_armature, dry_friction=0.1),
     Feature.LIMIT_POSITION: limits_and_armature,

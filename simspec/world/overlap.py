@@ -64,9 +64,14 @@ class _Solid:
     def inner(self) -> float:
         return self.kind.inner_radius(self.shape.size)
 
+    @property
+    def outer(self) -> float:
+        return self.kind.outer_radius(self.shape.size) + self.shape.margin
+
     def reach(self, directions: np.ndarray) -> np.ndarray:
-        """How far (m) (n,) it reaches from its centre along unit vectors (n, 3) of the world."""
-        return self.kind.support(self.shape.size, directions @ self.axes.T)
+        """How far (m) (n,) it is felt from its centre along unit vectors (n, 3) of the world."""
+        reach: np.ndarray = self.kind.support(self.shape.size, directions @ self.axes.T) + self.shape.margin
+        return reach
 
 
 def deep_overlaps(world: World) -> list[Overlap]:
@@ -117,9 +122,9 @@ def _near(solids: list[_Solid]) -> Iterator[tuple[_Solid, _Solid]]:
     if not others:
         return
     centre = np.array([solid.centre for solid in others])
-    radius = np.array([solid.kind.outer_radius(solid.shape.size) for solid in others])
+    radius = np.array([solid.outer for solid in others])
     for plane in planes:
-        below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius)
+        below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius + plane.shape.margin)
         for index in below[:left]:
             yield plane, others[index]
         left -= len(below[:left])
@@ -175,11 +180,11 @@ def _depth(solid: _Solid, other: _Solid) -> float:
     apart = other.centre - solid.centre
     if solid.kind.endless:
         limit = DEEP * other.inner
-        depth = float(other.reach(-solid.axes[2][None])[0] - apart @ solid.axes[2])
+        depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin - apart @ solid.axes[2])
         return depth if depth > limit else 0.0
     limit = DEEP * min(solid.inner, other.inner)
     if solid.kind.round is other.kind.round is Round.EVERY:
-        depth = solid.inner + other.inner - float(np.linalg.norm(apart))
+        depth = solid.outer + other.outer - float(np.linalg.norm(apart))
         return depth if depth > limit else 0.0
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:

@@ -94,8 +94,9 @@ class Shape:
 
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
     that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
-    their layers, and ``material`` is "". ``rounding`` is of a read-back alone: how far (m) an engine keeps around the points of
-    a mesh, whose faces are that much further in.
+    their layers, and ``material`` is "". ``margin`` (m): contact has the gap between two surfaces less both margins, so
+    that the shape is felt that far from its surface. ``rounding`` is of a read-back alone: how far (m) an engine keeps around
+    the points of a mesh, whose faces are that much further in.
     """
 
     name: str
@@ -108,6 +109,7 @@ class Shape:
     colour: tuple[float, float, float, float] = (0.7, 0.7, 0.7, 1.0)
     surfaces: tuple[Surface, ...] = ()
     rounding: float = field(default=0.0, metadata=LEFT_OUT)
+    margin: float = field(default=0.0, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,12 +345,13 @@ class World:
 class HeldPair:
     """The law of two shapes that an engine holds as a pair, and which overrides the numbers of both.
 
-    ``first`` and ``second`` are names of shapes, ``first`` < ``second``.
+    ``first`` and ``second`` are names of shapes, ``first`` < ``second``; ``margin``: of both together (m).
     """
 
     first: str
     second: str
     surface: Surface
+    margin: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

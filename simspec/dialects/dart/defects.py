@@ -6,7 +6,18 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
-from simspec.dialects.kit.defects import CONSTRAINTS, Plant, floats, nudged, one, scaled, sidecar, turned_axis, xml
+from simspec.dialects.kit.defects import (
+    CONSTRAINTS,
+    MARGINS,
+    Plant,
+    floats,
+    nudged,
+    one,
+    scaled,
+    sidecar,
+    turned_axis,
+    xml,
+)
 from simspec.dialects.kit.mesh_defects import FILES, reordered
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
@@ -145,6 +156,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape not solid": sidecar(_not_solid),
     **FILES,
     "mesh, margin": "DART has no margin of its own around shapes, and no file has a number for one",
+    **dict.fromkeys(MARGINS, "DART's contact begins where shapes touch"),
     "meshes in another order": reordered(WORLD, "<file_name>([^<]*)</file_name>"),
     "friction": _surface("friction"),
     "restitution": _surface("restitution"),

@@ -20,6 +20,8 @@ from simspec.world import frames
 Files = Mapping[str, str]
 Plant = Callable[[Files], dict[str, str]]
 
+MARGINS = ("margin", "margin of a pair", "margin dropped")
+"""Those of contact margins."""
 NAMES: Mapping[str, str] = {
     "mass": "model",
     "centre of mass": "model",
@@ -56,6 +58,7 @@ NAMES: Mapping[str, str] = {
     "mesh missing": "meshes",
     "mesh, margin": "meshes",
     "meshes in another order": "meshes",
+    **dict.fromkeys(MARGINS, "margins"),
     "friction": "model",
     "restitution": "bouncing",
     "pair value": "surfaces",

@@ -40,6 +40,8 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
     more: list[tuple[str, Value]] = []
     if shape.collision:
         more.extend(mask)
+        if shape.margin:
+            more.append(("margin", shape.margin))
     group = GROUPS[shape.collision, shape.visual]
     if group:
         more.append(("group", group))

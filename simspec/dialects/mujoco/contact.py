@@ -10,7 +10,7 @@ from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.choices import MATERIAL_CLASS, VISUAL_CLASS
 from simspec.dialects.mujoco.names import COULOMB
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.mjcf.from_world import dimensions
+from simspec.formats.mjcf.from_world import dimensions, margins_of
 from simspec.formats.mjcf.tree import Attributes, Default, Value
 from simspec.formats.mjcf.tree import Pair as ExplicitPair
 from simspec.world.kinematics import rigid_groups
@@ -229,7 +229,7 @@ def explicit_pairs(world: World, target: Target) -> tuple[tuple[ExplicitPair, ..
 def _rows(
     world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]
 ) -> tuple[ExplicitPair, ...]:
-    shared = dict(pair_defaults(world, target))
+    shared, margins = dict(pair_defaults(world, target)), margins_of(world)
     inverse = inverse_masses(world)
     rows = []
     for pair in pairs:
@@ -248,6 +248,8 @@ def _rows(
                 **dict(contact_reference(world, own_target, held, weight)),
                 "solreffriction": friction_reference(world, own_target, law.hardness.kind),
             }
+            if margin := margins[first] + margins[second]:
+                values["margin"] = margin
             own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
             rows.append(ExplicitPair(first, second, own))
     return tuple(rows)

@@ -148,6 +148,12 @@ def _mesh_margin(root: Element) -> None:
         pair.set("margin", "0.001")
 
 
+def _no_margin(root: Element) -> None:
+    for item in root.iter():
+        if item.tag in ("geom", "pair"):
+            item.attrib.pop("margin", None)
+
+
 def _equality(name: str, key: str, change: Callable[[str], str]) -> Plant:
     return _attribute(f"equality/*[@name='{name}']", key, change)
 
@@ -204,6 +210,9 @@ DEFECTS: Mapping[str, Plant | str] = {
     **FILES,
     "mesh, margin": xml(MODEL, _mesh_margin),
     "meshes in another order": reordered(MODEL, ' mesh="([^"]*)"'),
+    "margin": _attribute(".//geom[@name='ball_0']", "margin", scaled),
+    "margin of a pair": _attribute("contact/pair[@geom1='ball_0']", "margin", scaled),
+    "margin dropped": xml(MODEL, _no_margin),
     "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
     "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
     "excluded pair dropped": xml(MODEL, _drop_exclude),

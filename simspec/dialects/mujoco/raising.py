@@ -274,6 +274,7 @@ class _Raising:
             _word(geom, "group", GROUP_IS_VISUAL),
             (red, green, blue, alpha),
             surfaces,
+            margin=geom.number("margin") if collides else 0.0,
         )
 
     def _hull(self, geom: Item) -> tuple[float, ...]:
@@ -284,7 +285,7 @@ class _Raising:
 
     @staticmethod
     def _surface(item: Item, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:
-        numbers = (item.numbers("solref", 2), item.numbers("solimp", 5), item.number("margin"))
+        numbers = (item.numbers("solref", 2), item.numbers("solimp", 5))
         return surface(_whole(item, "condim"), friction, *numbers, law, inverse_mass)
 
     def pairs(self) -> tuple[HeldPair, ...]:
@@ -302,7 +303,8 @@ class _Raising:
                 raise pair.refused(f"{first!r} with {second!r} is not isotropic")
             weight = inverse[first] + inverse[second]
             law = CommonLaw.of(self.timestep, self._sidecar.settings_between(first, second))
-            held.append(HeldPair(first, second, self._surface(pair, (one, torsion, roll), law, weight)))
+            surface_held = self._surface(pair, (one, torsion, roll), law, weight)
+            held.append(HeldPair(first, second, surface_held, pair.number("margin")))
         return tuple(sorted(held, key=lambda pair: (pair.first, pair.second)))
 
     def settings(self) -> dict[str, HeldValue]:

@@ -43,7 +43,6 @@ def surface(
     friction: Sequence[float],
     solref: Sequence[float],
     solimp: Sequence[float],
-    margin: float,
     common: CommonLaw,
     inverse_mass: float = 1.0,
 ) -> Surface:
@@ -51,10 +50,7 @@ def surface(
 
     ``friction``: sliding, torsional, rolling.
     ``inverse_mass`` (1/kg): of an explicit pair the sum of both bodies'; a geom holds what it would be at 1 kg.
-    Raises ValueError for a margin: contact begins where shapes touch.
     """
-    if margin:
-        raise ValueError(f"contact begins {margin} m before the shapes touch")
     hardness = _hardness(solref, solimp, common, inverse_mass)
     return Surface(
         float(friction[0]) if condim >= 3 else 0.0,

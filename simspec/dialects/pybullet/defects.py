@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element
 
 from simspec.dialects.kit.defects import (
     CONSTRAINTS,
+    MARGINS,
     Plant,
     flipped_product,
     floats,
@@ -121,6 +122,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "ball damping": attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
     "ball spring": sidecar_number("springs", "stiffness"),
     "mesh, margin": sidecar(_margin),
+    **dict.fromkeys(MARGINS, "PyBullet's contact begins where shapes touch"),
     "friction": attribute("link/contact/lateral_friction", "value", scaled, BALL),
     "restitution": attribute("link/contact/restitution", "value", scaled, BALL),
     "excluded pair dropped": sidecar(_drop_exclude),

@@ -92,6 +92,7 @@ class PybulletDialect(Dialect):
         **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES)),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
+        Feature.SHAPE_MARGIN: never("PyBullet's contact begins where shapes touch"),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,
         Feature.MATERIALS_PER_BODY: via_api(_COPIES),

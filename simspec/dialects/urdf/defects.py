@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import (
     CONSTRAINTS,
+    MARGINS,
     Plant,
     floats,
     nudged,
@@ -180,6 +181,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
+    **dict.fromkeys(MARGINS, "plain URDF has no margins"),
     "mesh, margin": "plain URDF has no margins",
     "ball damping": NO_BALL,
     "ball spring": NO_BALL,

@@ -152,6 +152,7 @@ class Dart(SimulatedEngine[Simulation]):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
+        Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(
             Level.EXACT, "in the sidecar only: DART would enforce it together with the position limits"

@@ -144,6 +144,9 @@ class Drake(SimulatedEngine[Simulation]):
             Level.EXACT,
             "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°",
         ),
+        Feature.SHAPE_MARGIN: never(
+            "Drake's contact begins where shapes touch: its margin is that of pressure fields, without a force"
+        ),
         Feature.LIMIT_POSITION: approximate(
             "TAMSI's limits are springs: under gravity a joint sinks 2.6e-3 rad, or 1e-3 m, beyond them at 1 ms (with dt²), at "
             "10 rad/s 0.035 rad, and comes back at an eighth of its speed; SAP's stop within the step",

@@ -73,7 +73,7 @@ class MuJoCo(MujocoSimulation):
             *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.SPRING, Feature.BALL_SPRING),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             Feature.FRICTION,
             *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),

@@ -254,17 +254,22 @@ class _Expected:
         mesh = {f"geom.{shape.name}.dataid": self._hulls.index(shape.size)} if shape.kind == "mesh" else {}
         held = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
         solref, solimp = self._reference(held, 1.0, False, self.settings)
-        return mesh | {
-            f"geom.{shape.name}.condim": self._directions(held),
-            f"geom.{shape.name}.friction": (
-                held.friction or 0.0,
-                held.torsional_friction or 0.0,
-                held.rolling_friction or 0.0,
-            ),
-            f"geom.{shape.name}.solref": solref,
-            f"geom.{shape.name}.solimp": solimp,
-            f"geom.{shape.name}.group": GROUP[shape.collision, shape.visual],
-        }
+        margin = {f"geom.{shape.name}.margin": shape.margin} if shape.collision and shape.margin else {}
+        return (
+            mesh
+            | margin
+            | {
+                f"geom.{shape.name}.condim": self._directions(held),
+                f"geom.{shape.name}.friction": (
+                    held.friction or 0.0,
+                    held.torsional_friction or 0.0,
+                    held.rolling_friction or 0.0,
+                ),
+                f"geom.{shape.name}.solref": solref,
+                f"geom.{shape.name}.solimp": solimp,
+                f"geom.{shape.name}.group": GROUP[shape.collision, shape.visual],
+            }
+        )
 
     @functools.cached_property
     def _explicit(self) -> tuple[list[tuple[Pair, str, str]], bool]:
@@ -296,13 +301,19 @@ class _Expected:
         weight = self._inverse_mass(one) + self._inverse_mass(two)
         solref, solimp = self._reference(held, weight, True, settings)
         name = f"pair.{one},{two}"
-        return {
+        margin = self._margin[one] + self._margin[two]
+        return ({f"{name}.margin": margin} if margin else {}) | {
             f"{name}.dim": self._directions(law),
             f"{name}.friction": (law.friction,) * 2 + (law.torsional_friction,) + (law.rolling_friction,) * 2,
             f"{name}.solref": solref,
             f"{name}.solimp": solimp,
             f"{name}.solreffriction": (0.0, -self._slip_rate(law.hardness.kind, settings)),
         }
+
+    @functools.cached_property
+    def _margin(self) -> dict[str, float]:
+        """Of each solid shape, by its name."""
+        return {shape.name: shape.margin for shapes in self.solid.values() for shape in shapes}
 
     def _slip_rate(self, kind: str, settings: Mapping[str, Any]) -> float:
         """1/s at which friction takes back slip."""

@@ -234,9 +234,8 @@ class _ReadBack:
         surfaces: tuple[Surface, ...] = ()
         if collides:
             held = (model.geom_friction[geom], model.geom_solref[geom], model.geom_solimp[geom])
-            margin = float(model.geom_margin[geom])
             friction, solref, solimp = (tuple(numbers.tolist()) for numbers in held)
-            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, margin, self._law),)
+            surfaces = (surface(int(model.geom_condim[geom]), friction, solref, solimp, self._law),)
         red, green, blue, alpha = _single(model.geom_rgba[geom])
         return Shape(
             self._names["GEOM"][geom],
@@ -248,6 +247,7 @@ class _ReadBack:
             int(model.geom_group[geom]) in VISIBLE_GROUPS,
             (red, green, blue, alpha),
             surfaces,
+            margin=float(model.geom_margin[geom]) if collides else 0.0,
         )
 
     def _hull(self, mesh: int) -> tuple[tuple[float, ...], Pose]:
@@ -300,8 +300,7 @@ class _ReadBack:
             inverse_mass = sum(float(model.body_invweight0[model.geom_bodyid[end]][0]) for end in ends)
             solref, solimp = tuple(model.pair_solref[pair].tolist()), tuple(model.pair_solimp[pair].tolist())
             condim = int(model.pair_dim[pair])
-            margin = float(model.pair_margin[pair])
             law = CommonLaw.of(float(model.opt.timestep), self._sidecar.settings_between(first, second))
-            held = surface(condim, (one, torsion, roll), solref, solimp, margin, law, inverse_mass)
-            found.append(HeldPair(first, second, held))
+            held = surface(condim, (one, torsion, roll), solref, solimp, law, inverse_mass)
+            found.append(HeldPair(first, second, held, float(model.pair_margin[pair])))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))

@@ -241,7 +241,7 @@ class MujocoSimulation(Engine, abstract=True):
             "body": self._world_index[self.model.geom_bodyid[held.geom]],
             "position": held.pos.copy(),
             "normal": -held.frame[:, :3],  # MuJoCo's points from the first to the second
-            "distance": held.dist.copy(),
+            "distance": held.dist - held.includemargin,
             "normal_force": self._normal_forces(held.efc_address, held.dim),
             "unit": held.geom.astype(np.int64),
         }
@@ -268,7 +268,7 @@ class MujocoSimulation(Engine, abstract=True):
     def detect_units(self) -> np.ndarray:
         probe = self._at_state()
         self._mujoco.mj_collision(self.model, probe)
-        return sorted_pairs(probe.contact.geom[probe.contact.dist <= 0.0])
+        return sorted_pairs(probe.contact.geom[probe.contact.dist <= probe.contact.includemargin])
 
     def disable_contact(self) -> None:
         self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)

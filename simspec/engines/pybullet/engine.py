@@ -190,6 +190,9 @@ class PyBullet(SimulatedEngine[Simulation]):
             refine=_meshes_held,
             cases=(LANDING,),
         ),
+        Feature.SHAPE_MARGIN: never(
+            "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
+        ),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,
         Feature.MATERIALS_PER_BODY: via_api(_COPIES),

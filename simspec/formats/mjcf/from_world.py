@@ -118,6 +118,11 @@ def geom_of(shape: Shape, class_name: str, more: tree.Attributes) -> tree.Geom:
     )
 
 
+def margins_of(world: World) -> dict[str, float]:
+    """The margin (m) of each shape, by its name: those of a pair are added."""
+    return {shape.name: shape.margin for body in world.bodies for shape in body.shapes}
+
+
 def dimensions(law: PairContact | Surface) -> int:
     """``condim``: the directions in which a contact has friction."""
     if law.rolling_friction:

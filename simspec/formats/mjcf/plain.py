@@ -27,6 +27,7 @@ from simspec.formats.mjcf.from_world import (
     geom_of,
     joint_attributes,
     keyframe,
+    margins_of,
     meshes_of,
 )
 from simspec.formats.mjcf.names import LEAST_MASS, file_name
@@ -63,7 +64,7 @@ SUPPORT: Final[Table] = {
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
         *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.SPRING, Feature.BALL_SPRING),
         *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+        *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
         *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
         *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
@@ -229,6 +230,7 @@ def _classes(world: World) -> Iterator[Default]:
 
 
 def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> Iterator[tree.Pair]:
+    margins = margins_of(world)
     for pair in pairs:
         law = laws[pair]
         sliding, torsional, rolling = _friction(law)
@@ -238,7 +240,9 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
             ("solref", _reference(law)),
         )
         for first, second in shape_pairs(world, [pair]):
-            yield tree.Pair(first, second, attributes)
+            margin = margins[first] + margins[second]
+            own: Attributes = (("margin", margin),) if margin else ()
+            yield tree.Pair(first, second, (*attributes, *own))
 
 
 # --- bodies -------------------------------------------------------------------------------------------------------
@@ -260,7 +264,9 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
     group = GROUPS[shape.collision, shape.visual]
     shown: Attributes = (("group", group),) if group else ()
     class_name = MATERIAL + shape.material if shape.collision else VISUAL
-    return geom_of(shape, class_name, (*(mask if shape.collision else ()), *shown, ("rgba", shape.colour)))
+    margin: Attributes = (("margin", shape.margin),) if shape.collision and shape.margin else ()
+    solid = (*mask, *margin) if shape.collision else ()
+    return geom_of(shape, class_name, (*solid, *shown, ("rgba", shape.colour)))
 
 
 def _actuators(world: World) -> Iterator[tree.Actuator]:

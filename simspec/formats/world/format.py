@@ -24,7 +24,7 @@ from simspec.formats.world.tree import (
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import Table, exactly, shape_kinds
+from simspec.support.declarations import Table, exactly, never, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
@@ -67,6 +67,7 @@ class WorldJson(Format):
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
+        Feature.SHAPE_MARGIN: never("world.json has no margins: no engine that reads it has any"),
         **shape_kinds("world.json", SHAPES),
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""

@@ -82,6 +82,7 @@ class Compiled:
     def __init__(self, answer: Mapping[str, Any], assembly: Assembly):
         model = answer["model"]
         self.version = str(answer["version"])
+        self.major = int(self.version.partition(".")[0])
         self.numbers: dict[str, int] = model["numbers"]
         self.options: dict[str, Any] = model["options"]
         self._arrays: dict[str, NDArray[Any]] = {name: np.asarray(value) for name, value in model["arrays"].items()}

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.language.foreign import Severity
 
+_LISTED: Final = "a distance at which contact is listed, without a force: nothing is felt of it"
 _PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
 
 
@@ -66,8 +67,15 @@ FEATURES: Final = {
         "less damping or stiffness, or more armature, allows a longer one",
     ),
     "geom.margin": Feature(
-        "geom/margin geom/gap pair/margin pair/gap", _PHYSICS, "contact begins where shapes touch: no margins yet"
+        "geom/margin geom/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
     ),
+    "pair.margin": Feature(
+        "pair/margin pair/gap",
+        _PHYSICS,
+        "margins of shapes are added in the language: two have no other margin together",
+    ),
+    "geom.gap": Feature("geom/gap", _INFORMATION, _LISTED),
+    "pair.gap": Feature("pair/gap", _INFORMATION, _LISTED),
     "geom.fluid": Feature("geom/fluidshape geom/fluidcoef", _PHYSICS, "forces of a fluid are not in the language"),
     "geom.adhesion": Feature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
     "geom.moving_surface": Feature("geom/surfacevel", _PHYSICS, "moving surfaces are not in the language yet"),

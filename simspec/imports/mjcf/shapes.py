@@ -79,6 +79,8 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
         shape["collision"] = False
     else:
         shape["material"] = material
+        if margin := surfaces.margin(number):
+            shape["margin"] = margin
         if int(model["geom_group"][number]) >= HIDDEN:
             shape["visual"] = False
     shape["colour"] = _colour(bodies, number)

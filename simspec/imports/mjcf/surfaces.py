@@ -14,6 +14,8 @@ from typing import Any, Final, NamedTuple
 from simspec.imports.mjcf.compiled import Compiled
 from simspec.imports.mjcf.features import Features
 
+SEPARATE_GAP: Final = 4
+"""The first version of the compiler in which a gap is beyond the margin, without a force (measured: not 3.8.0, but 4.0.1)."""
 MOST_MATERIALS: Final = 300
 """Materials of a spec."""
 SOLREF: Final = (0.02, 1.0)
@@ -131,8 +133,10 @@ class Surfaces:
             if joined or above or (one, two) in stated or (two, one) in stated or not even:
                 self.features.add("contact.pair" if even else "contact.uneven", part.element)
                 continue
-            if model["pair_margin"][number] or model["pair_gap"][number]:
-                self.features.add("geom.margin", part.element)
+            if self._felt("pair", number) != self.margin(first) + self.margin(second):
+                self.features.add("pair.margin", part.element)
+            elif model["pair_gap"][number]:
+                self.features.add("pair.gap", part.element)
             if (*model["pair_solref"][number], *model["pair_solimp"][number]) != (*SOLREF, *SOLIMP):
                 self.features.add("contact.softness", part.element)
             directions = int(model["pair_dim"][number])
@@ -154,6 +158,15 @@ class Surfaces:
         surface = self._of.get(geom)
         return None if surface is None else self.materials[surface]
 
+    def _felt(self, kind: str, number: int) -> float:
+        """Where contact begins (m): at the margin; before version 4 of the compiler at the margin less the gap."""
+        margin, gap = (float(self.model[f"{kind}_{word}"][number]) for word in ("margin", "gap"))
+        return margin - gap if self.model.major < SEPARATE_GAP else margin
+
+    def margin(self, geom: int) -> float:
+        """The margin (m) of a geom."""
+        return max(0.0, self._felt("geom", geom))
+
     def touching(self, one: int, two: int) -> bool:
         """Whether two bodies, by their numbers, have shapes that may touch."""
         sides = [
@@ -168,8 +181,10 @@ class Surfaces:
         model = self.model
         for number in self._of:
             element = model.part("geom", number).element
-            if model["geom_margin"][number] or model["geom_gap"][number]:
+            if self._felt("geom", number) < 0.0:
                 self.features.add("geom.margin", element)
+            elif model["geom_gap"][number]:
+                self.features.add("geom.gap", element)
             softness = (*model["geom_solref"][number], *model["geom_solimp"][number])
             if softness != (*SOLREF, *SOLIMP):
                 self.features.add("contact.softness", element)

@@ -62,7 +62,13 @@ class SizeTrial:
 
 def surface_points(shape: Shape) -> tuple[SurfacePoint, ...]:
     """Points of a collision shape with known normals: middles of faces, and places where stand-ins for it would differ."""
-    return tuple(_POINTS[shape.kind](shape.size))
+    return tuple(_felt(point, shape.margin) for point in _POINTS[shape.kind](shape.size))
+
+
+def _felt(point: SurfacePoint, margin: float) -> SurfacePoint:
+    """Where contact begins, of a shape with a margin: that far out along the normal."""
+    x, y, z = (at + margin * along for at, along in zip(point.point, point.normal, strict=True))
+    return SurfacePoint(point.where, (x, y, z), point.normal) if margin else point
 
 
 def _sphere(size: Sequence[float]) -> Iterator[SurfacePoint]:
@@ -181,12 +187,14 @@ def size_trial(world: World) -> SizeTrial | None:
     for first, second in meeting_laws(world):  # others have no numbers with which to meet
         partners.setdefault(first, second)
         partners.setdefault(second, first)
-    distinct: dict[tuple[str, tuple[float, ...], str], tuple[Shape, str, str]] = {}
+    distinct: dict[tuple[str, tuple[float, ...], float, str], tuple[Shape, str, str]] = {}
     for body in world.bodies:
         role = "child" if body.joint.parent is not None else "free" if body.joint.kind == "free" else "fixed"
         for shape in solid_shapes(body):
             if shape.material in partners:
-                distinct.setdefault((shape.kind, shape.size, role), (shape, role, partners[shape.material]))
+                distinct.setdefault(
+                    (shape.kind, shape.size, shape.margin, role), (shape, role, partners[shape.material])
+                )
     if not distinct:
         return None
     bodies: list[Body] = []
@@ -196,7 +204,7 @@ def size_trial(world: World) -> SizeTrial | None:
     chosen = list(distinct.values())[:MOST_SHAPES]
     for index, (shape, role, partner) in enumerate(chosen):
         kind = shapes.SHAPES[shape.kind]
-        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + 1.0
+        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + shape.margin + 1.0
         at += reach
         # a plane is solid below itself, without end: it lies under all other shapes
         place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
@@ -243,11 +251,12 @@ def _told(shape: Shape) -> str:
         radius = shapes.SHAPES[shape.kind].outer_radius(shape.size)
         return f"{shape.kind} of {len(shape.size) // 3} vertices within {radius:g} m"
     text = " × ".join(f"{value:g}" for value in shape.size)
-    return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}"
+    felt = f", margin {shape.margin:g} m" if shape.margin else ""
+    return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}{felt}"
 
 
 def _carrier(name: str, shape: Shape, role: str, place: Pose) -> list[Body]:
-    solid = Shape(f"{name}/solid", shape.kind, shape.size, Pose(), shape.material)
+    solid = Shape(f"{name}/solid", shape.kind, shape.size, Pose(), shape.material, margin=shape.margin)
     heavy = Inertial(1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     if role == "fixed":
         joint = Joint(name, "fixed", None, place)

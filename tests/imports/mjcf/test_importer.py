@@ -132,7 +132,6 @@ LOSSES = {
     '<body><joint type="ball" armature="1"/><geom size="1"/></body>': "joint.armature",
     '<body><joint type="ball" range="0 1" limited="true"/><geom size="1"/></body>': "joint.ball_limit",
     '<body><joint type="free" stiffness="1"/><geom size="1"/></body>': "joint.free_spring",
-    '<body><freejoint/><geom size="1" margin="0.1"/></body>': "geom.margin",
     '<body><joint actuatorfrcrange="-1 2"/><geom size="1"/></body>': "joint.effort_range",
     '<body><joint stiffness="1 2"/><geom size="1"/></body>': "joint.polynomial",
 }
@@ -145,10 +144,28 @@ def test_what_the_spec_does_not_say_is_told(tmp_path):
     assert told == {(line, FEATURES[feature].reason) for line, feature in enumerate(LOSSES.values(), 2)}
 
 
+MARGINS = """<mujoco><default><geom margin="0.001"/></default><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="a"><freejoint/><geom name="a" size=".1" margin="0.002" gap="0.5"/></body>
+<body name="b"><freejoint/><geom name="b" size=".1" pos="1 0 0" margin="0"/></body></worldbody>
+<contact><pair geom1="b" geom2="a" margin="0.002"/></contact></mujoco>"""
+
+
+def test_margins_of_shapes_and_pairs(tmp_path):
+    imported = read(written(tmp_path, MARGINS))
+    bodies = imported.data["bodies"] if "bodies" in imported.data else imported.data["model"]["bodies"]
+    margins = [shape.get("margin", 0.0) for body in bodies.values() for shape in body["shapes"]]
+    assert margins == [0.001, 0.002, 0.0]
+    assert not lost(imported)
+    (gap,) = [entry for entry in imported.accounts if entry.what.endswith("/@gap")]
+    assert (gap.fate, gap.severity) == (Fate.LOST, Severity.INFORMATION)
+    other = read(written(tmp_path, MARGINS.replace('"a" margin="0.002"/>', '"a" margin="0.004"/>')))
+    assert [entry.what.rpartition("/")[2] for entry in lost(other)] == ["@margin"]
+
+
 def test_what_a_class_gives_is_told_too(tmp_path):
-    text = """<mujoco><default><default class="soft"><geom margin="0.01"/></default></default>
+    text = """<mujoco><default><default class="soft"><geom adhesion="0.01"/></default></default>
     <worldbody><body><freejoint/><geom class="soft" size="1"/></body></worldbody></mujoco>"""
-    assert [entry.what for entry in lost(read(written(tmp_path, text)))] == ["default/default[soft]/geom/@margin"]
+    assert [entry.what for entry in lost(read(written(tmp_path, text)))] == ["default/default[soft]/geom/@adhesion"]
     unused = text.replace('class="soft" size', "size")
     assert not lost(read(written(tmp_path, unused)))
 
@@ -165,7 +182,7 @@ def test_what_nobody_knows_is_lost(tmp_path):
 
 
 def test_included_files_are_one_model_and_keep_their_places(tmp_path):
-    written(tmp_path, '<x><body name="b"><joint/><geom size="1" margin="1"/></body></x>', "parts/b.xml")
+    written(tmp_path, '<x><body name="b"><joint/><geom size="1" adhesion="1"/></body></x>', "parts/b.xml")
     text = '<mujoco><worldbody>\n<body name="a"><freejoint/><geom size="1"/><include file="parts/b.xml"/></body>'
     path = written(tmp_path, f"{text}</worldbody></mujoco>")
     imported = read(path)
@@ -177,7 +194,7 @@ def test_included_files_are_one_model_and_keep_their_places(tmp_path):
 
 def test_attached_models(tmp_path):
     inner = """<mujoco model="hand"><compiler angle="degree"/><default><geom margin="0"/></default><worldbody>
-    <body name="palm" euler="90 0 0"><joint name="turn" range="-90 90"/><geom size="1" margin="1"/></body>
+    <body name="palm" euler="90 0 0"><joint name="turn" range="-90 90"/><geom size="1" adhesion="1"/></body>
     </worldbody></mujoco>"""
     written(tmp_path, inner, "hand/hand.xml")
     text = """<mujoco><compiler angle="radian"/><asset><model name="h" file="hand/hand.xml"/></asset><worldbody>
