@@ -39,7 +39,8 @@ def felt(folder, friction: float = 0.5) -> World:
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("how", ["native", "coulomb"])
 def test_bodies_rest_where_they_are_felt(friction, how, tmp_path):
-    """Pairs with friction are explicit (their margin is the sum), and others the engine combines by itself. MuJoCo's own friction has a soft first 0.1 mm."""
+    """Pairs with friction are explicit (their margin is the sum), and others the engine combines by itself. MuJoCo's own
+    friction has a soft first 0.1 mm."""
     world = felt(tmp_path, friction)
     options = dataclasses.replace(world.engines[0], settings=(("friction", how),))
     run = simspec.run(dataclasses.replace(world, engines=(options,)), "mujoco")
