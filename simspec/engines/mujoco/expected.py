@@ -78,6 +78,8 @@ class _Expected:
         for body in self.world.bodies:
             for shape in body.shapes:
                 found |= self._geom(shape)
+            if margin := max((shape.margin for shape in self.solid[body.name]), default=0.0):
+                found[f"body.{body.name}.margin"] = margin  # MuJoCo's own, of bodies' bounding boxes
         pairs, _ = self._explicit
         for pair, one, two in pairs:
             found |= self._pair(self.laws[pair], one, two)
