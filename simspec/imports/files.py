@@ -24,7 +24,7 @@ LARGEST_FILE: Final = 256 * 2**20
 """Bytes of one file that another names; a mesh of the largest that is read (200,000 faces as text) has 40 million."""
 LONGEST_PATH: Final = 1000
 """Characters of a path in a file."""
-PACKAGE: Final = re.compile(r"(package|model)://([^/\\]+)/?(.*)", re.DOTALL)
+PACKAGE: Final = re.compile(r"(package|model):///?([^/\\]+)/?(.*)", re.DOTALL)
 FIND: Final = re.compile(r"\$\(find\s+([^)\s]+)\)/?(.*)", re.DOTALL)
 SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
 MARKS: Final = ("package.xml", "model.config")

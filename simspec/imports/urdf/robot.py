@@ -13,6 +13,7 @@ from simspec.imports.urdf import joints as joint_rules
 from simspec.imports.urdf import masses as mass_rules
 from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
+from simspec.imports.urdf.contact import add_materials
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
 from simspec.imports.urdf.mimic import constraints
@@ -79,6 +80,7 @@ class Robot:
         self.joints: list[Joint] = []
         self.fixed = False
         """Whether the root is fixed to the world."""
+        self.materials: dict[str, dict[str, Any]] = {}
 
     def imported(self) -> Imported:
         """The spec and the accounts. Raises SpecError with every problem."""
@@ -92,6 +94,8 @@ class Robot:
         data: dict[str, Any] = {}
         if tree is not None:
             self._check_masses(tree)
+            kept = {name: (self.links[name].element, self.links[name].shapes) for name in tree.order}
+            self.materials = add_materials(self.root, kept, self.draft)
             data = self._written(tree)
         else:
             for link in self.links.values():
@@ -260,7 +264,8 @@ class Robot:
         self.draft.place((), self.root)
         coupled = constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
         more = {"constraints": coupled} if coupled else {}
-        return {"simspec": VERSION, "name": name, "model": {"bodies": bodies, **more}}
+        contact = {"contact": {"materials": self.materials}} if self.materials else {}
+        return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
 
     def _world_child(self, joint: Joint, child: Link) -> dict[str, Any]:
         """The words of the body that hangs on the link `world`: there is no such body, since it is the world itself."""

@@ -33,6 +33,8 @@ class Shape:
     mesh: NamedMesh | None = None
     is_open: bool = False
     """Whether the mesh encloses no volume."""
+    material: str = ""
+    """Of `contact.materials`; "" for the only one."""
 
     def written(self) -> dict[str, Any]:
         """The shape as the spec says it."""
@@ -41,6 +43,8 @@ class Shape:
             data["collision"] = False
         if not self.visual:
             data["visual"] = False
+        if self.material:
+            data["material"] = self.material
         if self.colour is not None:
             data["colour"] = self.colour
         return data

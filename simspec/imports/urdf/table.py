@@ -3,10 +3,10 @@ aside what is never carried."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.imports.elements import Element
+from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.imports.table import Row
 from simspec.language.foreign import Fate, Severity
 
@@ -14,6 +14,9 @@ CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
 
 
+NO_MEANING: Final = "URDF gives it no meaning"
+NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
+APART: Final = "import option `self_collision: false`"
 CONTROL: Final = "write the actuators as `control:` of the scenario"
 FRICTION: Final = "write `contact: {materials: ...}` in the scenario"
 
@@ -23,7 +26,7 @@ TABLE: Final = (
     # links
     Row("link", "`bodies.NAME`"),
     Row("link/@name", "the body's name"),
-    Row("link/@type", "", LOST, INFORMATION, "URDF gives it no meaning"),
+    Row("link/@type", "", LOST, INFORMATION, NO_MEANING),
     Row("link/inertial", "`mass`, `centre_of_mass`, `inertia`"),
     Row("link/inertial/origin", "`centre_of_mass`, and the axes of `inertia`"),
     Row("link/inertial/origin/@xyz", "`centre_of_mass`"),
@@ -49,6 +52,8 @@ TABLE: Final = (
             Row(f"link/{holder}/origin/@xyz", "`shapes.N.pose.xyz`"),
             Row(f"link/{holder}/origin/@rpy", "`shapes.N.pose.rpy`"),
             Row(f"link/{holder}/geometry", "the kind of the shape"),
+            Row(f"link/{holder}/geometry/@name", "", LOST, INFORMATION, NO_MEANING),
+            Row(f"link/{holder}/geometry/material", "", LOST, APPEARANCE, NO_MEANING),
             Row(f"link/{holder}/geometry/box", "`box`"),
             Row(f"link/{holder}/geometry/box/@size", "`box.size`"),
             Row(f"link/{holder}/geometry/sphere", "`sphere`"),
@@ -66,11 +71,34 @@ TABLE: Final = (
     Row("link/visual/material/color", "`shapes.N.colour`"),
     Row("link/visual/material/color/@rgba", "`shapes.N.colour`"),
     Row("link/visual/material/texture", "", LOST, APPEARANCE, "simspec has no textures"),
+    Row("link/visual/material/specular", "", LOST, APPEARANCE, "a surface has a colour only"),
     Row("link/collision/material", "", UNUSED, APPEARANCE, "a collision shape is not drawn"),
     Row("link/collision/verbose", "", LOST, INFORMATION, "URDF no longer has it"),
     Row("link/collision_checking", "", LOST, INFORMATION, "planners read it"),
     Row("link/self_collision_checking", "", LOST, INFORMATION, "planners read it"),
-    Row("link/contact", "", LOST, PHYSICS, "friction and stiffness of contact are of pairs of materials", FRICTION),
+    Row("link/contact", "`contact.materials`, and `shapes.N.material` where there are several"),
+    *(
+        row
+        for tag, word in (
+            ("lateral_friction", "friction"),
+            ("rolling_friction", "rolling_friction"),
+            ("spinning_friction", "torsional_friction"),
+            ("restitution", "restitution"),
+        )
+        for row in (
+            Row(f"link/contact/{tag}", f"`contact.materials.NAME.{word}`"),
+            Row(f"link/contact/{tag}/@value", f"`contact.materials.NAME.{word}`"),
+        )
+    ),
+    *(
+        Row(f"link/contact/{tag}", "", LOST, INFORMATION, HOW_HARD, HARDNESS_HINT)
+        for tag in ("stiffness", "damping", "contact_cfm", "contact_erp", "friction_anchor")
+    ),
+    Row("link/origin", "", LOST, INFORMATION, NO_MEANING),
+    *(
+        Row(f"link/{tag}", "", LOST, INFORMATION, "a word of SDF, which no reader of URDF reads")
+        for tag in ("gravity", "kinematic", "self_collide", "surface")
+    ),
     Row("link/sensor", "", LOST, INFORMATION, "simspec has no sensors"),
     Row("link/audio_source", "", LOST, INFORMATION, "simspec has no sounds"),
     # materials
@@ -87,6 +115,7 @@ TABLE: Final = (
         "`joint.type`: hinge (revolute, continuous), slide (prismatic), ball (spherical), fixed; a floating "
         "joint from the root `world` is a free root",
     ),
+    Row("joint/@dont_collapse", "", LOST, INFORMATION, "an instruction to one program's converter"),
     Row("joint/origin", "`joint.origin`"),
     Row("joint/origin/@xyz", "`joint.origin.xyz`"),
     Row("joint/origin/@rpy", "`joint.origin.rpy`"),
@@ -96,14 +125,23 @@ TABLE: Final = (
     Row("joint/child/@link", "the body that the joint is of"),
     Row("joint/axis", "`joint.axis`"),
     Row("joint/axis/@xyz", "`joint.axis`"),
+    Row("joint/axis/@rpy", "", LOST, INFORMATION, NO_MEANING),
     Row("joint/limit", "`joint.limits`"),
     Row("joint/limit/@lower", "`joint.limits.position`"),
     Row("joint/limit/@upper", "`joint.limits.position`"),
     Row("joint/limit/@effort", "`joint.limits.effort`", LOST, INFORMATION, "no rating is known", when="0"),
     Row("joint/limit/@velocity", "`joint.limits.velocity`", LOST, INFORMATION, "no rating is known", when="0"),
+    *(
+        Row(f"joint/limit/@{name}", "", LOST, INFORMATION, "a rating that planners read")
+        for name in ("acceleration", "drake:acceleration", "jerk")
+    ),
     Row("joint/dynamics", "`joint.damping`, `joint.dry_friction`"),
     Row("joint/dynamics/@damping", "`joint.damping`"),
     Row("joint/dynamics/@friction", "`joint.dry_friction`"),
+    *(
+        Row(f"joint/dynamics/@{name}", "", LOST, INFORMATION, NOT_OF_URDF, "damping and friction of <dynamics>")
+        for name in ("D", "K", "mu_coulomb", "mu_viscous")
+    ),
     Row(
         "joint/mimic",
         "`constraints.NAME.follow`, of the joint's name",
@@ -117,27 +155,42 @@ TABLE: Final = (
     Row("joint/mimic/@offset", "`follow.offset`"),
     Row("joint/safety_controller", "", LOST, INFORMATION, "soft limits of a controller, which no engine has", CONTROL),
     Row("joint/calibration", "", LOST, INFORMATION, "positions of reference of a machine's own sensors"),
-    Row("joint/joint_properties", "", LOST, PHYSICS, "not of URDF", "write it as <dynamics>"),
+    Row("joint/joint_properties", "", LOST, INFORMATION, NOT_OF_URDF, "write it as <dynamics>"),
     # what is for other programs
     Row("transmission", "", LOST, INFORMATION, "describes actuators", CONTROL),
     Row("ros2_control", "", LOST, INFORMATION, "describes actuators and their interfaces", CONTROL),
     Row("sensor", "", LOST, INFORMATION, "simspec has no sensors"),
     Row("mujoco", "", LOST, INFORMATION, "instructions to MuJoCo's own reader of URDF"),
+    Row("frame", "", LOST, INFORMATION, "a named place without mass"),
     Row("gazebo", "what is in it is told item by item"),
     Row("gazebo/@reference", "what is in it is told item by item"),
 )
 """In the order of the documentation."""
 
+_NOT_READ: Final = "Gazebo's extension of URDF is not read"
+_HOW_HARD: Final = (INFORMATION, HOW_HARD, HARDNESS_HINT)
+_OF_SOLVER: Final = (INFORMATION, "a setting of one engine's solver", "")
 GAZEBO: Final = {
-    **dict.fromkeys(("plugin", "sensor", "static_map", "ros", "robotNamespace"), (INFORMATION, "for Gazebo only", "")),
-    **dict.fromkeys(("material", "visual", "static_material"), (APPEARANCE, "Gazebo's own appearance", "")),
     **dict.fromkeys(
-        ("mu", "mu1", "mu2", "fdir1", "kp", "kd", "minDepth", "maxVel", "maxContacts", "collision", "surface"),
-        (PHYSICS, "contact as Gazebo has it", FRICTION),
+        ("plugin", "sensor", "static_map", "ros", "robotNamespace", "laserRetro"), (INFORMATION, "for Gazebo only", "")
     ),
+    **dict.fromkeys(("material", "visual", "static_material"), (APPEARANCE, "Gazebo's own appearance", "")),
+    **dict.fromkeys(("kp", "kd", "minDepth", "maxVel", "maxContacts"), _HOW_HARD),
+    **dict.fromkeys(("implicitSpringDamper", "cfmDamping", "stopCfm", "stopErp", "fudgeFactor"), _OF_SOLVER),
+    "provideFeedback": (INFORMATION, "runs record the forces of joints", ""),
+    "pose": (INFORMATION, "where a model stands is said by the scenario that places it", ""),
+    **dict.fromkeys(("fdir1", "collision", "surface"), (PHYSICS, "contact as Gazebo has it", FRICTION)),
+    **dict.fromkeys(("selfCollide", "self_collide"), (PHYSICS, "the bodies of a model touch each other", APART)),
+    **dict.fromkeys(("gravity", "turnGravityOff"), (PHYSICS, "there is one gravity for all bodies", "")),
+    "kinematic": (PHYSICS, "bodies that nothing moves are not in the language", ""),
     **dict.fromkeys(("preserveFixedJoint", "disableFixedJointLumping"), (INFORMATION, "no fixed joint is removed", "")),
 }
-"""What stands in a ``gazebo`` element: severity, reason, way out. What is not here is of physics."""
+"""What stands in a ``gazebo`` element and is not carried: severity, reason, way out. What is not here is of physics."""
+WITHOUT_EFFECT: Final[Mapping[str, tuple[str, ...]]] = {
+    **dict.fromkeys(("selfCollide", "self_collide", "gravity"), ("1", "true")),
+    **dict.fromkeys(("turnGravityOff", "kinematic", "enable_wind"), ("0", "false")),
+}
+"""Values that change nothing."""
 
 
 def tags(element: Element) -> str:
@@ -176,8 +229,24 @@ def set_aside(root: Element) -> None:
 def _gazebo(element: Element) -> None:
     element.take().word("reference")
     for child in element.look():
-        severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, "Gazebo's extension of URDF is not read", ""))
-        child.set_aside(None, LOST, reason, severity, hint)
+        severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, _NOT_READ, ""))
+        said = child.attributes.get("value", child.text).strip().lower()
+        if said in WITHOUT_EFFECT.get(child.tag, ()) or (child.tag == "collision" and _does_not_bounce(child)):
+            child.set_aside(None, UNUSED, "as without it", INFORMATION)
+        else:
+            child.set_aside(None, LOST, reason, severity, hint)
+
+
+def _does_not_bounce(element: Element) -> bool:
+    """Whether all that a <collision> says is that nothing bounces."""
+    waiting, leaves = [element], dict[str, str]()
+    while waiting:
+        part = waiting.pop()
+        waiting += part.look()
+        if not part.look():
+            leaves[part.tag] = part.text
+    words = {"restitution_coefficient", "threshold"}
+    return leaves.keys() <= words and leaves.get("restitution_coefficient") in ("0", "0.0")
 
 
 def attributes_unused(element: Element, reason: str) -> None:
@@ -190,5 +259,15 @@ def attributes_unused(element: Element, reason: str) -> None:
 def rows() -> Iterator[Row]:
     """All rows, those of Gazebo's extension last."""
     yield from TABLE
+    where = "of a link with collision shapes"
+    yield Row("gazebo/mu1", f"`contact.materials.NAME.friction`, {where}")
+    yield Row(
+        "gazebo/mu2",
+        f"`contact.materials.NAME.friction`, {where}",
+        LOST,
+        PHYSICS,
+        "friction is the same in every direction",
+        when="another than mu1",
+    )
     for name, (severity, reason, hint) in GAZEBO.items():
         yield Row(f"gazebo/{name}", "", LOST, severity, reason, hint)

@@ -17,7 +17,7 @@ SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="
 
 SPECIMEN = """\
 <?xml version="1.0"?>
-<robot name="arm two" version="1.0">
+<robot name="arm two" version="1.0" xmlns:drake="drake">
   <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
   <link name="base" type="old">
     <inertial>
@@ -38,7 +38,12 @@ SPECIMEN = """\
     </collision>
     <self_collision_checking><origin/></self_collision_checking>
     <collision_checking/>
-    <contact><lateral_friction value="1"/></contact>
+    <contact>
+      <lateral_friction value="1"/><rolling_friction value="1e-3"/><spinning_friction value="2e-3"/>
+      <restitution value="0.1"/><stiffness value="3"/><damping value="1"/><friction_anchor/>
+      <contact_cfm value="0"/><contact_erp value="1"/>
+    </contact>
+    <origin/><gravity>1</gravity><kinematic/><self_collide/><surface/>
     <sensor name="camera"/>
     <audio_source/>
   </link>
@@ -50,23 +55,23 @@ SPECIMEN = """\
     </inertial>
     <visual>
       <origin xyz="0 0 0.25" rpy="0 0 0"/>
-      <geometry><cylinder radius="0.03" length="0.5"/></geometry>
-      <material name="red"><color rgba="1 0 0 1"/><texture filename="red.png"/></material>
+      <geometry name="g"><cylinder radius="0.03" length="0.5"/><material/></geometry>
+      <material name="red"><color rgba="1 0 0 1"/><texture filename="red.png"/><specular/></material>
     </visual>
     <collision><origin xyz="0 0 0.25" rpy="0 0 0"/><geometry><cylinder radius="0.03" length="0.5"/></geometry></collision>
   </link>
   <link name="tip">
     <inertial><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
-    <collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry><sphere radius="0.04"/></geometry></collision>
+    <collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry name="h"><sphere radius="0.04"/><material/></geometry></collision>
     <visual><origin xyz="0 0 0" rpy="0 0 0"/><geometry><sphere radius="0.05"/></geometry></visual>
   </link>
-  <joint name="shoulder" type="revolute">
+  <joint name="shoulder" type="revolute" dont_collapse="true">
     <parent link="base"/>
     <child link="upper.arm"/>
     <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
-    <axis xyz="0 1 0"/>
-    <limit lower="-2.5" upper="7" effort="20" velocity="3.2"/>
-    <dynamics damping="0.1" friction="0.02"/>
+    <axis xyz="0 1 0" rpy="0 0 0"/>
+    <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9" drake:acceleration="9"/>
+    <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1"/>
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>
@@ -82,7 +87,8 @@ SPECIMEN = """\
   <ros2_control name="r"/>
   <sensor name="s"/>
   <mujoco><compiler balanceinertia="true"/></mujoco>
-  <gazebo reference="base"><mu1>0.2</mu1><material>Gazebo/Blue</material><plugin name="p"/><unheard/></gazebo>
+  <frame name="f"/>
+  <gazebo reference="tip"><mu1>0.2</mu1><mu2>0.2</mu2><material>Gazebo/Blue</material><plugin name="p"/><unheard/></gazebo>
 </robot>
 """
 """Every element and attribute of the table that has no case of its own."""

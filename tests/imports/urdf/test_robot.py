@@ -20,6 +20,18 @@ def test_a_robot_is_a_short_model_file(tmp_path):
     assert read(SPECIMEN, tmp_path).data == {
         "simspec": 1,
         "name": "arm_two",
+        "contact": {
+            "materials": {
+                "surface-1": {
+                    "friction": 1,
+                    "restitution": 0.1,
+                    "torsional_friction": 2e-3,
+                    "rolling_friction": 1e-3,
+                },
+                "surface-2": {"friction": 0.2},
+                "unsaid": {"friction": 0.5},
+            }
+        },
         "model": {
             "bodies": {
                 "base": {
@@ -32,6 +44,7 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                             "box": {"size": [0.2, 0.2, 0.1]},
                             "pose": {"xyz": [0, 0, 0.05], "rpy": [0, 0, 0.5]},
                             "visual": False,
+                            "material": "surface-1",
                         },
                         {
                             "name": "seen",
@@ -60,6 +73,7 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                         {
                             "cylinder": {"radius": 0.03, "length": 0.5},
                             "pose": {"xyz": [0, 0, 0.25]},
+                            "material": "unsaid",
                             "colour": [1, 0, 0, 1],
                         }
                     ],
@@ -70,7 +84,7 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                     "inertia": {"principal": [1e-4, 1e-4, 1e-4]},
                     "joint": {"name": "wrist", "type": "hinge", "origin": {"xyz": [0, 0, 0.5]}, "axis": [0, 0, 1]},
                     "shapes": [
-                        {"sphere": {"radius": 0.04}, "visual": False},
+                        {"sphere": {"radius": 0.04}, "visual": False, "material": "surface-2"},
                         {"sphere": {"radius": 0.05}, "collision": False},
                     ],
                 },
@@ -88,7 +102,7 @@ def test_it_loads_and_resolves_as_a_spec(tmp_path):
     assert world.bodies[1].joint.position_limits == (-2.5, 7.0)
     assert not [warning for warning in spec.warnings(world) if "turns" in warning.message]
     place = spec.locate("bodies.upper_arm.joint.axis")
-    assert place.line == 1 + SPECIMEN[: SPECIMEN.index('<axis xyz="0 1 0"/>')].count("\n")
+    assert place.line == 1 + SPECIMEN[: SPECIMEN.index('<axis xyz="0 1 0" rpy')].count("\n")
 
 
 def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
@@ -222,6 +236,46 @@ def test_floating_joints_elsewhere_and_planar_ones_are_refused_by_name(tmp_path)
     assert "robot.urdf:4" in message
     (message,) = refused(two_links(kind="planar"), tmp_path)
     assert "planar joints are not supported" in message
+
+
+# --- surfaces ---
+
+SPHERE = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "material", "lost"),
+    [
+        ("<mu1>0.3</mu1><mu2>0.3</mu2><fdir1>1 0 0</fdir1>", {"friction": 0.3}, []),
+        ('<mu1 value="0.3"/><mu2>0.4</mu2>', {"friction": 0.3}, ["gazebo/mu2"]),
+        ("<mu1>0.3</mu1><fdir1>1 0 0</fdir1>", {"friction": 0.3}, ["gazebo/mu1", "gazebo/fdir1"]),
+        ("<selfCollide>true</selfCollide><kp>1</kp><gravity>1</gravity>", None, []),
+        ("<selfCollide>false</selfCollide>", None, ["gazebo/selfCollide"]),
+    ],
+)
+def test_friction_of_gazebo_is_a_material(tmp_path, inside, material, lost):
+    text = two_links(arm=SOLID + SPHERE, more=f'<gazebo reference="arm">{inside}</gazebo>')
+    imported = read(text, tmp_path)
+    assert load(tmp_path / "robot.urdf").resolve()
+    materials = imported.data.get("contact", {}).get("materials", {})
+    assert list(materials.values()) == ([] if material is None else [material])
+    assert "material" not in imported.data["model"]["bodies"]["arm"]["shapes"][0]
+    assert [account.what for account in of_physics(imported)] == lost
+
+
+def test_friction_of_a_link_without_a_shape_has_no_effect(tmp_path):
+    imported = read(two_links(more='<gazebo reference="arm"><mu1>0.3</mu1></gazebo>'), tmp_path)
+    assert "contact" not in imported.data
+    assert not of_physics(imported)
+
+
+def test_two_frictions_of_one_link_are_told(tmp_path):
+    arm = SOLID + SPHERE + '<contact><lateral_friction value="2"/></contact>'
+    imported = read(two_links(arm=arm, more='<gazebo reference="arm"><mu1>1</mu1></gazebo>'), tmp_path)
+    assert imported.data["contact"]["materials"] == {"surface": {"friction": 2}}
+    assert [account.what for account in of_physics(imported)] == ["gazebo/mu1"]
+    (problem,) = refused(two_links(arm=arm.replace('"2"', '"-2"')), tmp_path)
+    assert "must not be below 0" in problem
 
 
 # --- names ----------------------------------------------------------------------------------------------------------
