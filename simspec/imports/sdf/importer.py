@@ -72,7 +72,15 @@ class Sdf:
         spec.fill()
         accounts: list[Account] = [account for root in reader.roots for account in root.accounts()]
         repairs = [*spec.repairs, *meshes.repairs]
-        return Imported(spec.data, spec.places, accounts, repairs, meshes.named, files.read, spec.comments)
+        return Imported(
+            spec.data,
+            spec.places,
+            accounts,
+            repairs,
+            files=meshes.named,
+            read=files.read,
+            comments=spec.comments,
+        )
 
 
 def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:

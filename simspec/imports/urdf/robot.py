@@ -109,8 +109,8 @@ class Robot:
             list(self.root.accounts()),
             draft.repairs,
             draft.meshes,
-            draft.files.read,
-            draft.comments,
+            read=draft.files.read,
+            comments=draft.comments,
         )
 
     # --- reading ----------------------------------------------------------------------------------------------

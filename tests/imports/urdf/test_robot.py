@@ -274,7 +274,7 @@ def test_two_frictions_of_one_link_are_told(tmp_path):
     imported = read(two_links(arm=arm, more='<gazebo reference="arm"><mu1>1</mu1></gazebo>'), tmp_path)
     assert imported.data["contact"]["materials"] == {"surface": {"friction": 2}}
     assert [account.what for account in of_physics(imported)] == ["gazebo/mu1"]
-    (problem,) = refused(two_links(arm=arm.replace('"2"', '"-2"')), tmp_path)
+    (problem,) = refused(two_links(arm=arm.replace('friction value="2"', 'friction value="-2"')), tmp_path)
     assert "must not be below 0" in problem
 
 
