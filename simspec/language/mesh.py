@@ -16,7 +16,7 @@ from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, show
 from simspec.language.units import parse
 from simspec.language.words import FileName, Word
 
-SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply")
+SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply", ".msh")
 """Ends of names of files that are read, in small letters."""
 UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
 """Units that a file's lengths may be in."""
@@ -60,7 +60,7 @@ class Taken(Word):
 
 class _File(Strict):
     file: Annotated[str, FileName()] = Field(
-        ..., description="Path of the file (OBJ, STL, DAE, glTF, GLB, PLY), relative to this file"
+        ..., description="Path of the file (OBJ, STL, DAE, glTF, GLB, PLY, MSH), relative to this file"
     )
     unit: Maybe[Annotated[str, Word(UNITS)]] = Field(
         ABSENT, description="Unit of the file's lengths; default: as a DAE file says it, else m"

@@ -11,6 +11,7 @@ import json
 import os
 import re
 import resource
+import struct
 import sys
 from collections.abc import Iterator, Mapping
 from typing import IO, Any
@@ -197,6 +198,19 @@ def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
     return read
 
 
+def _msh(content: bytes, beside: Mapping[str, bytes]) -> Read:
+    """MuJoCo's own: numbers of vertices, normals, places in a texture and faces, then these."""
+    counts = struct.unpack("<4i", content[:16]) if len(content) >= 16 else (-1,) * 4
+    points, normals, places, faces = counts
+    if min(counts) < 0 or len(content) != 16 + 12 * points + 12 * normals + 8 * places + 12 * faces:
+        raise RefusedError(f"{len(content):,} bytes, which is not as long as its numbers say")
+    if not faces:
+        raise RefusedError("it has no faces")
+    vertices = np.frombuffer(content, "<f4", 3 * points, 16).reshape(-1, 3)
+    corners = np.frombuffer(content, "<i4", 3 * faces, len(content) - 12 * faces).reshape(-1, 3)
+    return vertices.astype(np.float64), corners.astype(np.int64), {}
+
+
 def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
     from trimesh import load_scene
 
@@ -297,7 +311,7 @@ def _demand_all(read: int, written: int) -> None:
         raise RefusedError(f"{written:,} triangles are written in it, and {read:,} can be read")
 
 
-READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".gltf": _gltf, ".glb": _gltf, ".dae": _dae}
+READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".msh": _msh, ".gltf": _gltf, ".glb": _gltf, ".dae": _dae}
 
 if __name__ == "__main__":
     main()

@@ -155,6 +155,8 @@ def hostile(folder):
         "random.obj": (np.random.default_rng(2).bytes(5000), ""),
         "mtl.obj": (b"mtllib /etc/passwd\n" + obj(points, faces).encode(), None),
         "empty.obj": (b"", "no faces"),
+        "cut.msh": (struct.pack("<4i", 4, 0, 0, 4), "not as long as its numbers say"),
+        "negative.msh": (struct.pack("<4i", -4, 0, 0, 4), "not as long as its numbers say"),
         "lying.ply": (
             b"ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\nproperty float y\n"
             b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n",

@@ -141,8 +141,8 @@ def _elements(spec: Any, plural: str) -> list[list[Any]]:
 
 
 def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
-    """A mesh: its file, what is done to the vertices of that, the number of its faces, and how far it extends along the axes
-    that the engine gave it (m)."""
+    """A mesh: its file, what is done to the vertices of that, the number of its faces, of vertices of its hull (of all,
+    where no hull was made), and how far it extends along the axes that the engine gave it (m)."""
     first, count = int(model.mesh_vertadr[mesh.id]), int(model.mesh_vertnum[mesh.id])
     vertices = model.mesh_vert[first : first + count]
     return {
@@ -151,6 +151,7 @@ def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
         "refpos": [float(value) for value in mesh.refpos],
         "refquat": [float(value) for value in mesh.refquat],
         "faces": int(model.mesh_facenum[mesh.id]),
+        "hull": int(model.mesh_graph[graph]) if (graph := int(model.mesh_graphadr[mesh.id])) >= 0 else count,
         "extent": (vertices.max(axis=0) - vertices.min(axis=0)).tolist(),
     }
 

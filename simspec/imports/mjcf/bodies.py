@@ -114,6 +114,8 @@ class Bodies:
     """Files that the spec names, by the texts that name them."""
     constraint_names: Names = field(default_factory=Names)
     constraint_places: dict[str, Location] = field(default_factory=dict)
+    held_tendons: dict[int, float] = field(default_factory=dict)
+    """The values at which constraints keep sums of joint positions, by the tendon's number."""
 
     def named(self, number: int) -> str:
         """The name of a body by its number; of the world, that of the fixed body which stands for it."""
@@ -130,12 +132,27 @@ class Bodies:
         turn = self.model["reference_quaternion"][number].astype(float)
         return self.model["reference_position"][number] + rotated(turn, self.shifts[number] + point), turn
 
+    def joint_data(self, number: int) -> dict[str, Any]:
+        """The joint of the spec, by its number."""
+        body = self.data[self.names[int(self.model["jnt_bodyid"][number])]]
+        joints = body.get("joints") or [body["joint"]]
+        made: dict[str, Any] = joints[number - self.model.joints_of(int(self.model["jnt_bodyid"][number])).start]
+        return made
+
+    def joint_name(self, number: int) -> str:
+        """The name of a joint, which it is given where the file has none."""
+        if number not in self.joints:
+            data = self.joint_data(number)
+            given = self.joint_names.give("", f"{self.names[int(self.model['jnt_bodyid'][number])]}_joint")
+            named = {"name": given, **data}
+            data.clear()
+            data.update(named)
+            self.joints[number] = given
+        return self.joints[number]
+
     def leave_start(self, number: int) -> None:
         """A joint that follows another begins where that one says."""
-        body = self.data[self.names[int(self.model["jnt_bodyid"][number])]]
-        for joint in (body.get("joint", {}), *body.get("joints", ())):
-            if joint.get("name") == self.joints[number]:
-                joint.pop("position", None)
+        self.joint_data(number).pop("position", None)
 
     def make(self) -> None:
         """All bodies but the world, without shapes."""

@@ -61,19 +61,21 @@ class Part:
 @dataclass(frozen=True)
 class MeshFile:
     """A mesh: its file (None: it has none), what is done to the file's vertices v, ``scale (R(turn)ᵀ (v − origin))``, the
-    number of faces, and the extent along its own axes (m)."""
+    number of faces, of vertices of its hull (at most), and the extent along its own axes (m)."""
 
     path: Path | None
     scale: tuple[float, ...]
     origin: tuple[float, ...]
     turn: tuple[float, ...]
     faces: int
+    hull: int
     extent: tuple[float, ...]
 
 
 def _mesh_file(mesh: Mapping[str, Any], assembly: Assembly) -> MeshFile:
-    scale, origin, turn = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat"))
-    return MeshFile(assembly.mesh_files.get(mesh["file"]), scale, origin, turn, mesh["faces"], tuple(mesh["extent"]))
+    scale, origin, turn, extent = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat", "extent"))
+    path = assembly.mesh_files.get(mesh["file"])
+    return MeshFile(path, scale, origin, turn, mesh["faces"], mesh["hull"], extent)
 
 
 class Compiled:

@@ -9,9 +9,10 @@ import numpy as np
 from simspec.imports.mjcf.bodies import Bodies, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.compiled import HINGE, SLIDE
 from simspec.imports.mjcf.surfaces import SOLIMP, SOLREF, Surfaces
+from simspec.imports.mjcf.tendons import as_follow, held_sum, leads_to
 
-CONNECT, WELD, JOINT = range(3)
-"""Types of equality constraints; the others are of tendons and of deformable bodies."""
+CONNECT, WELD, JOINT, TENDON = range(4)
+"""Types of equality constraints; the others are of deformable bodies."""
 BODY, SITE = 1, 6
 """Types of objects."""
 FITS: Final = 1e-6
@@ -22,12 +23,12 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
     """``constraints`` of the spec; what it does not say is a feature. ``known``: whether the language has the word."""
     model, features = bodies.model, bodies.features
     constraints: dict[str, Any] = {}
-    following: set[int] = set()
+    leaders: dict[int, int] = {}
     for number, part in model.parts["equality"].items():
         if not bool(model["eq_active0"][number]) or model.disabled("equality", "constraint"):
             features.add("equality.inactive", part.element)
             continue
-        made = _made(bodies, number, following) if known else None
+        made = _made(bodies, number, leaders) if known else None
         if made is None:
             features.add("equality", part.element)
             continue
@@ -37,16 +38,18 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
         bodies.constraint_places[name] = part.element.location
         if (*model["eq_solref"][number], *model["eq_solimp"][number]) != (*SOLREF, *SOLIMP):
             features.add("equality.softness", part.element)
-        if int(model["eq_type"][number]) != JOINT and surfaces.touching(*_joined(bodies, number)):
+        if int(model["eq_type"][number]) not in (JOINT, TENDON) and surfaces.touching(*_joined(bodies, number)):
             features.add("equality.touch", part.element)
     return constraints
 
 
-def _made(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | None:
-    """One constraint; None where the language does not say it."""
+def _made(bodies: Bodies, number: int, leaders: dict[int, int]) -> dict[str, Any] | None:
+    """One constraint; None where the language does not say it. ``leaders``: of each joint that follows its leader."""
     kind = int(bodies.model["eq_type"][number])
     if kind == JOINT:
-        return _follow(bodies, number, following)
+        return _follow(bodies, number, leaders)
+    if kind == TENDON:
+        return _of_tendons(bodies, number, leaders)
     if kind in (CONNECT, WELD) and int(bodies.model["eq_objtype"][number]) in (BODY, SITE):
         return _loop(bodies, number, kind)
     return None
@@ -74,20 +77,46 @@ def _held(bodies: Bodies, number: int, kind: int) -> tuple[Vector, Vector, Vecto
     return data[3:6], data[0:3], data[6:10] / np.linalg.norm(data[6:10])
 
 
-def _follow(bodies: Bodies, number: int, following: set[int]) -> dict[str, Any] | None:
+def _follow(bodies: Bodies, number: int, leaders: dict[int, int]) -> dict[str, Any] | None:
     model = bodies.model
     follower, leader = (int(model[f"eq_obj{which}id"][number]) for which in (1, 2))
     offset, ratio, *higher = (float(value) for value in model["eq_data"][number][:5])
-    if leader < 0 or ratio == 0.0 or any(higher) or follower in following or follower == leader:
+    if leader < 0 or ratio == 0.0 or any(higher):
         return None
     if any(int(model["jnt_type"][joint]) not in (SLIDE, HINGE) for joint in (follower, leader)):
         return None
-    following.add(follower)
-    bodies.leave_start(follower)
-    said: dict[str, Any] = {"joint": bodies.joints[follower], "leader": bodies.joints[leader], "ratio": ratio}
-    if offset:
-        said["offset"] = offset
-    return {"follow": said}
+    return _coupling(bodies, leaders, follower, leader, ratio, offset)
+
+
+def _of_tendons(bodies: Bodies, number: int, leaders: dict[int, int]) -> dict[str, Any] | None:
+    """A sum of two joint positions that is kept at a value."""
+    held = held_sum(bodies.model, number)
+    coupled = None if held is None else as_follow(*held)
+    made = None if coupled is None else _coupling(bodies, leaders, *coupled)
+    if held is not None and made is not None and int(bodies.model["eq_obj2id"][number]) < 0:
+        bodies.held_tendons[int(bodies.model["eq_obj1id"][number])] = held[1]
+    return made
+
+
+def _coupling(
+    bodies: Bodies, leaders: dict[int, int], one: int, two: int, ratio: float, offset: float
+) -> dict[str, Any] | None:
+    """Two joints of which one follows the other; None where both follow already, or would begin beyond limits."""
+    ways = ((one, two, ratio, offset), (two, one, 1.0 / ratio, -offset / ratio))
+    for follower, leader, factor, shift in ways:
+        own, lead = bodies.joint_data(follower), bodies.joint_data(leader)
+        begins = factor * lead.get("position", 0.0) + shift
+        lower, upper = own.get("limits", {}).get("position", (begins, begins))
+        if follower in leaders or leads_to(leader, follower, leaders) or not lower <= begins <= upper:
+            continue
+        leaders[follower] = leader
+        bodies.leave_start(follower)
+        said: dict[str, Any] = {"joint": bodies.joint_name(follower), "leader": bodies.joint_name(leader)}
+        said["ratio"] = factor
+        if shift:
+            said["offset"] = shift
+        return {"follow": said}
+    return None
 
 
 def _loop(bodies: Bodies, number: int, kind: int) -> dict[str, Any] | None:

@@ -97,6 +97,8 @@ KEYFRAME: Final = "keyframe"
 """The section of named states, whose elements the compiler does not name the lines of."""
 SECTIONS: Final = {"equality": "equality", "tendon": "tendon", "actuator": "actuator", "keyframe": "key"}
 """Sections whose elements are told one by one, as features of these kinds."""
+PARTS: Final = ("joint",)
+"""Elements in one of a section that are carried with it: those that a tendon sums."""
 ONE_BY_ONE: Final = ("body", "joint", "freejoint", "geom", "pair")
 """Elements of which each has its own features; a class of defaults says what any of those that take it has."""
 MATERIAL: Final = "a material's texture and gloss"
@@ -153,6 +155,11 @@ def _carried(element: Element, features: Features) -> None:
             element.set_aside(name, Fate.LOST, softness.reason, softness.severity, softness.hint)
         else:
             element.word(name)
+    for part in element.look():
+        if part.tag in PARTS:
+            part.take()
+            for name in part.attributes:
+                part.word(name)
 
 
 def every_loss() -> list[tuple[str, Severity, str, str]]:

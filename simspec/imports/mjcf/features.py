@@ -60,6 +60,12 @@ FEATURES: Final = {
         Severity.APPEARANCE,
         "a visual shape of a kind that the language does not have yet",
     ),
+    "geom.hull": Feature(
+        "geom/mesh",
+        _PHYSICS,
+        "a hull of more vertices than the language has: it is the hull of those that change it most",
+    ),
+    "geom.drawn_hull": Feature("geom/mesh", Severity.APPEARANCE, "a drawn mesh of more vertices than the language has"),
     "option.timestep": Feature(
         "option/timestep",
         _INFORMATION,
@@ -119,14 +125,18 @@ FEATURES: Final = {
     "equality": Feature(
         "equality/*",
         _PHYSICS,
-        "the language has joints that follow another linearly, and loops that the reference configuration closes",
+        "the language has joints that follow one other linearly, and loops that the reference configuration closes",
     ),
     "equality.softness": Feature(
         "equality/solref equality/solimp", _INFORMATION, "how hard constraints are: those of the spec are rigid"
     ),
     "equality.touch": Feature("equality", _PHYSICS, "bodies that a loop joins do not touch each other in the spec"),
     "equality.inactive": Feature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
-    "tendon": Feature("tendon/*", _PHYSICS, "springs, dampers and limits of tendons are not in the language"),
+    "tendon": Feature(
+        "tendon/*",
+        _PHYSICS,
+        "springs and dampers of tendons are not in the language, nor limits that no joint's limits say",
+    ),
     "tendon.passive": Feature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),
     "actuator": Feature(
         "actuator/*",

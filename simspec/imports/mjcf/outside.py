@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from simspec.imports.mjcf.bodies import Bodies
+from simspec.imports.mjcf.tendons import add_tendons
 
 JOINT: Final = 0
 """The type of transmission that is a joint."""
@@ -17,20 +18,12 @@ def outside_the_tree(bodies: Bodies) -> None:
     model, features = bodies.model, bodies.features
     if model.options["density"] or model.options["viscosity"]:
         features.add("option.fluid", model.root)
-    for number, part in model.parts["tendon"].items():
-        features.add("tendon" if _acts(bodies, number) else "tendon.passive", part.element)
+    add_tendons(bodies, bodies.held_tendons)
     for number, part in model.parts["actuator"].items():
         feature = "actuator.inertia" if _has_inertia(bodies, number) else "actuator"
         features.add(feature, part.element, _controller(bodies, number))
     if model.numbers["nplugin"]:
         features.add("plugin", model.root)
-
-
-def _acts(bodies: Bodies, number: int) -> bool:
-    """Whether a tendon exerts forces by itself."""
-    model = bodies.model
-    words = ("stiffness", "damping", "frictionloss", "armature", "limited", "actfrclimited")
-    return any(model[f"tendon_{word}"][number].any() for word in words)
 
 
 def _has_inertia(bodies: Bodies, number: int) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from simspec.imports.mjcf.bodies import Bodies, Names, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.surfaces import Surfaces
+from simspec.language.mesh import MOST_VERTICES
 from simspec.language.shapes import Shape
 
 PLANE, HEIGHT_FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
@@ -25,7 +26,7 @@ MAKERS: Final[Mapping[int, Callable[[Sequence[float]], dict[str, Any]]]] = {
 """The word of a shape and its sizes: geoms have half lengths."""
 MESHES: Final = "mesh" in Shape.model_fields
 """Whether the language has meshes."""
-SUFFIXES: Final = (".obj", ".stl", ".ply")
+SUFFIXES: Final = (".obj", ".stl", ".ply", ".msh")
 """Files of meshes that the language and the compiler read alike."""
 MOST_FACES: Final = 200_000
 """Triangles of a mesh in the language."""
@@ -65,7 +66,7 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     place, turn = model["geom_pos"][number], model["geom_quat"][number]
     maker = MAKERS.get(kind)
     if kind == MESH and MESHES:
-        made = _mesh(bodies, number)
+        made = _mesh(bodies, number, material is not None)
         shape, place, turn = made or (None, place, turn)
     else:
         shape = maker(numbers(model["geom_size"][number])) if maker else None
@@ -87,7 +88,7 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     return shape
 
 
-def _mesh(bodies: Bodies, number: int) -> tuple[dict[str, Any], Vector, Vector] | None:
+def _mesh(bodies: Bodies, number: int, solid: bool) -> tuple[dict[str, Any], Vector, Vector] | None:
     """The shape of a mesh, and where the frame of its file is in the body's: the compiler moves meshes to their centre.
     None for what the language does not have."""
     model, data = bodies.model, int(bodies.model["geom_dataid"][number])
@@ -108,6 +109,9 @@ def _mesh(bodies: Bodies, number: int) -> tuple[dict[str, Any], Vector, Vector] 
     said: dict[str, Any] = {"file": text}
     if np.any(scale != 1.0):
         said["scale"] = numbers(scale)
+    if mesh.hull > MOST_VERTICES:
+        said["max_vertices"] = MOST_VERTICES
+        bodies.features.add("geom.hull" if solid else "geom.drawn_hull", model.part("geom", number).element)
     return {"mesh": said}, place, product(turn, inverse(own))
 
 
