@@ -199,7 +199,7 @@ def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
 
 
 def _msh(content: bytes, beside: Mapping[str, bytes]) -> Read:
-    """MuJoCo's own: numbers of vertices, normals, places in a texture and faces, then these."""
+    """The binary form: numbers of vertices, normals, places in a texture and faces, then these."""
     counts = struct.unpack("<4i", content[:16]) if len(content) >= 16 else (-1,) * 4
     points, normals, places, faces = counts
     if min(counts) < 0 or len(content) != 16 + 12 * points + 12 * normals + 8 * places + 12 * faces:
