@@ -38,6 +38,8 @@ SECTIONS = {
     "keys": "key",
 }
 """Lists of MjSpec, and the name of an element of each in the answer."""
+IN_BODIES = ("joints", "geoms", "sites")
+"""Those of which each body has its own."""
 ARRAYS = {
     "body": "parentid weldid mocapid pos quat ipos iquat mass inertia jntadr jntnum gravcomp contype conaffinity",
     "jnt": "type bodyid qposadr dofadr pos axis limited range stiffness stiffnesspoly actfrclimited actfrcrange actgravcomp "
@@ -117,7 +119,7 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
         "arrays": arrays,
         "numbers": {name: int(getattr(model, name)) for name in NUMBERS},
         "options": options,
-        "elements": {kind: _elements(spec, plural) for plural, kind in SECTIONS.items()},
+        "elements": _elements(spec),
         "meshes": {int(mesh.id): _mesh(mesh, model) for mesh in spec.meshes},
         "stable_step": stable_step(model),
     }
@@ -131,13 +133,32 @@ def _flags(enumeration: str, bits: int) -> list[str]:
     return [name.split("_", 1)[1].lower() for name, flag in flags if name[2:5] in ("DSB", "ENB") and bits & int(flag)]
 
 
-def _elements(spec: Any, plural: str) -> list[list[Any]]:
-    """Name, line (0: unknown) and number of each element of a section."""
-    rows = []
-    for element in getattr(spec, plural, ()):
-        word = element.info.rpartition("line ")[2].split(",")[0].strip()
-        rows.append([element.name, int(word) if word.isdigit() else 0, int(element.id)])
+def _elements(spec: Any) -> dict[str, list[list[Any]]]:
+    """Name, line (0: unknown) and number of each element, by kind."""
+    bodies = _bodies(spec)
+    rows: dict[str, list[list[Any]]] = {}
+    for plural, kind in SECTIONS.items():
+        if plural == "bodies":
+            elements = bodies
+        elif plural in IN_BODIES:
+            elements = [element for body in bodies for element in getattr(body, plural)]
+        else:
+            elements = getattr(spec, plural, ())
+        rows[kind] = []
+        for element in elements:
+            word = element.info.rpartition("line ")[2].split(",")[0].strip()
+            rows[kind].append([element.name, int(word) if word.isdigit() else 0, int(element.id)])
     return rows
+
+
+def _bodies(spec: Any) -> list[Any]:
+    """All bodies, the world first. MjSpec's own lists take a time that grows with the square of their length (measured: 4.6 s
+    for 14,400 geoms); those of single bodies are short."""
+    bodies, waiting = [], [spec.worldbody]
+    while waiting:
+        bodies.append(waiting.pop())
+        waiting += reversed(bodies[-1].bodies)
+    return bodies
 
 
 def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
