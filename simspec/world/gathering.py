@@ -31,6 +31,12 @@ def singular(inertial: Inertial) -> bool:
     return low <= SINGULAR * high
 
 
+def least_moment(inertial: Inertial) -> float:
+    """The smallest principal moment (kg m²)."""
+    xx, yy, zz, *products = inertial.inertia
+    return min(xx, yy, zz) if not any(products) else principal_moments(inertial.inertia)[0]
+
+
 def rigid_members(bodies: Sequence[Body]) -> dict[str, list[tuple[Body, Pose]]]:
     """The members of each rigid group with their poses in the frame of its topmost body, which stands first, by its name.
     Bodies that are fixed to the world are not among them. ``bodies``: every parent before its children."""

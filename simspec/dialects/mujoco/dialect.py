@@ -46,15 +46,31 @@ from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
     GATHERED,
     Level,
+    Refinement,
     Support,
     Table,
     approximate,
     exactly,
     never,
+    not_here,
     shape_kinds,
 )
 from simspec.support.features import Feature
+from simspec.world.carriers import is_carrier
+from simspec.world.gathering import least_moment, rigid_members
 from simspec.world.types import ReadBack, Surface, World
+
+LEAST_INERTIA = 1e-15
+"""kg and kg m²: less of a body on a joint, with nothing heavier fixed to it, is refused (mjMINVAL)."""
+
+
+def heavy_enough(world: World) -> Refinement | None:
+    """Not supported where a body moves that is lighter than MuJoCo takes."""
+    for top, members in rigid_members(world.bodies).items():
+        heavy = (min(body.inertial.mass, least_moment(body.inertial)) >= LEAST_INERTIA for body, _ in members)
+        if not is_carrier(top) and not any(heavy):
+            return not_here(f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo refuses")
+    return None
 
 
 class MujocoDialect(Dialect):
@@ -89,7 +105,7 @@ class MujocoDialect(Dialect):
                 Feature.BALL_SPRING,
             ),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
@@ -101,6 +117,11 @@ class MujocoDialect(Dialect):
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("MuJoCo", KINDS),
+        Feature.INERTIA: Support(
+            Level.EXACT,
+            f"of moving bodies from {LEAST_INERTIA:g} kg and kg m² on: MuJoCo refuses less",
+            refine=heavy_enough,
+        ),
         Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
         Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),

@@ -50,6 +50,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
+from simspec.world.gathering import least_moment, told_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import VELOCITY_SIZE, HeldValue, ReadBack, World
 
@@ -103,6 +104,25 @@ def memory_covered(world: World) -> Refinement | None:
     return not_here(too_large(sum(parts), sum(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)))
 
 
+LOST = 1e-13
+"""Share of m c² (c: the centre of mass in the body's frame) below which a moment about the centre of mass is round-off: Drake
+keeps inertias about the origins of bodies."""
+
+
+def inertia_held(world: World) -> Refinement | None:
+    """Not supported where Drake needs too much memory, or where it would lose a moment of inertia in round-off."""
+    still = rigid_groups(world)
+    for body in world.bodies:
+        inertial = told_inertial(world, body)
+        arm = sum(value * value for value in inertial.centre_of_mass)
+        round_off = LOST * inertial.mass * arm
+        if round_off and still[body.name] != "world" and least_moment(inertial) < round_off:
+            return not_here(
+                f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"
+            )
+    return memory_covered(world)
+
+
 class Drake(SimulatedEngine[Simulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
@@ -137,7 +157,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.INERTIA: Support(
             Level.EXACT,
             f"in worlds that need at most {MOST_GIGABYTES:g} GB: Drake keeps every pair of geometries, and a dense mass matrix",
-            refine=memory_covered,
+            refine=inertia_held,
         ),
         Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
         Feature.JOINT_BALL: Support(
