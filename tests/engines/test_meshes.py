@@ -102,13 +102,21 @@ def test_a_mesh_that_touches_is_accepted_by_name_in_dart():
         compile_world(worlds.shapes_world(("mesh",)), ["dart"])
 
 
-def test_a_mesh_that_may_land_on_a_face_is_accepted_by_name_in_pybullet():
-    base = worlds.with_options(worlds.shapes_world(("mesh",)), "pybullet", accept=("contact.cone.elliptic",))
+def test_a_mesh_on_a_link_that_may_land_on_a_face_is_accepted_by_name_in_pybullet():
+    free = worlds.with_options(worlds.shapes_world(("mesh",)), "pybullet", accept=("contact.cone.elliptic",))
+    assert compile_world(free, ["pybullet"]), "it is on the base of its tree"
+    base = worlds.with_options(on_a_link(), "pybullet", accept=("contact.cone.elliptic",))
     with pytest.raises(UnsupportedError, match=r"shape\.mesh.* only approximately.*lands on a face"):
         compile_world(base, ["pybullet"])
-    floor, free = base.bodies
+    floor, *others = base.bodies
     ball = dataclasses.replace(floor.shapes[0], kind="sphere", size=(0.5,), pose=Pose((0.0, 0.0, -0.5)))
-    on_a_ball = dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(ball,)), free))
+    groups = (("hull", "hull"),)
+    apart = [dataclasses.replace(body, collision_group="hull") for body in others]
+    on_a_ball = dataclasses.replace(
+        base,
+        bodies=(dataclasses.replace(floor, shapes=(ball,)), *apart),
+        contact=dataclasses.replace(base.contact, ignored_groups=groups),
+    )
     assert compile_world(on_a_ball, ["pybullet"])
 
 
@@ -198,11 +206,19 @@ def test_a_body_of_two_hulls_stands(engine, tmp_path):
     assert tilt(of_two_hulls(engine, 0.0), engine, tmp_path / "files") < 0.1
 
 
-def test_a_body_of_two_hulls_that_lands_flat_tumbles_in_pybullet_alone(tmp_path):
-    """As declared: PyBullet finds one point of a hull in a step, so that the impact is at one point."""
-    for engine in ("mujoco", "drake"):
-        assert tilt(of_two_hulls(engine, 0.1), engine, tmp_path / engine) < 0.1
-    assert tilt(of_two_hulls("pybullet", 0.1), "pybullet", tmp_path / "pybullet") > 5.0
+@pytest.mark.parametrize("engine", list(DEEPEST))
+def test_a_body_of_two_hulls_lands_flat(engine, tmp_path):
+    """PyBullet finds one point of a hull in a step, and tumbles by more than 5 degrees, unless it has features of the hulls."""
+    assert tilt(of_two_hulls(engine, 0.1), engine, tmp_path / "files") < 0.1
+
+
+def test_a_hull_on_a_link_is_loaded_without_features_of_faces(tmp_path):
+    """With them PyBullet would forget the link's margin."""
+    world = worlds.accepting(on_a_link(), "pybullet")
+    held = ask(world, "pybullet", tmp_path / "files", Operation("read_back", world=world)).held
+    flags = {name: value for name, value in held.inventory.items() if name.endswith(".flags") and "loadURDF" in name}
+    assert flags
+    assert not any(int(value) & 4096 for value in flags.values())
 
 
 def test_each_hull_of_a_body_is_read_back_where_it_is(tmp_path):

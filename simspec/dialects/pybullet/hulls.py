@@ -8,12 +8,13 @@ where they should be, and edges are rounded by the margin, as PyBullet's own box
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
-from simspec.contact.parts import Part
+from simspec.contact.parts import Part, parts
+from simspec.contact.plan import ContactPlan
 from simspec.world.inset import inset
-from simspec.world.types import Body, Shape
+from simspec.world.types import Body, Shape, World
 
 LINK_MARGIN: Final = 1e-3
 """m, around hulls on links other than bases."""
@@ -25,6 +26,27 @@ def told_shapes(body: Body, parts: Sequence[Part], own_margin: float) -> dict[st
     margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}
     margins |= {shape.name: own_margin for shape in parts[0].shapes}
     return {shape.name: _within(shape, margins.get(shape.name, 0.0)) for shape in body.shapes}
+
+
+def faces_meet(world: World, plan: ContactPlan, base_margin: float) -> bool:
+    """Whether hulls get the features by which PyBullet finds all contact points of two faces in one step.
+
+    It then looks at hulls without their margin (measured: one on a link is 1 mm deep in another), so that no hull may have one:
+    all meshes that touch are on bases of trees, whose margin is ``base_margin`` (m).
+    """
+    margins = [margin for body in world.bodies for _, margin in mesh_margins(body, plan, base_margin)]
+    return bool(margins) and not any(margins)
+
+
+def mesh_margins(body: Body, plan: ContactPlan, base_margin: float) -> Iterator[tuple[Shape, float]]:
+    """The meshes of a body that touch, each with the margin (m) of a link that carries it; a copied one more than once."""
+    own, *carried = parts(body, plan) or (None,)
+    root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
+    on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
+    for part in () if own is None else (own, *carried):
+        for shape in part.shapes:
+            if shape.kind == "mesh":
+                yield shape, base_margin if part is own and on_base else LINK_MARGIN
 
 
 def _within(shape: Shape, margin: float) -> Shape:

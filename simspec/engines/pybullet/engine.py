@@ -19,11 +19,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.meeting import meeting_kinds
-from simspec.contact.parts import parts
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.pybullet.hulls import LINK_MARGIN
+from simspec.dialects.pybullet.hulls import faces_meet, mesh_margins
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
@@ -94,27 +93,22 @@ ROUND = ("sphere", "ellipsoid")
 """Kinds of shapes that touch a hull in one point."""
 LANDING = Refinement(
     Level.APPROXIMATE,
-    f"the convex hull to {KEPT:g} of its extent, and of its contacts one new point in each step: at rest all are there, but "
-    "a hull that lands on a face is stopped at one point first, and tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is "
-    "top-heavy falls over; measured: boxes do not)",
+    f"the convex hull to {KEPT:g} of its extent; while a mesh is on another link than the base of its tree, of the contacts of "
+    "each one new point in a step: at rest all are there, but a hull that lands on a face is stopped at one point first, and "
+    "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is top-heavy falls over; measured: boxes do not)",
     short="a hull that lands on a face is stopped at one point first, and tumbles",
 )
 
 
 def _meshes_held(world: World) -> Refinement | None:
     """Not supported where hardly anything of a mesh is within PyBullet's margin, or its copies are within two; approximate
-    where a mesh may land on a face, an edge or another mesh."""
+    where one on a link with that margin may land on a face, an edge or another mesh."""
     plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
     base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
     for body in world.bodies:
-        own, *carried = parts(body, plan) or (None,)
-        root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
-        on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
         margins: dict[Shape, set[float]] = {}
-        for part in () if own is None else (own, *carried):
-            for shape in part.shapes:
-                if shape.kind == "mesh":
-                    margins.setdefault(shape, set()).add(base_margin if part is own and on_base else LINK_MARGIN)
+        for shape, margin in mesh_margins(body, plan, base_margin):
+            margins.setdefault(shape, set()).add(margin)
         for shape, of_shape in margins.items():
             if len(of_shape) > 1:
                 return not_here(f"copies of the mesh {shape.name!r} are on links with and without PyBullet's margin")
@@ -122,6 +116,8 @@ def _meshes_held(world: World) -> Refinement | None:
                 inset(shape.size, max(of_shape))
             except FlatError as error:
                 return not_here(f"PyBullet keeps {max(of_shape):g} m around the mesh {shape.name!r}: {error}")
+    if faces_meet(world, plan, base_margin):
+        return None
     lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
     return LANDING if lands else None
 

@@ -13,6 +13,7 @@ import numpy as np
 from simspec.contact.meeting import meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
+from simspec.dialects.pybullet.hulls import faces_meet
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet.dump import COLLIDER
 from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
@@ -23,6 +24,8 @@ from simspec.world.types import Body, HeldValue, Inertial, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
 """URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
+HULL_FACES = 4096
+"""URDF_INITIALIZE_SAT_FEATURES."""
 MULTI_BODY = 2
 """Body type of getDynamicsInfo."""
 STATIC, STIFFNESS_DAMPING, FRICTION_ANCHOR = 1, 128, 512
@@ -61,6 +64,7 @@ def expected(
     groups = rigid_groups(world)
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
     found = _world(world, settings, plan, neutral)
+    faces = HULL_FACES if faces_meet(world, plan, float(str(settings["collision_margin"]))) else 0
     found["trees"] = listed(list(trees(world)))
     found |= {f"tree.{root}.model": bodies[0].model for root, bodies in trees(world).items()}
     found |= {f"body.{body.name}.joint": body.joint.name for body in world.bodies}
@@ -87,7 +91,7 @@ def expected(
             found |= _told(name, settings) | _empty(name) | _untouched(name, neutral)
             found[f"link.{name}.body_type"] = MULTI_BODY
         base = f"{root}/world" if world_link else root
-        found[f"calls.loadURDF.{base}.flags"] = LOAD_FLAGS
+        found[f"calls.loadURDF.{base}.flags"] = LOAD_FLAGS | faces
         found[f"calls.loadURDF.{base}.useFixedBase"] = int(bodies[0].joint.kind != "free")
     for name in sleepers:
         found[f"calls.changeDynamics.{name}.activationState"] = SLEEPY

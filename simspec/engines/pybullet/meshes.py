@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,23 @@ def with_stl(folder: Path) -> Iterator[Path]:
             yield place / "files"
     except ValueError as error:
         raise EngineError("pybullet", str(error)) from error
+
+
+def faces_told(folder: Path, base_margin: float) -> bool:
+    """Whether the meshes that touch, in the robots of ``folder``, are all on bases, and these have no margin: only then does
+    PyBullet look at faces where they are (see ``dialects/pybullet/hulls.py``)."""
+    margins = set()
+    for name in files_below(folder):
+        if name.endswith(".urdf"):
+            text = (folder / name).read_bytes()
+            try:
+                root = ElementTree.fromstring(text)
+            except ElementTree.ParseError as error:
+                raise EngineError("pybullet", f"{name} is not XML: {error}") from error
+            for number, link in enumerate(root.iter("link")):
+                if link.find("collision/geometry/mesh") is not None:
+                    margins.add(base_margin if number == 0 else None)
+    return margins == {0.0}
 
 
 def _stl(name: str) -> str:

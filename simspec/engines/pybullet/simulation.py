@@ -14,7 +14,7 @@ from simspec.engines.kit.captured import captured
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
 from simspec.engines.pybullet.holding import WHOLE, hold
-from simspec.engines.pybullet.meshes import with_stl
+from simspec.engines.pybullet.meshes import faces_told, with_stl
 from simspec.engines.pybullet.sleeping import Sleepers
 from simspec.engines.pybullet.trees import Loader, rub
 from simspec.engines.pybullet.turns import told_turn
@@ -81,7 +81,10 @@ class Simulation:
         with with_stl(folder) as place:
             self.loaded_from = place
             """The folder by whose name PyBullet knows its files; it is gone when they are loaded."""
-            loader = Loader(self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v)
+            faces = faces_told(place, float(self.settings["collision_margin"]))
+            loader = Loader(
+                self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v, faces
+            )
             self.trees = tuple(map(loader.load, sidecar.instances))
         self.carriers = carriers(self.trees, sidecar.instances)
         self.unit = {link: number for number, link in enumerate(self.carriers)}

@@ -62,7 +62,9 @@ class Loader:
         kinds: Sequence[str],
         q: Sequence[slice],
         v: Sequence[slice],
+        hull_faces: bool,
     ):
+        self._hull_faces = hull_faces
         self.bullet, self.client, self.folder, self.settings = bullet, client, folder, settings
         self.kinds, self._q, self._v = kinds, q, v
         self.place = {name: index for index, name in enumerate(names)}
@@ -80,6 +82,7 @@ class Loader:
             | p.URDF_MAINTAIN_LINK_ORDER
             | p.URDF_USE_SELF_COLLISION
             | p.URDF_USE_SELF_COLLISION_INCLUDE_PARENT
+            | (p.URDF_INITIALIZE_SAT_FEATURES if self._hull_faces else 0)
         )
         try:
             uid = p.loadURDF(
