@@ -64,10 +64,11 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Contact.groups",
     ),
     *same_hint(
-        "include includes allow touching collide_connected filterparent filter_parent parent_collision",
+        "allow touching collide_connected filterparent parent_collision",
         "contact: {touch: [[BODY, BODY], ...]}",
         "Contact.touch",
     ),
+    *same_hint("include includes", "touch: [[BODY, BODY], ...]", "Contact.touch", at="Contact"),
     *same_hint("bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "Pair.between", at="Pair"),
     *same_hint(
         "bodies_between materials pair", "between: [MATERIAL, MATERIAL]", "PairSettings.between", at="PairSettings"
@@ -260,7 +261,6 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "surface_velocity belt conveyor belt_velocity surfacevel surface_motion",
         f"moving surfaces are {NOT_YET}; a kinematic body carries what rests on it",
         "Body.kinematic",
-        "File.motion",
         at="Shape Body Material",
     ),
     *same_hint(
