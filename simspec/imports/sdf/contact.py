@@ -2,31 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any
 
-from simspec.imports.sdf.surfaces import Surface
 from simspec.imports.sdf.trees import BodyRead, ModelRead
-
-
-@dataclass
-class Materials:
-    """Names of surfaces; equal ones are one material."""
-
-    names: dict[Surface, str] = field(default_factory=dict)
-
-    def name(self, surface: Surface) -> str:
-        """The material of a surface."""
-        if surface not in self.names:
-            self.names[surface] = f"surface-{len(self.names) + 1}"
-        return self.names[surface]
-
-    def data(self) -> dict[str, Any]:
-        """Materials by name; a single one is called ``surface``."""
-        if len(self.names) == 1:
-            return {"surface": next(iter(self.names)).data()}
-        return {name: surface.data() for surface, name in self.names.items()}
 
 
 def silent(model: ModelRead) -> list[BodyRead]:

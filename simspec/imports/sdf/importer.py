@@ -14,7 +14,7 @@ from simspec.imports.draft import plain
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
-from simspec.imports.sdf.contact import Materials, excluded, silent
+from simspec.imports.sdf.contact import excluded, silent
 from simspec.imports.sdf.graph import Graph
 from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.meshes import Meshes
@@ -23,6 +23,7 @@ from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
 from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, Names, body_data, constraints, read_model
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
+from simspec.imports.surfaces import Materials
 from simspec.language.document import Path_
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
 

@@ -13,8 +13,9 @@ from simspec.imports.elements import Element
 from simspec.imports.meshes import NamedMesh, read_meshes
 from simspec.imports.sdf.aside import IN_COLLISION, IN_VISUAL, set_aside
 from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.surfaces import Surface, read_surface
+from simspec.imports.sdf.surfaces import read_surface
 from simspec.imports.sdf.values import SAME, Placement, finite_of, lost, pose_of, unused, vector_of
+from simspec.imports.surfaces import Surface
 from simspec.language.foreign import Fate, Severity
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError

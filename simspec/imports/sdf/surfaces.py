@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Final
 
 from simspec.imports.elements import HOW_HARD, Element
 from simspec.imports.sdf.aside import IN_CONTACT, IN_CONTACT_OF_LINK, IN_FRICTION, IN_SURFACE, set_aside
 from simspec.imports.sdf.values import finite_of, flag_of, lost, unused
+from simspec.imports.surfaces import CONTACT_OF_LINK, Surface
 from simspec.language.foreign import Severity
 
 NO_BOUNCE: Final = 100_000.0
@@ -21,38 +22,7 @@ FILTERS: Final[Mapping[str, tuple[str, ...]]] = {
     "collide_without_contact_bitmask": ("1",),
 }
 """Defaults of what says who touches whom."""
-CONTACT_OF_LINK: Final[Mapping[str, str]] = {
-    "lateral_friction": "friction",
-    "spinning_friction": "torsional",
-    "rolling_friction": "rolling",
-    "restitution": "restitution",
-}
-"""Words of a ``contact`` of a link, which one reader of the language has."""
 MASKS: Final = ("collide_bitmask", "category_bitmask")
-
-
-@dataclass(frozen=True, slots=True)
-class Surface:
-    """What the file says of a surface, as a material of the language."""
-
-    friction: float = 1.0
-    restitution: float = 0.0
-    threshold: float = 0.0
-    torsional: float = 0.0
-    rolling: float = 0.0
-
-    def data(self) -> dict[str, Any]:
-        """The material."""
-        data: dict[str, Any] = {"friction": self.friction}
-        for key, value in (
-            ("restitution", self.restitution),
-            ("restitution_threshold", self.threshold),
-            ("torsional_friction", self.torsional),
-            ("rolling_friction", self.rolling),
-        ):
-            if value:
-                data[key] = value
-        return data
 
 
 def read_surface(shape: Element, of_link: Surface) -> Surface:

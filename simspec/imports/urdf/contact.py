@@ -8,8 +8,7 @@ from typing import Any, Final
 
 from simspec.imports.draft import Draft, plain
 from simspec.imports.elements import Element
-from simspec.imports.sdf.contact import Materials
-from simspec.imports.sdf.surfaces import CONTACT_OF_LINK, Surface
+from simspec.imports.surfaces import CONTACT_OF_LINK, Materials, Surface
 from simspec.imports.urdf.shapes import Shape
 from simspec.imports.urdf.table import INFORMATION, LOST, PHYSICS, UNUSED
 from simspec.language.foreign import Fate, Severity
