@@ -12,6 +12,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import resource
 import sys
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 LARGEST_LAYER = 256 * 2**20
 """Bytes of one file."""
 MOST_LAYERS = 1000
-MOST_PRIMS = 200_000
+MOST_PRIMS = 50_000
 DEEPEST = 200
 """Prims within each other."""
 MOST_NUMBERS = 6_000_000
@@ -29,13 +30,16 @@ SHORT = 64
 LONGEST_PATH = 1000
 MESH_ARRAYS = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices", "simspec:points")
 LONGEST_TEXT = 400
+CLIPS = ("clips", "clipSets", "clipAssetPaths", "clipManifestAssetPath", "clipTemplateAssetPath")
+"""Metadata of prims that name files of values."""
+_PLACE = re.compile(r":(\d+):(\d+): ([^\n]*)")
 
 
 class RefusedError(Exception):
-    """The stage is not read; the message says why. ``missing``: of a file that is not there."""
+    """The stage is not read; the message says why. ``missing``: of a file that is not there; ``at``: line and column."""
 
-    def __init__(self, message: str, found: str = "", missing: bool = False):
-        self.found, self.missing = found, missing
+    def __init__(self, message: str, found: str = "", missing: bool = False, at: tuple[int, int] = (1, 1)):
+        self.found, self.missing, self.at = found, missing, at
         super().__init__(message)
 
 
@@ -49,7 +53,7 @@ def main() -> None:
     try:
         answer = _answer(asked)
     except RefusedError as refused:
-        answer = {"error": str(refused), "found": refused.found, "missing": refused.missing}
+        answer = {"error": str(refused), "found": refused.found, "missing": refused.missing, "at": refused.at}
     except MemoryError:
         answer = {"error": "it takes more memory than is allowed", "found": "", "missing": False}
     except RecursionError:
@@ -68,7 +72,7 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
         try:
             stage = Usd.Stage.Open(layers.opened[os.path.realpath(asked["path"])], Usd.Stage.LoadAll)
         except Tf.ErrorException as error:
-            raise RefusedError("this stage cannot be opened", _first(error)) from None
+            raise _damaged(error, asked["path"]) from None
     used = {os.path.realpath(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
     if beyond := sorted(used - layers.read.keys()):
         raise RefusedError("this stage reads a file that it does not name", beyond[0])
@@ -82,9 +86,15 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
     return answer
 
 
-def _first(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return (lines[-1] if lines else "")[:LONGEST_TEXT]
+def _damaged(error: Exception, place: str) -> RefusedError:
+    """What the reader says of a file, in its own words, with the place in a text."""
+    message = "this is no file of USD, or it is damaged"
+    if "bad_alloc" in str(error):
+        return RefusedError("it takes more memory than is allowed", os.path.basename(place))
+    if match := _PLACE.search(str(error)):
+        return RefusedError(message, match[3].strip()[:LONGEST_TEXT], at=(int(match[1]), int(match[2])))
+    words = str(error).rpartition(" : ")[2].strip().strip("'").strip()
+    return RefusedError(message, words.replace(place, os.path.basename(place))[:LONGEST_TEXT])
 
 
 class _Layers:
@@ -106,6 +116,7 @@ class _Layers:
             if len(self.read) >= MOST_LAYERS:
                 raise RefusedError(f"more than {MOST_LAYERS} files")
             layer = self._open(place)
+            _refuse_clips(layer)
             for named in layer.GetCompositionAssetDependencies():
                 target = self._target(str(named), place)
                 if target is not None:
@@ -123,7 +134,7 @@ class _Layers:
         try:
             layer = Sdf.Layer.FindOrOpen(place)
         except Tf.ErrorException as error:
-            raise RefusedError("this is no file of USD, or it is damaged", _first(error)) from None
+            raise _damaged(error, place) from None
         if layer is None:
             raise RefusedError("this is no file of USD, or it is damaged", os.path.basename(place))
         self.opened[place] = layer
@@ -152,6 +163,18 @@ class _Layers:
         return target
 
 
+def _refuse_clips(layer: Any) -> None:
+    """Raise RefusedError for value clips: files whose names are no dependencies of composition, and which it opens."""
+    waiting = list(layer.rootPrims)
+    while waiting:
+        spec = waiting.pop()
+        if any(spec.HasInfo(word) for word in CLIPS):
+            raise RefusedError("value clips are not supported", str(spec.path)[:LONGEST_TEXT])
+        waiting.extend(spec.nameChildren)
+        for variants in spec.variantSets.values():
+            waiting.extend(variant.primSpec for variant in variants.variants.values())
+
+
 class _Reader:
     """A composed stage as plain values."""
 
@@ -176,8 +199,8 @@ class _Reader:
             prims.append(self._prim(prim, cache))
         default = stage.GetDefaultPrim()
         return {
-            "metres": UsdGeom.GetStageMetersPerUnit(stage),
-            "kilograms": UsdPhysics.GetStageKilogramsPerUnit(stage),
+            "metres": self._value(float(UsdGeom.GetStageMetersPerUnit(stage))),
+            "kilograms": self._value(float(UsdPhysics.GetStageKilogramsPerUnit(stage))),
             "authored": {
                 "metersPerUnit": UsdGeom.StageHasAuthoredMetersPerUnit(stage),
                 "kilogramsPerUnit": UsdPhysics.StageHasAuthoredKilogramsPerUnit(stage),
@@ -188,7 +211,7 @@ class _Reader:
         }
 
     def _prim(self, prim: Any, cache: Any) -> dict[str, Any]:
-        from pxr import UsdGeom
+        from pxr import Tf, UsdGeom
 
         told: dict[str, Any] = {
             "path": str(prim.GetPath()),
@@ -214,9 +237,12 @@ class _Reader:
                 attributes[name] = self._attribute(prim, property_, name)
         told["attributes"], told["relationships"] = attributes, relationships
         if told["used"] and (xform := UsdGeom.Xformable(prim)):
-            told["world"] = self._flat(cache.GetLocalToWorldTransform(prim))
-            told["reset"] = bool(xform.GetResetXformStack())
-            told["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
+            try:
+                told["world"] = self._flat(cache.GetLocalToWorldTransform(prim))
+                told["reset"] = bool(xform.GetResetXformStack())
+                told["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
+            except (Tf.ErrorException, RuntimeError):
+                raise RefusedError("the transformation of a prim cannot be read", told["path"][:LONGEST_TEXT]) from None
         if told["used"] and (image := UsdGeom.Imageable(prim)):
             told["purpose"] = str(image.ComputePurpose())
             told["visible"] = str(image.ComputeVisibility()) != "invisible"

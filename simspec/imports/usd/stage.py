@@ -244,7 +244,8 @@ def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
         hint = "simspec import --repair missing-files: what is not there is left out"
     elif message.startswith("leaves"):
         hint = "--allow-outside allows it"
-    return Problem(message, location=here, found=found, hint=hint)
+    line, column = answer.get("at", (1, 1))
+    return Problem(message, location=Location(here.file, line, max(1, column)), found=found, hint=hint)
 
 
 def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> Stage:
