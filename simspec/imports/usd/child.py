@@ -56,6 +56,8 @@ def main() -> None:
         answer = {"error": str(refused), "found": refused.found, "missing": refused.missing, "at": refused.at}
     except MemoryError:
         answer = {"error": "it takes more memory than is allowed", "found": "", "missing": False}
+    except UnicodeDecodeError:
+        answer = {"error": "it has bytes that are not UTF-8", "found": "", "missing": False}
     except RecursionError:
         answer = {"error": "it is nested too deeply", "found": "", "missing": False}
     sys.stdout.buffer.write(json.dumps(answer, allow_nan=False).encode())
@@ -216,7 +218,7 @@ class _Reader:
         told: dict[str, Any] = {
             "path": str(prim.GetPath()),
             "type": str(prim.GetTypeName()),
-            "schemas": [str(name) for name in prim.GetAppliedSchemas()],
+            "schemas": self._schemas(prim),
             "used": bool(prim.IsActive() and prim.IsDefined() and prim.IsLoaded() and not prim.IsAbstract()),
         }
         if prim.IsInstance():
@@ -247,6 +249,12 @@ class _Reader:
             told["purpose"] = str(image.ComputePurpose())
             told["visible"] = str(image.ComputeVisibility()) != "invisible"
         return told
+
+    def _schemas(self, prim: Any) -> list[str]:
+        """The schemas that are applied, also those that the reader does not know."""
+        names = [str(name) for name in prim.GetAppliedSchemas()]
+        said = prim.GetMetadata("apiSchemas")
+        return list(dict.fromkeys([*names, *(str(name) for name in (said.GetAppliedItems() if said else ()))]))
 
     def _op(self, op: Any) -> list[Any]:
         return [
