@@ -255,7 +255,7 @@ def test_a_truncated_binary_file_is_refused(tmp_path):
     with pytest.raises(SpecError, match="damaged"):
         load(tmp_path / "b.usdc")
     (tmp_path / "c.usda").write_bytes((HEAD + BODY % "double size = @").encode() + b"\xdb\xdb")
-    with pytest.raises(SpecError, match="damaged|not UTF-8"):
+    with pytest.raises(SpecError, match=r"damaged|not UTF-8"):
         load(tmp_path / "c.usda")
 
 
