@@ -339,11 +339,12 @@ class _Raising:
 
     def constraints(self) -> tuple[Constraint, ...]:
         """The equalities: of two joints, whose first follows the second, and of two sites."""
-        sites = {
-            site.text("name"): (world_name(body.item.text("name")), site)
-            for body in self._document.bodies
-            for site in body.all("site")
-        }
+        sites: dict[str, tuple[str, Item]] = {}
+        for body in self._document.bodies:
+            for site in body.all("site"):
+                if (called := site.text("name")) in sites:
+                    raise site.refused(f"there is another site {called!r}")
+                sites[called] = (world_name(body.item.text("name")), site)
         held: list[Constraint] = []
         used: list[str] = []
         for item in self._document.section("equality"):

@@ -83,6 +83,7 @@ def test_damaged_files_are_refused(tmp_path):
         ('<body name="bar"', '<body name="rod"', "missing"),
         ('qvel="0 ', 'qvel="', "velocities"),
         ('<joint name="bar_joint"', '<site name="x"/><joint name="bar_joint"', "no constraint"),
+        ('<joint name="bar_joint"', '<site name="x"/><site name="x"/><joint name="bar_joint"', "another site 'x'"),
         ('<joint name="bar_joint"', '<camera name="x"/><joint name="bar_joint"', "not read"),
         ('angle="radian"', 'angle="degree"', "radian"),
         ('friction="0.4 0.4 0 0 0"', 'friction="0.4 0.5 0 0 0"', "not isotropic"),
