@@ -50,7 +50,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.gathering import least_moment, told_inertial
+from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import VELOCITY_SIZE, HeldValue, ReadBack, World
 
@@ -104,9 +104,10 @@ def memory_covered(world: World) -> Refinement | None:
     return not_here(too_large(sum(parts), sum(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)))
 
 
-LOST = 1e-13
-"""Share of m c² (c: the centre of mass in the body's frame) below which a moment about the centre of mass is round-off: Drake
-keeps inertias about the origins of bodies."""
+LOST = 3e-7
+"""Share of m c² (c: the centre of mass in the body's frame) below which the sum of the moments about the centre of mass is off
+by more than the proof's 1e-9: Drake keeps inertias about the origins of bodies, in doubles (measured: from 1.4e-7 on, in 4,000
+random inertias). No moments at all are held as none."""
 
 
 def inertia_held(world: World) -> Refinement | None:
@@ -115,8 +116,10 @@ def inertia_held(world: World) -> Refinement | None:
     for body in world.bodies:
         inertial = told_inertial(world, body)
         arm = sum(value * value for value in inertial.centre_of_mass)
-        round_off = LOST * inertial.mass * arm
-        if round_off and still[body.name] != "world" and least_moment(inertial) < round_off:
+        lost = 0.0 < sum(inertial.inertia[:3]) < LOST * inertial.mass * arm
+        if (
+            lost and body.joint.kind != "free" and still[body.name] != "world"
+        ):  # free bodies are told about their centres
             return not_here(
                 f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"
             )
