@@ -36,7 +36,7 @@ DIMENSION: Mapping[str, Mapping[str, str]] = {
         "stiffness": "stiffness",
         "rest": "length",
     },
-    "ball": {"damping": "angular damping", "stiffness": "angular stiffness"},
+    "ball": {"damping": "angular damping", "armature": "moment of inertia", "stiffness": "angular stiffness"},
     "free": {},
 }
 """The dimension of each plain number of a joint, by the joint's type."""
@@ -48,7 +48,7 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     "slide": {},
     "ball": {
         "axis": "a ball joint turns about every axis",
-        **dict.fromkeys(("limits", "dry_friction", "armature"), "only for hinge and slide joints"),
+        **dict.fromkeys(("limits", "dry_friction"), "only for hinge and slide joints"),
     },
     "free": {
         "origin": "a free body's initial pose is the body's `pose`",
@@ -145,7 +145,7 @@ class Joint(Strict):
     armature: Maybe[Annotated[Any, ByJointType("kg m² or kg")]] = Field(
         ABSENT,
         description="Inertia ≥ 0 added to this joint's diagonal of the mass matrix (a geared rotor: rotor inertia × "
-        "ratio²); default 0; hinge and slide",
+        "ratio²), at a ball joint to all three; default 0; hinge, slide and ball",
     )
     spring: Maybe[Spring] = Field(ABSENT, description="A spring; hinge, slide and ball")
     position: Maybe[Annotated[Any, ByJointType("rad or m", orientation=True)]] = Field(

@@ -185,6 +185,14 @@ def ball_joint(engine: str) -> World:
     return World("self-test-ball", bodies, Contact(), PHYSICS, engines=_options(engine))
 
 
+def ball_armature(engine: str) -> World:
+    """The same with armature."""
+    world = ball_joint(engine)
+    (bob,) = world.bodies
+    bob = dataclasses.replace(bob, joint=dataclasses.replace(bob.joint, armature=0.03))
+    return dataclasses.replace(world, name="self-test-ball-armature", bodies=(bob,))
+
+
 def bouncing(engine: str) -> World:
     """A sphere above a floor, with restitution."""
     at = (0.0, 0.0, 0.5, *FREE)
@@ -359,6 +367,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "armature": armature,
     "dry friction": dry_friction,
     "ball joint": ball_joint,
+    "ball armature": ball_armature,
     "bouncing": bouncing,
     "surfaces": surfaces,
     "rolling": rolling,

@@ -22,6 +22,7 @@ class Feature(StrEnum):
     BALL_DAMPING = "joint.ball.damping"
     DRY_FRICTION = "joint.dry_friction"
     ARMATURE = "joint.armature"
+    BALL_ARMATURE = "joint.ball.armature"
     SPRING = "joint.spring"
     BALL_SPRING = "joint.ball.spring"
     INITIAL_POSITION = "joint.position"
@@ -87,6 +88,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.BALL_DAMPING: "torque −d ω on a ball joint",
     Feature.DRY_FRICTION: "dry friction of at most f at a hinge or slide",
     Feature.ARMATURE: "inertia added to a joint's diagonal of the mass matrix",
+    Feature.BALL_ARMATURE: "inertia added to a ball joint's diagonal of the mass matrix, the same about every axis",
     Feature.SPRING: "effort −k (q − rest) at a hinge or slide",
     Feature.BALL_SPRING: "torque −k log R at a ball joint",
     Feature.INITIAL_POSITION: "joint positions at time zero",

@@ -22,7 +22,7 @@ DEEP_TREE = 400
 _NUMERIC_JOINT_FEATURES = (
     ("damping", Feature.DAMPING, Feature.BALL_DAMPING),
     ("dry_friction", Feature.DRY_FRICTION, Feature.DRY_FRICTION),
-    ("armature", Feature.ARMATURE, Feature.ARMATURE),
+    ("armature", Feature.ARMATURE, Feature.BALL_ARMATURE),
     ("spring_stiffness", Feature.SPRING, Feature.BALL_SPRING),
 )
 

@@ -201,7 +201,8 @@ def several_joints() -> World:
 
 def _jointed(kind: str, **more: Any) -> World:
     """One body on a joint of this kind."""
-    return world(tree([kind], 6, **more), kind)
+    (body,) = tree([kind], 6)
+    return world((dataclasses.replace(body, joint=dataclasses.replace(body.joint, **more)),), kind)
 
 
 def limits_and_armature(armature: float = 0.0, dry_friction: float = 0.0) -> World:
@@ -481,6 +482,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.DAMPING: damped_springs,
     Feature.SPRING: damped_springs,
     Feature.BALL_DAMPING: partial(_jointed, "ball", damping=0.1),
+    Feature.BALL_ARMATURE: partial(_jointed, "ball", armature=0.1),
     Feature.BALL_SPRING: partial(_jointed, "ball", spring_stiffness=0.1),
     Feature.COLLISION_GROUPS: gripper,
     Feature.EXCLUDED_PAIRS: gripper,

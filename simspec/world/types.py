@@ -124,7 +124,7 @@ class Joint:
     effort_limit    rating (N m, N), None = none: not enforced by engines; control clips to it
     damping         d ≥ 0: effort −d v (N m s/rad, N s/m); for a ball −d times the angular velocity
     dry_friction    largest dry effort opposing motion (N m, N); hinge and slide
-    armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide
+    armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide, ball
     spring_stiffness k ≥ 0: effort −k (q − spring_rest); for a ball −k log R in the child's axes (N m/rad, N/m)
     position        initial position: hinge/slide (q,), ball quaternion, free x y z w x y z of the *body frame*
     velocity        initial velocity: hinge/slide (v,), ball angular velocity of the child relative to the parent in the

@@ -146,6 +146,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "dry friction": _text(f"{HINGE}/axis/dynamics/friction", scaled),
     "armature": _listed("armature", "value", "upper"),
     "ball damping": _listed("damping", "value", "bob"),
+    "ball armature": "DART has no armature of balls",
     "ball spring": _listed("springs", "stiffness", "bob"),
     "initial position": _text(f"{HINGE}/init_pos", nudged),
     "initial velocity": _text(f"{HINGE}/init_vel", nudged),

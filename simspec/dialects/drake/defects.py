@@ -181,6 +181,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "dry friction": _number("upper", "joint", "dry_friction", times=1.0 + STEP),
     "armature": _number("upper", "joint", "armature"),
     "ball damping": _number("bob", "joint", "damping"),
+    "ball armature": "Drake has no armature of balls",
     "ball spring": _number("bob", "joint", "spring_stiffness"),
     "initial position": _number("upper", "joint", "position", 0),
     "initial velocity": _number("upper", "joint", "velocity", 0),

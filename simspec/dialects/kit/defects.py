@@ -43,6 +43,7 @@ NAMES: Mapping[str, str] = {
     "dry friction": "dry friction",
     "armature": "armature",
     "ball damping": "ball joint",
+    "ball armature": "ball armature",
     "ball spring": "ball joint",
     "initial position": "model",
     "initial velocity": "model",

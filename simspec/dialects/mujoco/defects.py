@@ -199,6 +199,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "dry friction": _attribute(HINGE, "frictionloss", scaled),
     "armature": _attribute(HINGE, "armature", scaled),
     "ball damping": _attribute(".//joint[@name='bob_joint']", "damping", scaled),
+    "ball armature": _attribute(".//joint[@name='bob_joint']", "armature", scaled),
     "ball spring": _attribute(".//joint[@name='bob_joint']", "stiffness", scaled),
     "initial position": _attribute(KEY, "qpos", nudged),
     "initial velocity": _attribute(KEY, "qvel", nudged),

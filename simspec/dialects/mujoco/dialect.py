@@ -101,6 +101,7 @@ class MujocoDialect(Dialect):
                 Feature.BALL_DAMPING,
                 Feature.DRY_FRICTION,
                 Feature.ARMATURE,
+                Feature.BALL_ARMATURE,
                 Feature.SPRING,
                 Feature.BALL_SPRING,
             ),

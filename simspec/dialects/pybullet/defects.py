@@ -120,6 +120,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "inertia, sign of a product": xml(ARM, _flip),
     "position limit dropped": xml(ARM, _not_limited),
     "ball damping": attribute("joint[@name='bob_joint']/dynamics", "damping", scaled, BOB),
+    "ball armature": "PyBullet has no armature of balls",
     "ball spring": sidecar_number("springs", "stiffness"),
     "mesh, margin": sidecar(_margin),
     **dict.fromkeys(MARGINS, "PyBullet's contact begins where shapes touch"),

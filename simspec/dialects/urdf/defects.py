@@ -184,6 +184,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(MARGINS, "plain URDF has no margins"),
     "mesh, margin": "plain URDF has no margins",
     "ball damping": NO_BALL,
+    "ball armature": NO_BALL,
     "ball spring": NO_BALL,
     "friction": _surface("friction", 1.001),
     "restitution": _surface("restitution", 1.001),

@@ -81,7 +81,7 @@ class UrdfDialect(Dialect):
         **alike(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),
         Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
-        **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_SPRING),
+        **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
     }

@@ -152,6 +152,7 @@ class Dart(SimulatedEngine[Simulation]):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
+        Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(

@@ -186,6 +186,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             refine=_meshes_held,
             cases=(LANDING,),
         ),
+        Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
         Feature.SHAPE_MARGIN: never(
             "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
         ),

@@ -70,6 +70,7 @@ SUPPORT: Final[Table] = {
         *(Feature.GRAVITY, Feature.TIMESTEP),
     ),
     **shape_kinds("SDF", KINDS),
+    Feature.BALL_ARMATURE: never("SDF has no armature"),
     Feature.SHAPE_MARGIN: never("simspec writes no margins into SDF"),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),

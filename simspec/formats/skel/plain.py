@@ -30,6 +30,7 @@ SUPPORT: Final[Table] = {
         *(Feature.GRAVITY, Feature.TIMESTEP),
     ),
     **shape_kinds(".skel", KINDS),
+    Feature.BALL_ARMATURE: never(".skel has no armature"),
     Feature.SHAPE_MARGIN: never(".skel has no margins"),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.LIMIT_POSITION: approximate("the limits, but not that they are enforced"),

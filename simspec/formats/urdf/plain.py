@@ -67,6 +67,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.SHAPE_MARGIN: never("URDF has no margins"),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),

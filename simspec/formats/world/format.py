@@ -67,6 +67,7 @@ class WorldJson(Format):
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
+        Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
         Feature.SHAPE_MARGIN: never("world.json has no margins: no engine that reads it has any"),
         **shape_kinds("world.json", SHAPES),
     }

@@ -297,12 +297,12 @@ class Bodies:
         self, number: int, kind: str, element: Element, damping: float, dry: float, armature: float
     ) -> dict[str, float]:
         """What a ball or a free joint has, as far as the language says it."""
-        values = {"damping": damping} if kind == "ball" else {}
+        values = {"damping": damping, "armature": armature} if kind == "ball" else {}
         if damping and kind == "free":
             self.features.add("joint.free_damping", element)
         if dry:
             self.features.add("joint.dry_friction", element)
-        if armature:
+        if armature and kind == "free":
             self.features.add("joint.armature", element)
         if kind == "ball" and bool(self.model["jnt_limited"][number]):
             self.features.add("joint.ball_limit", element)

@@ -46,7 +46,7 @@ FEATURES: Final = {
     "joint.free_damping": Feature("joint/damping freejoint/*", _PHYSICS, "free bodies have no damping yet"),
     "joint.free_spring": Feature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
     "joint.dry_friction": Feature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
-    "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, "only hinges and slides have an armature yet"),
+    "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, "free bodies have no armature"),
     "joint.ball_limit": Feature("joint/range joint/limited", _PHYSICS, "ball joints have no limits in the language"),
     "joint.polynomial": Feature(
         "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"

@@ -129,7 +129,7 @@ LOSSES = {
     '<body gravcomp="1"><freejoint/><geom size="1"/></body>': "body.gravcomp",
     '<body><joint type="free" damping="1"/><geom size="1"/></body>': "joint.free_damping",
     '<body><joint type="ball" frictionloss="1"/><geom size="1"/></body>': "joint.dry_friction",
-    '<body><joint type="ball" armature="1"/><geom size="1"/></body>': "joint.armature",
+    '<body><joint type="free" armature="1"/><geom size="1"/></body>': "joint.armature",
     '<body><joint type="ball" range="0 1" limited="true"/><geom size="1"/></body>': "joint.ball_limit",
     '<body><joint type="free" stiffness="1"/><geom size="1"/></body>': "joint.free_spring",
     '<body><joint actuatorfrcrange="-1 2"/><geom size="1"/></body>': "joint.effort_range",
