@@ -25,8 +25,7 @@ from simspec.arguments import (
     Strict,
 )
 from simspec.cli_experiments import add_experiments
-from simspec.cli_files import add_files
-from simspec.cli_imports import add_imports
+from simspec.cli_files import add_audit, add_imports
 from simspec.commands.guard import command
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK
@@ -375,7 +374,7 @@ def run_command(
 
 
 add_experiments(app)
-add_files(app)
+add_audit(app)
 
 
 @app.command("report")

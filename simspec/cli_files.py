@@ -1,4 +1,4 @@
-"""The commands about robot files of other languages, as ``cli.py`` has the others: arguments and help."""
+"""The commands of robot files of other languages, as ``cli.py`` has the others: arguments and help."""
 
 from __future__ import annotations
 
@@ -7,13 +7,140 @@ from typing import Annotated
 
 import typer
 
-from simspec.arguments import Annotations, AsJson, Engines, GitHub, JunitFile, Outside, Pythons, SummaryFile
+from simspec.arguments import (
+    Annotations,
+    AsJson,
+    Engines,
+    GitHub,
+    JunitFile,
+    Outside,
+    Pythons,
+    Sets,
+    Strict,
+    SummaryFile,
+)
 from simspec.commands.guard import command
 
 
-def add_files(app: typer.Typer) -> None:
-    """Add these commands to the command line."""
+def add_imports(app: typer.Typer) -> None:
+    """Add the commands that read and write such files to the command line."""
+    app.command("import")(command(import_command))
+    app.command("export")(command(export_command))
+
+
+def add_audit(app: typer.Typer) -> None:
+    """Add the command that compares what engines make of such files."""
     app.command("audit")(command(audit_command))
+
+
+def import_command(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A robot file of another language, or a robot of robot_descriptions by name."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default: standard output).")
+    ] = None,
+    repair: Annotated[
+        list[str] | None, typer.Option("--repair", metavar="RULE", help="Repair defects of this kind; repeatable.")
+    ] = None,
+    package: Annotated[
+        list[str] | None, typer.Option("--package", metavar="NAME=DIR", help="Folder of a package; repeatable.")
+    ] = None,
+    package_path: Annotated[
+        list[str] | None,
+        typer.Option("--package-path", metavar="DIR", help="Folder in which packages are looked for; repeatable."),
+    ] = None,
+    arguments_of_file: Annotated[
+        list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
+    ] = None,
+    meshes: Annotated[
+        Path | None, typer.Option("--meshes", metavar="DIR", help="Copy the meshes to this folder, and name those.")
+    ] = None,
+    self_collision: Annotated[
+        bool,
+        typer.Option("--self-collision/--no-self-collision", help="Whether bodies of the model may touch each other."),
+    ] = True,
+    allow_outside: Outside = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 2, and write nothing, where something lost changes physics.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write a robot file of another language as a spec, and list what it does not carry.
+
+    Every element and attribute is carried, carried without effect, or lost with its reason. Defects of the file are
+    errors; --repair RULE repairs those of a kind, with a comment in the spec (docs/import.md).
+
+    \b
+    simspec import FILE -o robot.yaml
+    simspec import FILE --repair triangle-inequality --strict
+    simspec import FILE --package-path ~/ros/src -o robot.yaml
+    simspec import panda_description -o panda.yaml
+    """
+    from simspec.commands.importing import import_file
+
+    return import_file(
+        file,
+        out,
+        repair=repair or (),
+        package=package or (),
+        package_path=package_path or (),
+        arguments=arguments_of_file or (),
+        meshes=meshes,
+        self_collision=self_collision,
+        allow_outside=allow_outside,
+        strict=strict,
+        as_json=as_json,
+    )
+
+
+def export_command(
+    specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
+    format_name: Annotated[str, typer.Option("--format", metavar="NAME", help="The format of the files.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="DIR", help="Output folder (default plain/NAME/FORMAT); of several, DIR/NAME."
+        ),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option("--profile", metavar="NAME", help="The layout of the files, where a format has several."),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit with 1 if the folder is not current.")
+    ] = False,
+    sets: Sets = None,
+    allow_outside: Outside = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> int:
+    """Write specs as plain files for other tools, and list what the files do not carry.
+
+    The same as `compile --format`. --strict makes what is lost of the bodies an error; nothing is written then.
+
+    \b
+    simspec export robot.yaml --format FORMAT
+    simspec export robot.yaml --format FORMAT -o build/robot --strict
+    """
+    from simspec.commands.compile import compile_specs
+
+    return compile_specs(
+        specs,
+        None,
+        format_name,
+        out,
+        profile=profile,
+        check=check,
+        explain=False,
+        sets=sets,
+        allow_outside=allow_outside,
+        strict=strict,
+        as_json=as_json,
+    )
 
 
 def audit_command(

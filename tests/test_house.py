@@ -48,7 +48,6 @@ ORDER = (
     "arguments",
     "commands",
     "cli_experiments",
-    "cli_imports",
     "cli_files",
     "cli",
 )

@@ -20,6 +20,8 @@ from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, poses, trees
 from tests import worlds
+from tests.files import write
+from tests.robots import robot
 
 
 def library(name):
@@ -35,6 +37,7 @@ WORLDS = {
     "spheres": lambda: worlds.spheres(3),
     "double pendulum": lambda: library("double-pendulum"),
     "arm": lambda: library("ur10e"),
+    "robot": lambda: robot(6),
     "fixed root": lambda: worlds.world(worlds.tree(["fixed", "hinge", "ball", "slide"], 5)),
 }
 WORLDS["chain"] = lambda: worlds.world(worlds.tree(["hinge", "slide", "hinge"], 3))
@@ -49,9 +52,8 @@ TYPES = {
 
 def loaded(world, folder):
     plain = Skel().plain(world)
-    path = folder / WORLD
-    path.write_text(plain.files[WORLD], encoding="utf-8")
-    theirs = dartpy.utils.SkelParser.readWorld(str(path))
+    write(plain.files, folder)
+    theirs = dartpy.utils.SkelParser.readWorld(str(folder / WORLD))
     assert theirs is not None
     return plain, theirs
 

@@ -27,7 +27,7 @@ from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.types import Pose, Shape
-from tests import worlds
+from tests import robots, worlds
 from tests.files import write
 
 
@@ -40,6 +40,7 @@ WORLDS = {
     "fixed root": lambda: worlds.world(worlds.tree(["fixed", "hinge", "hinge", "slide"], 5)),
     "double pendulum": lambda: library("double-pendulum"),
     "arm": lambda: library("ur10e"),
+    "robot": lambda: robots.robot(6, ("hinge", "slide", "fixed"), loops=False, free=False),
 }
 
 
