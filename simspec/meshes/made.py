@@ -56,6 +56,10 @@ class MadeMesh:
     surfaces: int = 1
 
 
+class ManyVerticesError(MeshError):
+    """A hull has more vertices than are allowed, and its options do not say how many it may have."""
+
+
 def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh:
     """What a world takes from ``surface``. Raises MeshError where no solid can be made of it."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
@@ -77,6 +81,8 @@ def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh
         parts = tuple(_convex(points, options.max_vertices, most_vertices) for points in groups)
     except FlatError as error:
         raise MeshError(f"it has no volume: {error}") from None
+    except ManyVerticesError:
+        raise
     except ValueError as error:
         raise MeshError(f"no solid can be made of it: {error}") from None
     return MadeMesh(parts, volume, closed.solid, closed.why, closed.surfaces)
@@ -84,7 +90,7 @@ def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh
 
 def _convex(points: Points, most: int | None, allowed: int) -> Convex:
     if most is None and len(points) > allowed:
-        raise MeshError(
+        raise ManyVerticesError(
             f"its hull has {len(points):,} vertices, more than {allowed:,}; `max_vertices: 64` leaves the best"
         )
     kept, error = (points, 0.0) if most is None else reduced(points, most)

@@ -105,6 +105,8 @@ def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:
     if word == "continuous":
         for name in ("lower", "upper"):
             limit.set_aside(name, UNUSED, "a continuous joint has no limits", INFORMATION)
+    elif not (limit.has("lower") or limit.has("upper")):
+        _without_limits(joint, word, draft)
     else:
         lower, upper = limit.number("lower", 0.0) or 0.0, limit.number("upper", 0.0) or 0.0
         if lower > upper:
@@ -125,9 +127,9 @@ def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:
 def _without_limits(joint: Joint, word: str, draft: Draft) -> None:
     rule = "missing-limits"
     if not draft.repairing(rule):
-        draft.defect(joint.element, f"a {word} joint needs a <limit>", rule, RULES[rule])
+        draft.defect(joint.element, f"a {word} joint needs a <limit> with lower and upper", rule, RULES[rule])
         return
-    what = f"a {word} joint without <limit> has no limits"
+    what = f"a {word} joint without lower and upper of <limit> has no limits"
     draft.repaired(rule, joint.element, what, ("model", "bodies", joint.child, "joint"))
 
 
@@ -155,6 +157,6 @@ def _dynamics(joint: Joint) -> None:
 
 
 RULES: Final = {
-    "missing-limits": "a revolute or prismatic joint without <limit> has no limits",
+    "missing-limits": "a revolute or prismatic joint without <limit>, or with neither lower nor upper in it, has no limits",
     "turned-limits": "a lower limit above the upper is the upper, and the upper the lower",
 }

@@ -95,6 +95,9 @@ def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
         draft.defect(inertial, "a mass below 0", found=f"{mass.mass:g} kg")
         return
     tensor = mass.tensor or (0.0,) * 6
+    if not mass.mass and any(tensor):
+        _moments_of_nothing(mass, draft, path)
+        return
     why = impossible(principal_moments(tensor))
     if why is None:
         return
@@ -108,6 +111,19 @@ def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
         after = principal_moments(mass.tensor)
         what = f"the principal moments {_shown(before)} kg m² became {_shown(after)} kg m²"
         draft.repaired("triangle-inequality", inertial, what, (*path, "inertia"))
+
+
+def _moments_of_nothing(mass: Mass, draft: Draft, path: Path_) -> None:
+    """A link without mass has no moments of inertia: no body has these, and readers that add them to what the link is fixed
+    to change how it turns."""
+    inertial, rule = mass.element, "massless-moments"
+    if not draft.repairing(rule):
+        shown = _shown((mass.tensor or (0.0,) * 6)[:3])
+        draft.defect(inertial, "moments of inertia of a link without mass", rule, RULES[rule], found=f"{shown} kg m²")
+        return
+    mass.tensor = None
+    _left_out(inertial, LOST, f"left out by the rule {rule}")
+    draft.repaired(rule, inertial, "moments of inertia of a link without mass are left out", path)
 
 
 def _incomplete(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
@@ -206,5 +222,6 @@ def _shown(values: Sequence[float]) -> str:
 RULES: Final = {
     "triangle-inequality": "a tensor that no body has becomes the nearest one that a body can have",
     "not-positive": "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
+    "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }

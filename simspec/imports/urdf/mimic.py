@@ -13,6 +13,9 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 
 SUPPORTED: Final = "constraints" in Model.model_fields
 
+LEADERS: Final = "missing-leaders"
+RULES: Final = {LEADERS: "a joint that is to follow one that is not there moves on its own"}
+
 
 def constraints(joints: Sequence[Joint], draft: Draft) -> dict[str, Any]:
     """The constraints of all joints that follow others, by the name of the joint that follows."""
@@ -41,8 +44,13 @@ def _follow(joint: Joint, by_name: Mapping[str, Joint], draft: Draft) -> dict[st
         why = ""
         if not SUPPORTED:
             why = "simspec does not couple joints yet: this one moves on its own"
+        elif leader is None and draft.repairing(LEADERS):
+            why = f"there is no joint {name[:80]}: this one moves on its own, by the rule {LEADERS}"
+            draft.repaired(
+                LEADERS, mimic, f"{joint.name} moves on its own: there is no joint {name[:80]}", ("model", "bodies")
+            )
         elif leader is None:
-            draft.defect(mimic, f"there is no joint {name[:80]!r}", found=name)
+            draft.defect(mimic, f"there is no joint {name[:80]!r}", LEADERS, RULES[LEADERS], found=name)
         elif leader is joint:
             draft.defect(mimic, "a joint cannot follow itself", found=name)
         elif leader.kind not in SCALAR_JOINTS:

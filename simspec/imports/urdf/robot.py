@@ -9,17 +9,20 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, names, renamed
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
+from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
 from simspec.imports.urdf import masses as mass_rules
+from simspec.imports.urdf import mimic as mimic_rules
 from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
+from simspec.imports.urdf.chains import Chain
 from simspec.imports.urdf.contact import add_materials
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
-from simspec.imports.urdf.tree import Tree, tree_of
+from simspec.imports.urdf.tree import UNDECLARED, WORLD, Tree, tree_of
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION
@@ -27,13 +30,12 @@ from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Pose
 
-WORLD: Final = "world"
-"""The link that stands for the world, and the name that no body may have."""
 MASSLESS: Final = "massless"
 RULES: Final[Mapping[str, str]] = {
     **mass_rules.RULES,
     MASSLESS: "the joint above links that have no mass becomes fixed",
     **joint_rules.RULES,
+    **mimic_rules.RULES,
     **shape_rules.RULES,
     **tree_rules.RULES,
 }
@@ -81,6 +83,8 @@ class Robot:
         self.fixed = False
         """Whether the root is fixed to the world."""
         self.materials: dict[str, dict[str, Any]] = {}
+        self.chains: dict[str, Chain] = {}
+        self.between: set[str] = set()
 
     def imported(self) -> Imported:
         """The spec and the accounts. Raises SpecError with every problem."""
@@ -135,8 +139,18 @@ class Robot:
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
         self.all_read = len(self.joints) == len(elements)
+        self._declare_world()
         if not self.links and not self.draft.problems:
             raise self.root.error("a robot without links")
+
+    def _declare_world(self) -> None:
+        """Add the link `world` where joints lead from it, no link is called so, and the rule is asked for."""
+        joint = next((joint for joint in self.joints if joint.parent == WORLD), None)
+        if joint is None or WORLD in self.links or not self.draft.repairing(UNDECLARED):
+            return
+        element = Element("link", {"name": WORLD}, joint.element.location, "", self.root)
+        self.links[WORLD] = Link(element, _given([element], WORLD)[0])
+        self.draft.repaired(UNDECLARED, joint.element, "the joint leads from the world", ("model", "bodies"))
 
     def _judge_meshes(self) -> None:
         """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""
@@ -166,6 +180,8 @@ class Robot:
         for name in tree.order:
             members.setdefault(top[name], []).append(name)
         self.fixed = self._root_is_fixed(tree, members[tree.root])
+        self.chains = chain_rules.chains(tree, members, lambda name: self.links[name].is_empty)
+        self.between = {name for chain in self.chains.values() for name in chain.between}
         for head, group in members.items():
             still = head == tree.root and self.fixed
             for name in group:
@@ -194,6 +210,8 @@ class Robot:
         if any(mass.missing or mass.mass < 0.0 or _negative(mass) for mass in masses.values()):
             return  # reported
         if not any(mass.mass for mass in masses.values()):
+            if head in self.between:
+                return  # a joint of the body that moves with the last of the chain
             self._massless(tree, head, group)
             return
         if any(mass.from_shapes for mass in masses.values()):
@@ -236,11 +254,17 @@ class Robot:
         if is_world:
             order = order[1:]
             child = self.links[joints[0].child]
-            bodies[child.name] = self._world_child(joints[0], child)
+            if joints[0].child not in self.between:
+                bodies[child.name] = self._world_child(joints[0], child)
         for name in order:
+            if name in self.between:
+                continue
             link = self.links[name]
             body = bodies.setdefault(link.name, {})
-            if name in tree.above and not (is_world and name == order[0]):
+            joint_data: dict[str, Any] | None = None
+            if name in self.chains:
+                self._write_chain(link, body, self.chains[name], is_world and self.chains[name].parent == root)
+            elif name in tree.above and not (is_world and name == order[0]):
                 joint = tree.above[name]
                 if joint.kind == "free":
                     message = "a floating joint is supported only below a root link without mass and shapes"
@@ -266,6 +290,18 @@ class Robot:
         more = {"constraints": coupled} if coupled else {}
         contact = {"contact": {"materials": self.materials}} if self.materials else {}
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
+
+    def _write_chain(self, link: Link, body: dict[str, Any], chain: Chain, from_world: bool) -> None:
+        """The joints of a body that several lead to."""
+        if not from_world:
+            body["parent"] = self.links[chain.parent].name
+        for index, joint in enumerate(chain.joints):
+            self.draft.place((*link.path, "joints", index), joint.element)
+        body["joints"] = chain_rules.written(chain)
+        elements = {name: self.links[name].element for name in chain.between}
+        chain_rules.leave_out(elements, chain, link.name)
+        links = ", ".join(chain.between)
+        self.draft.note((*link.path, "joints"), f"without mass between them in the file: {links}"[:300])
 
     def _world_child(self, joint: Joint, child: Link) -> dict[str, Any]:
         """The words of the body that hangs on the link `world`: there is no such body, since it is the world itself."""

@@ -10,10 +10,11 @@ from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
 from simspec.imports.files import MissingFileError
-from simspec.imports.meshes import NamedMesh, find_mesh, read_meshes
-from simspec.imports.urdf.table import APPEARANCE, LOST
+from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
+from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.meshes.files import MeshError
+from simspec.meshes.made import MadeMesh, ManyVerticesError
 
 GEOMETRIES: Final = ("box", "sphere", "cylinder", "mesh")
 
@@ -200,6 +201,14 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
     """The shapes without those meshes that cannot be read; of the others it is noted whether they enclose a volume."""
     named = [shape for shape in shapes if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in named if shape.mesh is not None])
+    large = [
+        index
+        for index, (shape, result) in enumerate(zip(named, made, strict=True))
+        if shape.collision and isinstance(result, ManyVerticesError)
+    ]
+    fewer = reduced_meshes([mesh for index in large if (mesh := named[index].mesh) is not None])
+    for index, result in zip(large, fewer, strict=True):
+        made[index] = result
     unusable = set()
     for shape, result in zip(named, made, strict=True):
         if isinstance(result, MeshError):
@@ -208,7 +217,20 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
             unusable.add(id(shape))
         else:
             shape.is_open = result.enclosed is None
+            _tell_fewer(shape, result)
     return [shape for shape in shapes if id(shape) not in unusable]
+
+
+def _tell_fewer(shape: Shape, mesh: MadeMesh) -> None:
+    """Say of a hull of too many vertices that the spec's has fewer, and how far the two are apart."""
+    kept = kept_vertices(mesh)
+    if kept is None:
+        return
+    part = mesh.parts[0]
+    shape.data["mesh"] = {**shape.data["mesh"], "max_vertices": kept}
+    kind = shape.element.look("geometry")[0].look("mesh")[0]
+    reason = f"{kept} of the hull's {part.vertices:,} vertices are kept: {part.error * 1e3:.2g} mm are between the two"
+    kind.set_aside("filename", LOST, reason, INFORMATION, "`max_vertices`")
 
 
 def _empty(element: Element, kind: Element, draft: Draft) -> None:

@@ -62,7 +62,15 @@ TABLE: Final = (
             Row(f"link/{holder}/geometry/cylinder/@radius", "`cylinder.radius`"),
             Row(f"link/{holder}/geometry/cylinder/@length", "`cylinder.length`"),
             Row(f"link/{holder}/geometry/mesh", "`mesh`: its convex hull"),
-            Row(f"link/{holder}/geometry/mesh/@filename", "`mesh.file`"),
+            Row(
+                f"link/{holder}/geometry/mesh/@filename",
+                "`mesh.file`",
+                LOST,
+                INFORMATION if holder == "collision" else APPEARANCE,
+                "128 of the hull's vertices are kept" if holder == "collision" else "it is left out",
+                "`max_vertices`",
+                when="a hull of more than 4,096 vertices",
+            ),
             Row(f"link/{holder}/geometry/mesh/@scale", "`mesh.scale`"),
         )
     ),

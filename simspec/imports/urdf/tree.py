@@ -11,8 +11,14 @@ from simspec.imports.elements import Element
 from simspec.imports.urdf.joints import Joint
 from simspec.imports.urdf.table import LOST
 
+WORLD: Final = "world"
+"""The link that stands for the world, and the name that no body may have."""
 ROOTS: Final = "several-roots"
-RULES: Final = {ROOTS: "only the tree with most links is kept"}
+UNDECLARED: Final = "undeclared-world"
+RULES: Final = {
+    ROOTS: "only the tree with most links is kept",
+    UNDECLARED: "a joint whose parent is `world`, where there is no such link, leads from the world",
+}
 
 
 @dataclass
@@ -41,7 +47,8 @@ def tree_of(root: Element, links: Mapping[str, Element], joints: Sequence[Joint]
     for joint in joints:
         unknown = [name for name in (joint.parent, joint.child) if name not in links]
         for name in unknown:
-            draft.defect(joint.element, f"there is no link {name[:80]!r}", found=name)
+            rule = UNDECLARED if name == WORLD and name == joint.parent else ""
+            draft.defect(joint.element, f"there is no link {name[:80]!r}", rule, RULES.get(rule, ""), found=name)
         if joint.child in above:
             first = above[joint.child].element
             message = f"the link {joint.child[:80]!r} is the child of two joints: URDF has trees only"

@@ -16,17 +16,39 @@ def inertial(mass: str = '<mass value="2"/>', **moments: float) -> str:
 
 BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
 
+MASSLESS = '<mass value="0"/>'
 DEFECTS = {
     "triangle-inequality": (two_links(arm=inertial(izz=3)), "triangle inequality", 3),
     "not-positive": (two_links(arm=inertial(izz=0, ixx=0, iyy=0)), "must be above 0", 3),
     "negative": (two_links(arm=inertial(izz=-1)), "a principal moment is negative", 3),
     "incomplete-inertial": (two_links(arm='<inertial><mass value="1"/></inertial>'), "an incomplete inertial", 3),
     "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
+    "massless-moments": (
+        two_links(
+            more=f'<link name="tool">{inertial(MASSLESS)}</link>'
+            '<joint name="w" type="fixed"><parent link="arm"/><child link="tool"/></joint>'
+        ),
+        "moments of inertia of a link without mass",
+        5,
+    ),
+    "missing-leaders": (
+        two_links('<mimic joint="nobody"/>'),
+        "there is no joint 'nobody'",
+        4,
+    ),
+    "undeclared-world": (
+        two_links(more='<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint>'),
+        "there is no link 'world'",
+        5,
+    ),
+    "no-range": (two_links('<limit effort="1" velocity="1"/>', kind="revolute"), "with lower and upper", 4),
     "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
     "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
     "empty-shapes": (two_links(arm=SOLID + BALL.replace("0.1", "0")), "must be above 0", 3),
     "several-roots": (two_links(more='<link name="left"/>'), "have no parent", 5),
 }
+
+OTHERS = {"negative": "not-positive", "no-range": "missing-limits"}
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
@@ -35,14 +57,14 @@ def test_a_defect_is_an_error_at_its_line_that_names_its_repair(tmp_path, defect
     (problem,) = refused(text, tmp_path)
     assert message in problem
     assert f"robot.urdf:{line}:" in problem
-    rule = "not-positive" if defect == "negative" else defect
+    rule = OTHERS.get(defect, defect)
     assert f"--repair {rule}" in problem
 
 
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_repair_is_told_and_gives_a_spec_that_resolves(tmp_path, defect):
     text, _, line = DEFECTS[defect]
-    rule = "not-positive" if defect == "negative" else defect
+    rule = OTHERS.get(defect, defect)
     imported = read(text, tmp_path, *RULES)
     (repair,) = imported.repairs
     assert (repair.rule, repair.path.startswith("model.bodies")) == (rule, True)

@@ -122,3 +122,25 @@ def test_no_path_leads_out_of_the_project(tmp_path, name, tag):
     else:  # a package or a file that is not there, of what is only seen
         assert tag == "visual"
         assert not imported.files
+
+
+def test_a_hull_of_more_vertices_than_a_spec_may_have_keeps_some_of_them(tmp_path, monkeypatch):
+    """The limit and what is kept are made small, so that a ball of 162 vertices is too much."""
+    import trimesh
+
+    from simspec.imports import meshes
+
+    monkeypatch.setattr(meshes, "MOST_VERTICES", 100)
+    monkeypatch.setattr(meshes, "FEWER", 50)
+    (tmp_path / "ball.stl").write_bytes(trimesh.creation.icosphere(2, 0.1).export(file_type="stl"))
+    shapes = "".join(
+        f'<{tag}><origin xyz="0 0 {place}"/><geometry><mesh filename="ball.stl"/></geometry></{tag}>'
+        for tag, place in (("collision", 0), ("visual", 1))
+    )
+    imported = read(two_links(arm=SOLID + shapes), tmp_path)
+    (shape,) = imported.data["model"]["bodies"]["arm"]["shapes"]
+    assert shape["mesh"] == {"file": "ball.stl", "max_vertices": 50}
+    (told,) = [account for account in imported.losses() if account.what.endswith("@filename")]
+    assert "50 of the hull's 162 vertices" in told.reason
+    assert told.severity == "information"
+    assert any(account.severity == "appearance" for account in imported.losses())
