@@ -95,9 +95,6 @@ FEATURES: Final = {
         "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined or excluded; the language does not"
     ),
     "contact.uneven": Feature("pair/*", _PHYSICS, "friction of a pair is the same in every direction in the language"),
-    "contact.parents": Feature(
-        "flag/filterparent", _PHYSICS, "the file lets bodies touch that are joined; the language does not"
-    ),
     "contact.materials": Feature(
         "geom/friction geom/condim geom/priority geom/contype geom/conaffinity",
         _PHYSICS,

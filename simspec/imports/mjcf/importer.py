@@ -66,8 +66,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     roots = [name for name, body in bodies.data.items() if "parent" not in body]
     alone = len(roots) == 1 and bool(bodies.names)
     contact = surfaces.contact(names, alone)
-    if surfaces.on_fixed:
-        contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.on_fixed]
+    if surfaces.touching_joined:
+        contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.touching_joined]
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
     outside_the_tree(bodies)

@@ -79,8 +79,8 @@ class Surfaces:
     """The surface of each geom that may touch something."""
     _pairs_of: dict[tuple[int, int], Law] = field(default_factory=dict)
     """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
-    on_fixed: list[tuple[int, int]] = field(default_factory=list)
-    """Moving bodies and the fixed ones that they are joined to and may touch, by their numbers."""
+    touching_joined: list[tuple[int, int]] = field(default_factory=list)
+    """Bodies and those that they are joined to and may touch, by their numbers."""
     groups: dict[int, str] = field(default_factory=dict)
     """The collision group of bodies that are in another than the default one, by their number."""
 
@@ -194,8 +194,6 @@ class Surfaces:
                     self.features.add(feature, element)
         if self._of and model.enabled("override"):
             self.features.add("contact.override", model.root)
-        if self._of and model.disabled("filterparent"):
-            self.features.add("contact.parents", model.root)
 
     # --- what the spec says ---------------------------------------------------------------------------------------
 
@@ -304,14 +302,14 @@ class Surfaces:
             above = int(weld[parent[group]])
             if not group:
                 continue
-            if above:
+            if above and not self.model.disabled("filterparent"):
                 for one in bodies:
                     pairs |= {(min(one, other), max(one, other)) for other in members.get(above, ())}
             elif (
                 int(parent[group]) in solid
                 and (min(group, int(parent[group])), max(group, int(parent[group]))) not in pairs
             ):
-                self._static(group, int(parent[group]), solid)
+                self._joined(group, int(parent[group]), solid)
         return [
             [names[one], names[other]]
             for one, other in sorted(pairs)
@@ -320,7 +318,7 @@ class Surfaces:
             if weld[one] != weld[other]
         ]
 
-    def _static(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
-        """A moving body and a fixed one that it is joined to: the file lets them touch."""
+    def _joined(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
+        """A body and the one that it is joined to: the file lets them touch."""
         if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
-            self.on_fixed.append((body, parent))
+            self.touching_joined.append((body, parent))

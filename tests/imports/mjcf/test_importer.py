@@ -109,6 +109,21 @@ def test_what_is_joined_to_a_fixed_body_may_touch_it(tmp_path):
         assert CollisionFilter(load(path).resolve()).may_touch("arm", "inner")
 
 
+CHAIN = """<mujoco><option><flag filterparent="{}"/></option><worldbody><body name="base"><freejoint/><geom size="1"/>
+<body name="arm"><joint name="j"/><geom size="1"/><body name="tip"><geom size=".1"/></body>
+</body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("flag", ["enable", "disable"])
+def test_joined_bodies_touch_where_parents_are_not_filtered(tmp_path, flag):
+    path = written(tmp_path, CHAIN.format(flag))
+    assert not lost(read(path))
+    allowed = CollisionFilter(load(path).resolve())
+    found = {pair: allowed.may_touch(*pair) for pair in combinations(("base", "arm", "tip"), 2)}
+    off = flag == "disable"
+    assert found == {("base", "arm"): off, ("base", "tip"): off, ("arm", "tip"): False}
+
+
 def test_bits_are_groups_or_pairs_of_materials(tmp_path):
     bodies = [(2, 1), (1, 4), (2, 4), (7, 7)]
     geoms = [f'<geom size="1" contype="{one}" conaffinity="{two}"/>' for one, two in bodies]
