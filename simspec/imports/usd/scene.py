@@ -16,6 +16,8 @@ from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Vector3
 
+SELF_COLLISION: Final = ("physxArticulation:enabledSelfCollisions", "newton:selfCollisionEnabled")
+"""Attributes of articulations beyond UsdPhysics: whether bodies of one touch each other."""
 GRAVITY: Final = 9.81
 """m/s², where the scene does not say it."""
 
@@ -82,6 +84,8 @@ def contact_data(
         for one, two in filtered(stage, body_of)
         if id(one) in full and id(two) in full
     }
+    if "model" in data and _keeps_apart(stage):
+        contact["self_collision"] = False
     rigid = _rigid_groups(every, bodies)
     kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
     if kept:
@@ -89,6 +93,13 @@ def contact_data(
     if touch := _touching(joints, full, set(of_shape.values()), rigid):
         contact["touch"] = [list(pair) for pair in touch]
     return contact
+
+
+def _keeps_apart(stage: Stage) -> bool:
+    """Whether an articulation says that its bodies do not touch each other, by a word of an engine that many files have."""
+    said = [prim for prim in stage.used() for name in SELF_COLLISION if name in prim.told["attributes"]]
+    flags = [prim.flag(name, True) for prim in said for name in SELF_COLLISION]
+    return not all(flags)
 
 
 def _touching(

@@ -39,6 +39,7 @@ RIG = """#usda 1.0
 def PhysicsScene "scene" { }
 def Xform "rig"
 {
+    bool physxArticulation:enabledSelfCollisions = 0
     def Xform "base" (
         prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI", "UnknownAPI"]
     )
@@ -91,6 +92,7 @@ def Xform "rig"
 def test_units_axes_and_frames(tmp_path):
     spec = stage(tmp_path, RIG)
     world = spec.resolve()
+    assert spec.source.imported.data["contact"] == {"self_collision": False}
     bodies = {body.name: body for body in world.bodies}
     placed = poses(world)
     base, link = bodies["base"], bodies["link"]
