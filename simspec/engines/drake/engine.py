@@ -15,7 +15,7 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
 from simspec.engines.drake.building import MOST_PLANES, import_drake
-from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, pressure_holds, stops
+from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, light_enough, pressure_holds, stops
 from simspec.engines.drake.corners import MOST_CORNERS, corners
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
@@ -222,7 +222,7 @@ class Drake(SimulatedEngine[Simulation]):
             coulomb,
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
-        Feature.KINEMATIC: via_api(HEAVY),
+        Feature.KINEMATIC: via_api(HEAVY, light_enough),
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
@@ -232,7 +232,8 @@ class Drake(SimulatedEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
             "auto",
-            "auto: tamsi where something that meets has friction, no joint has limits or a controller of Drake's own, and one "
+            "auto: tamsi where something that meets has friction, no joint has limits or a controller of Drake's own, no "
+            "kinematic body carries joints, and one "
             f"body with collision shapes moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms "
             "over their number; else sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 "
             "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction "
