@@ -327,11 +327,23 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
         Body: {"name", "inertial", "joint", "shapes", "collision_group", "model"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
         Shape: {
-            *("name", "kind", "size", "pose", "material", "collision", "visual", "colour", "surfaces", "rounding"),
+            *(
+                "name",
+                "kind",
+                "size",
+                "pose",
+                "material",
+                "collision",
+                "visual",
+                "colour",
+                "surfaces",
+                "rounding",
+                "margin",
+            ),
         },
         Surface: set(SURFACE_FIELDS),
         Hardness: {"kind", "time_constant", "damping_ratio", "stiffness", "damping"},
-        HeldPair: {"first", "second", "surface"},
+        HeldPair: {"first", "second", "surface", "margin"},
         Joint: {
             *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
             *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
@@ -362,6 +374,10 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             with_body(HELD, "link0", **changes) if kind == "Body" else with_shape(HELD, "link0", "shape_box", **changes)
         )
         assert failures(WORLD, found) == []
+
+
+def test_a_margin_that_the_world_has_not_is_noticed():
+    assert [entry[1] for entry in failures(WORLD, with_shape(HELD, "link0", "shape_box", margin=1e-6))] == ["margin"]
 
 
 def test_text_is_held_to_twelve_digits():
