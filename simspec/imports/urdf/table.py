@@ -104,7 +104,7 @@ TABLE: Final = (
     ),
     Row("link/origin", "", LOST, INFORMATION, NO_MEANING),
     *(
-        Row(f"link/{tag}", "", LOST, INFORMATION, "a word of SDF, which no reader of URDF reads")
+        Row(f"link/{tag}", "", LOST, INFORMATION, "a word of another language, which no reader of URDF reads")
         for tag in ("gravity", "kinematic", "self_collide", "surface")
     ),
     Row("link/sensor", "", LOST, INFORMATION, "simspec has no sensors"),
@@ -141,7 +141,7 @@ TABLE: Final = (
     Row("joint/limit/@velocity", "`joint.limits.velocity`", LOST, INFORMATION, "no rating is known", when="0"),
     *(
         Row(f"joint/limit/@{name}", "", LOST, INFORMATION, "a rating that planners read")
-        for name in ("acceleration", "drake:acceleration", "jerk")
+        for name in ("acceleration", "jerk")
     ),
     Row("joint/dynamics", "`joint.damping`, `joint.dry_friction`"),
     Row("joint/dynamics/@damping", "`joint.damping`"),
@@ -220,7 +220,8 @@ def set_aside(root: Element) -> None:
     while waiting:
         element, where = waiting.pop()
         for name in element.attributes:
-            row = _ALWAYS.get(f"{where}/@{name}".removeprefix("/"))
+            local = name.rpartition(":")[2]  # a word of a program, in its own namespace
+            row = _ALWAYS.get(f"{where}/@{local}".removeprefix("/"))
             if row is not None:
                 element.set_aside(name, row.fate, row.reason, row.severity, row.hint)
         for child in element.look():

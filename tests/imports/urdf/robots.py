@@ -17,7 +17,7 @@ SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="
 
 SPECIMEN = """\
 <?xml version="1.0"?>
-<robot name="arm two" version="1.0" xmlns:drake="drake">
+<robot name="arm two" version="1.0">
   <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
   <link name="base" type="old">
     <inertial>
@@ -70,7 +70,7 @@ SPECIMEN = """\
     <child link="upper.arm"/>
     <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
     <axis xyz="0 1 0" rpy="0 0 0"/>
-    <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9" drake:acceleration="9"/>
+    <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9"/>
     <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1"/>
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>

@@ -149,6 +149,12 @@ def test_types_of_joints(tmp_path, kind, inside, joint):
     assert read(two_links(inside, kind=kind), tmp_path).data["model"]["bodies"]["arm"]["joint"] == joint
 
 
+def test_a_rating_in_a_namespace_is_information(tmp_path):
+    text = two_links('<limit lower="0" upper="1" p:acceleration="3" p:other="1"/>', kind="revolute")
+    told = {account.what.split("/")[-1]: account.severity for account in read(text, tmp_path).losses()}
+    assert told == {"@p:acceleration": Severity.INFORMATION, "@p:other": Severity.PHYSICS}
+
+
 def test_a_fixed_joint_has_no_axis_and_no_limits(tmp_path):
     accounts = read(two_links('<axis xyz="0 0 1"/><limit lower="0"/>', kind="fixed"), tmp_path).accounts
     unused = {account.what for account in accounts if account.fate is Fate.UNUSED}
