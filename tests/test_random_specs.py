@@ -35,8 +35,12 @@ RARE = {
     Feature.SHAPE_MESH,
     Feature.FORCES,
     Feature.KINEMATIC,
+    Feature.SHAPE_MARGIN,
+    Feature.BALL_ARMATURE,
+    Feature.TOUCHING_PAIRS,
 }
-"""What is an engine's matter (pairs), refused in most worlds, not drawn (constraints, ...), or needs a file (meshes)."""
+"""What is an engine's matter (pairs), refused in most worlds or by most engines (margins, armature of balls), not drawn
+(constraints, ...), or needs a file (meshes)."""
 
 
 @pytest.fixture(scope="module")
