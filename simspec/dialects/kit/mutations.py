@@ -90,7 +90,8 @@ class Inert:
 
     ``place``: a pattern of the mutation's place, with round brackets: ``*/default(visual)/*``. ``without``: only where an XML
     file has nothing at this path (as of ElementTree: ``.//worldbody//geom``). ``within``: how far motion may depart; more than
-    ``STILL`` only where the reason says that the same is computed in another order.
+    ``STILL`` only where the reason says that the same is computed in another order, or that the change is within what the
+    engine is declared to round; what the read-back sees is caught before.
     """
 
     site: str
