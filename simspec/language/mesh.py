@@ -20,7 +20,7 @@ SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply", ".msh")
 """Ends of names of files that are read, in small letters."""
 UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
 """Units that a file's lengths may be in."""
-FEWEST_VERTICES, MOST_VERTICES = 4, 4096
+FEWEST_VERTICES, MOST_VERTICES = 4, 20_000
 """Vertices of a hull. Engines' times grow with them: bodies of 1,800 run a hundred times slower in some than bodies of 128."""
 HULL, PIECES = "hull", "pieces"
 SURFACE = "surface"
