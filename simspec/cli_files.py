@@ -155,6 +155,9 @@ def audit_command(
     no_verify: Annotated[
         bool, typer.Option("--no-verify", help="Do not compile the file and prove what engines hold of that.")
     ] = False,
+    package: Annotated[
+        list[str] | None, typer.Option("--package", metavar="NAME=DIR", help="Folder of a package. Repeatable.")
+    ] = None,
     package_path: Annotated[
         list[Path] | None,
         typer.Option("--package-path", metavar="DIR", help="Folder with packages (package://NAME/). Repeatable."),
@@ -191,6 +194,7 @@ def audit_command(
         pair=pair,
         details=details,
         verify=not no_verify,
+        package=package or [],
         package_path=package_path or [],
         page_file=html,
         allow_outside=allow_outside,

@@ -10,6 +10,7 @@ from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
+from simspec.commands.importing import pairs
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.language.foreign import ImportOptions
@@ -28,6 +29,7 @@ def audit(
     pair: bool,
     details: bool,
     verify: bool,
+    package: Sequence[str] = (),
     package_path: Sequence[Path],
     page_file: Path | None,
     allow_outside: bool,
@@ -38,7 +40,11 @@ def audit(
 ) -> int:
     """Audit files one after the other; 0 where no engine changes, drops or refuses anything in silence, 1 where one
     does, 3 where an engine died."""
-    options = ImportOptions(package_path=tuple(str(path.resolve()) for path in package_path), base=Path.cwd())
+    options = ImportOptions(
+        packages=pairs(package, "--package", "NAME=DIR"),
+        package_path=tuple(str(path.resolve()) for path in package_path),
+        base=Path.cwd(),
+    )
     if pair:
         return _pair(files, options, allow_outside, as_json)
     pythons = interpreters(python, engine)

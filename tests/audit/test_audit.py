@@ -166,3 +166,24 @@ def test_two_files_of_one_robot(tiny, tmp_path):
     data = json.loads(done.stdout)
     assert [(one["element"], one["quantity"]) for one in data["findings"]] == [("hand", "joint.limits")]
     assert data["matched"] == 4
+
+
+TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def test_packages_are_named(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "part.obj").write_text(TETRAHEDRON, encoding="utf-8")
+    mesh = '<mesh filename="package://mine/part.obj"/>'
+    (tmp_path / "own").mkdir()
+    path = tmp_path / "own" / "robot.urdf"
+    path.write_text(robot().replace('<sphere radius="0.1"/>', mesh), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    words = ["audit", str(path), "--engine", "mujoco", "--no-verify", "--json"]
+    defects = [
+        json.loads(CliRunner().invoke(cli.app, [*words, *more]).stdout)["files"][0]["defects"]
+        for more in ([], ["--package", "mine=elsewhere"])
+    ]
+    assert "the package 'mine' is not found" in defects[0][0]
+    assert not defects[1]
+    assert CliRunner().invoke(cli.app, [*words, "--package", "mine"]).exit_code == 2
