@@ -3,6 +3,7 @@
     python tools/corpora --into DIR --fetch          installs the packages into DIR, never into the project
     python tools/corpora --into DIR --run            what has no result yet; ended at any moment, it goes on there
     python tools/corpora --into DIR --run --stages import --anew
+    python tools/corpora --into DIR --run --failed   once more, what failed with other code than today's
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
     python tools/corpora --into DIR --write          docs/corpora.md from DIR/results
@@ -32,7 +33,8 @@ def main() -> int:
     parser.add_argument("--fetch", action="store_true", help="install the packages that are missing")
     parser.add_argument("--run", action="store_true", help="ask about files")
     parser.add_argument("--stages", default=",".join(STAGES), help="which, in this order (default: all)")
-    parser.add_argument("--anew", action="store_true", help="ask again what was asked of other code than today's")
+    parser.add_argument("--anew", dest="again", action="store_const", const="anew", default="", help="ask again all")
+    parser.add_argument("--failed", dest="again", action="store_const", const="failed", help="ask again what failed")
     parser.add_argument("--only", default="", help="languages, by commas")
     parser.add_argument("--in", dest="within", default="", help="a text that package and name contain")
     parser.add_argument("--workers", type=int, default=2)
@@ -52,7 +54,7 @@ def main() -> int:
         if (not told.only or model.language in told.only.split(",")) and told.within in f"{model.package} {model.name}"
     ]
     if told.run:
-        run(asked, folder / "results", told.stages.split(","), told.workers, told.seconds, told.anew)
+        run(asked, folder / "results", told.stages.split(","), told.workers, told.seconds, told.again)
     if told.refusals:
         told.refusals.write_text(refusals.listed(asked, folder / "results"), encoding="utf-8")
     if told.write:

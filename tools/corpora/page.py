@@ -165,14 +165,15 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
             if proof["valid"] is False:
                 yield f"- {engine}, {file.model.package} `{file.model.name}`: {_cell(proof['why'])[:200]}"
         answer = file.certified or {}
-        for word in ("late", "died", "crash"):
+        for word in ("late", "died", "crash", "again"):
             if word in answer:
                 yield f"- {file.model.package} `{file.model.name}`: {_ended(word, answer)}"
 
 
 def _ended(word: str, answer: dict[str, Any]) -> str:
     last = answer["crash"].strip().splitlines()[-1][:120] if word == "crash" else ""
-    return {"late": "no answer in time", "died": "the process died", "crash": f"an error: {last}"}[word]
+    texts = {"late": "no answer in time", "died": "the process died", "crash": f"an error: {last}"}
+    return texts.get(word, "failed before a repair, not asked again yet")
 
 
 def audits(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:

@@ -123,10 +123,17 @@ def stored(results: Path, stage: str, model: Model) -> dict[str, Any] | None:
     return result
 
 
-def needed(results: Path, stage: str, model: Model, anew: bool) -> bool:
-    """Whether a stage has to be asked for a file. What is not imported is not certified."""
+def failed(answer: dict[str, Any]) -> bool:
+    """Whether an answer is none, or has a proof that fails."""
+    ended = any(word in answer for word in ("late", "died", "crash", "again"))
+    return ended or any(one["valid"] is False for one in answer.get("proven") or ())
+
+
+def needed(results: Path, stage: str, model: Model, again: str) -> bool:
+    """Whether a stage has to be asked for a file. Of those that have a result: where ``again`` is "failed" those that failed,
+    and where it is "anew" those that were asked of other code than today's. What is not imported is not certified."""
     known = stored(results, stage, model)
-    if known is not None and not (anew and known["code"] != code()):
+    if known is not None and not (again and known["code"] != code() and (again == "anew" or failed(known))):
         return False
     if stage == "certify":
         imported = stored(results, "import", model)
@@ -135,14 +142,14 @@ def needed(results: Path, stage: str, model: Model, anew: bool) -> bool:
 
 
 def run(
-    models: Sequence[Model], results: Path, stages: Sequence[str], workers: int, seconds: float, anew: bool
+    models: Sequence[Model], results: Path, stages: Sequence[str], workers: int, seconds: float, again: str
 ) -> None:
     """Ask one stage after the other, until all is asked or time is up."""
     ends = time.monotonic() + seconds
     for stage in stages:
         (results / stage).mkdir(parents=True, exist_ok=True)
         waiting: queue.SimpleQueue[Model] = queue.SimpleQueue()
-        left = [model for model in models if needed(results, stage, model, anew)]
+        left = [model for model in models if needed(results, stage, model, again)]
         print(f"{stage}: {len(left)} files to ask", flush=True)
         for model in left:
             waiting.put(model)
