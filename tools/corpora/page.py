@@ -80,6 +80,7 @@ def write(models: Sequence[Model], results: Path) -> None:
 
 
 def head(files: Sequence[File]) -> Iterator[str]:
+    states = {one["code"] for file in files for one in (file.imported, file.certified, file.audited) if one is not None}
     asked = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
     yield "# Robot files of other packages"
     yield ""
@@ -90,7 +91,8 @@ def head(files: Sequence[File]) -> Iterator[str]:
         f"what simspec compiles of it is certified in every engine (levels L0 to L4 and L6), of which {asked['certified']} "
         f"of {sum(file.is_imported for file in files)} imported files were asked so far; and each file itself is "
         f"[audited](audit.md), of which {asked['audited']} were. Files that were asked are spread over packages and languages. "
-        "`make corpora` goes on where it stopped."
+        f"`make corpora` goes on where it stopped. The answers here are of {len(states)} states of simspec's code, days or hours "
+        "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`)."
     )
     yield ""
     yield "| language | files | imported | without loss of physics | refused by name | no answer | not read yet |"
