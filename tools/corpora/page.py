@@ -91,7 +91,7 @@ def head(files: Sequence[File]) -> Iterator[str]:
         f"what simspec compiles of it is certified in every engine (levels L0 to L4 and L6), of which {asked['certified']} "
         f"of {sum(file.is_imported for file in files)} imported files were asked so far; and each file itself is "
         f"[audited](audit.md), of which {asked['audited']} were. Files that were asked are spread over packages and languages. "
-        f"`make corpora` goes on where it stopped. The answers here are of {len(states)} states of simspec's code, days or hours "
+        f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
         "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`)."
     )
     yield ""
