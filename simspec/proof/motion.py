@@ -19,7 +19,7 @@ from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
-from simspec.world.types import World
+from simspec.world.types import Follow, World
 
 STEPS = 2000
 WORK = 2_600_000
@@ -218,6 +218,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
             q[at_q] = own if inside and attempt % 2 == 0 else (low + high) / 2
             v[at_v] *= min(1.0, 0.2 * (high - low))
     if world.constraints:  # what is held together begins there, and moves so
+        _couple(world, oracle, q, start)
         q = oracle.settled(q, start)
         v = oracle.held_velocity(q, v)
     generator = np.random.default_rng(SEED + 100 + attempt)
@@ -236,6 +237,36 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
     balance = weight - oracle.joint_effort(q, still)
     return q, gentle * v, balance + gentle * effort
+
+
+def _couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> None:
+    """Put joints that follow others where these put them, in the middle of what the limits of all of them leave, in ``q``."""
+    parts = zip(world.bodies, oracle.layout.position, strict=True)
+    joints = {body.joint.name: (at.start, body.joint.position_limits) for body, at in parts}
+    leaders = {one.joint: one for one in world.constraints if isinstance(one, Follow)}
+    chains: dict[str, list[tuple[str, float, float]]] = {}
+    for name in leaders:
+        ratio, offset, first = 1.0, 0.0, name
+        for _ in leaders:  # no chain is longer, and none goes round
+            if first not in leaders:
+                break
+            one = leaders[first]
+            ratio, offset, first = ratio * one.ratio, ratio * one.offset + offset, one.leader
+        chains.setdefault(first, [(first, 1.0, 0.0)]).append((name, ratio, offset))
+    for first, chain in chains.items():
+        low, high = -np.inf, np.inf
+        for name, ratio, offset in chain:
+            limits = joints[name][1]
+            if limits is not None and ratio:
+                ends = sorted((limit - offset) / ratio for limit in limits)
+                low, high = max(low, ends[0]), min(high, ends[1])
+        at = joints[first][0]
+        if np.isfinite(high - low) and not low + 0.1 * (high - low) < q[at] < high - 0.1 * (high - low):
+            own = start[at]
+            inside = low + 0.1 * (high - low) < own < high - 0.1 * (high - low)
+            q[at] = own if inside else (low + high) / 2
+        for name, ratio, offset in chain:
+            q[joints[name][0]] = ratio * q[at] + offset
 
 
 def _disturb(state: np.ndarray, generator: np.random.Generator) -> np.ndarray:
