@@ -143,7 +143,7 @@ def _elements(spec: Any) -> dict[str, list[list[Any]]]:
         elif plural in IN_BODIES:
             elements = [element for body in bodies for element in getattr(body, plural)]
         else:
-            elements = getattr(spec, plural, ())
+            elements = getattr(spec, plural, [])
         rows[kind] = []
         for element in elements:
             word = element.info.rpartition("line ")[2].split(",")[0].strip()

@@ -104,7 +104,8 @@ def _limit(bodies: Bodies, allowed: tuple[float, float], summed: Terms) -> bool:
         for coefficient, end in zip(summed.values(), ends, strict=True)
         if end is not None
     ]
-    return lower <= sum(span[0] for span in spans) and sum(span[1] for span in spans) <= upper
+    within: bool = lower <= sum(span[0] for span in spans) and sum(span[1] for span in spans) <= upper
+    return within
 
 
 def without_effect(model: Compiled, held: Collection[int]) -> list[Terms]:
