@@ -24,6 +24,7 @@ from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, Names, body
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
 from simspec.imports.surfaces import Materials
+from simspec.imports.timestep import add_timestep
 from simspec.language.document import Path_
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
 
@@ -73,7 +74,7 @@ class Sdf:
         spec.fill()
         accounts: list[Account] = [account for root in reader.roots for account in root.accounts()]
         repairs = [*spec.repairs, *meshes.repairs]
-        return Imported(
+        imported = Imported(
             spec.data,
             spec.places,
             accounts,
@@ -82,6 +83,8 @@ class Sdf:
             read=files.read,
             comments=spec.comments,
         )
+        add_timestep(imported)
+        return imported
 
 
 def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:

@@ -9,6 +9,7 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, names, renamed
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
+from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
 from simspec.imports.urdf import masses as mass_rules
@@ -107,7 +108,7 @@ class Robot:
                     check_mass(link.mass, bool(link.shapes), self.draft, link.path)
         self.draft.finish()
         draft = self.draft
-        return Imported(
+        imported = Imported(
             data,
             draft.places,
             list(self.root.accounts()),
@@ -116,6 +117,8 @@ class Robot:
             read=draft.files.read,
             comments=draft.comments,
         )
+        add_timestep(imported)
+        return imported
 
     # --- reading ----------------------------------------------------------------------------------------------
 

@@ -6,9 +6,9 @@ import math
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, names, numbers
+from simspec.imports.timestep import has_drives, stable_timestep
 from simspec.imports.usd.bodies import Body
 from simspec.imports.usd.contact import Materials, bind
-from simspec.imports.usd.drives import has_drives, stable_timestep
 from simspec.imports.usd.graph import Link, frame_in_body, in_order, origin_of, trees
 from simspec.imports.usd.joints import TYPES, Joint, JointReader, start_of, start_words
 from simspec.imports.usd.loops import loop_data

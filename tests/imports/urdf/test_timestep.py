@@ -1,0 +1,27 @@
+"""A robot file has no timestep: where its dampers are unstable at the usual one, the spec says one at which they are stable."""
+
+from __future__ import annotations
+
+import pytest
+
+from simspec.language.foreign import ImportOptions, import_file
+from simspec.language.load import load
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="{0}" iyy="{0}" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'
+ROBOT = """<robot name="arm"><link name="base"/><link name="arm">{}</link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><dynamics damping="{}"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("moment", "damping", "step"),
+    [(0.01, 1.0, None), (0.001, 4.0, 2e-4), (0.01, 0.0, None)],
+    ids=["stable at 1 ms", "stable up to 0.5 ms", "no damper"],
+)
+def test_the_timestep_follows_from_the_dampers(moment, damping, step, tmp_path):
+    """Explicit damping is stable up to 2 I / c."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(ROBOT.format(INERTIAL.format(moment), damping), encoding="utf-8")
+    imported = import_file(path, "arm.urdf", ImportOptions())
+    assert imported.data.get("physics", {}).get("timestep") == step
+    assert ("physics.timestep" in imported.comments) is (step is not None)
+    assert load(path).resolve().physics.timestep == (step or 1e-3)
