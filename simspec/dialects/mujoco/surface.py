@@ -56,10 +56,17 @@ def surface(
         float(friction[0]) if condim >= 3 else 0.0,
         float(friction[1]) if condim >= 4 else 0.0,
         float(friction[2]) if condim >= 6 else 0.0,
-        # the damping of the common law's reference, per step, is one plus the restitution
-        0.0 - solref[1] * common.timestep - 1.0 if hardness.kind == "common" else 0.0,
+        _restitution(float(solref[1]), common.timestep) if hardness.kind == "common" else 0.0,
         hardness,
     )
+
+
+def _restitution(damping: float, timestep: float) -> float:
+    """The damping of the common law's reference, per step, is one plus the restitution: the shortest number of which it is."""
+    restitution = 0.0 - damping * timestep - 1.0
+    # at timesteps of 13 ms and others the product rounds to 1 - 1e-16
+    shortest = round(restitution, 14) + 0.0
+    return shortest if 0.0 - (1.0 + shortest) / timestep == damping else restitution
 
 
 def _hardness(solref: Sequence[float], solimp: Sequence[float], common: CommonLaw, inverse_mass: float) -> Hardness:

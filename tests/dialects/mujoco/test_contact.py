@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.compiler import target_of, write_folder
+from simspec.dialects.mujoco.contact import reference
 from simspec.dialects.mujoco.dialect import MujocoDialect
+from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.formats.mjcf.filter import FILTER_BITS
@@ -313,3 +315,14 @@ def test_stiffness_of_mechanisms_is_refused():
     world = worlds.gripper()
     with pytest.raises(UnsupportedError, match="not for mechanisms"):
         emit(laws(world, hardness=HARDNESS["stiffness"]))
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.5, 1.0])
+def test_restitution_is_read_back_as_it_was_said_at_every_timestep(restitution):
+    """At 13 ms and eight others of these (1 + e) / dt dt is not 1 + e."""
+    rigid = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+    for step in range(1, 60):
+        timestep = step / 1000
+        solref = reference(0.2, restitution, timestep)
+        common = CommonLaw(timestep, 0.2, (rigid,))
+        assert surface(1, (0.0, 0.0, 0.0), solref, rigid, common).restitution == restitution
