@@ -34,18 +34,19 @@ def faces_meet(world: World, plan: ContactPlan, base_margin: float) -> bool:
     It then looks at hulls without their margin (measured: one on a link is 1 mm deep in another), so that no hull may have one:
     all meshes that touch are on bases of trees, whose margin is ``base_margin`` (m).
     """
-    margins = [margin for body in world.bodies for _, margin in mesh_margins(body, plan, base_margin)]
+    margins = [margin for body in world.bodies for _, margin in margins_of("mesh", body, plan, base_margin)]
     return bool(margins) and not any(margins)
 
 
-def mesh_margins(body: Body, plan: ContactPlan, base_margin: float) -> Iterator[tuple[Shape, float]]:
-    """The meshes of a body that touch, each with the margin (m) of a link that carries it; a copied one more than once."""
+def margins_of(kind: str, body: Body, plan: ContactPlan, base_margin: float) -> Iterator[tuple[Shape, float]]:
+    """The shapes of a ``kind`` of a body that touch, each with the margin (m) of a link that carries it; a copied one more than
+    once."""
     own, *carried = parts(body, plan) or (None,)
     root = body.joint.parent is None and body.joint.kind in ("free", "fixed")
     on_base = root and (body.joint.kind == "free" or not body.inertial.mass)
     for part in () if own is None else (own, *carried):
         for shape in part.shapes:
-            if shape.kind == "mesh":
+            if shape.kind == kind:
                 yield shape, base_margin if part is own and on_base else LINK_MARGIN
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,7 +22,7 @@ from simspec.contact.meeting import meeting_kinds
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.pybullet.hulls import faces_meet, mesh_margins
+from simspec.dialects.pybullet.hulls import faces_meet, margins_of
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
@@ -89,6 +89,8 @@ def _not_felt(held: Container[str], armed: str, bodies: Sequence[Body]) -> str |
     return None
 
 
+THINNEST = 5.1e-5
+"""m: by so much less than the margin a half of a box or cylinder may be: 1.9 mm are within a probe's tolerance, 1.5 mm not."""
 ROUND = ("sphere", "ellipsoid")
 """Kinds of shapes that touch a hull in one point."""
 LANDING = Refinement(
@@ -107,7 +109,7 @@ def _meshes_held(world: World) -> Refinement | None:
     base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
     for body in world.bodies:
         margins: dict[Shape, set[float]] = {}
-        for shape, margin in mesh_margins(body, plan, base_margin):
+        for shape, margin in margins_of("mesh", body, plan, base_margin):
             margins.setdefault(shape, set()).add(margin)
         for shape, of_shape in margins.items():
             if len(of_shape) > 1:
@@ -120,6 +122,21 @@ def _meshes_held(world: World) -> Refinement | None:
         return None
     lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
     return LANDING if lands else None
+
+
+def _thick_enough(kind: str, halves: Callable[[Sequence[float]], float], world: World) -> Refinement | None:
+    """Not supported where a shape is thinner than the margin that PyBullet keeps within it; ``halves``: the least half of its
+    size (m)."""
+    plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
+    base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
+    for body in world.bodies:
+        for shape, margin in margins_of(kind, body, plan, base_margin):
+            if (half := halves(shape.size)) < margin - THINNEST:
+                return not_here(
+                    f"PyBullet keeps {margin:g} m within the {kind} {shape.name!r}, which is {2.0 * half:g} m thick, and makes "
+                    "it thicker (measured: 1 mm becomes 2.5 mm)"
+                )
+    return None
 
 
 class PyBullet(SimulatedEngine[Simulation]):
@@ -171,10 +188,14 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.TREE_SIZE: never(_NO_LINKS),
         Feature.TREE_DEPTH: never(_NO_LINKS),
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),
+        Feature.SHAPE_BOX: Support(
+            Level.EXACT, "", refine=functools.partial(_thick_enough, "box", lambda size: min(size) / 2.0)
+        ),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
+            refine=functools.partial(_thick_enough, "cylinder", lambda size: min(size[0], size[1] / 2.0)),
         ),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
