@@ -104,7 +104,7 @@ class Probes:
 
 def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     """Choose the probes for ``world`` and run the oracle."""
-    oracle = Oracle(world)
+    oracle = touch.oracle_of(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)
     meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)

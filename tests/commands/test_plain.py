@@ -125,7 +125,7 @@ def test_the_world_itself_loses_nothing(here):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--format", "usd"], "no format is called 'usd'"),
+        (["--format", "fbx"], "no format is called 'fbx'"),
         (["--format", "urdf", "--engine", "mujoco"], "--engine is about those of engines"),
         (["--format", "urdf", "--explain"], "--explain is about those of engines"),
         (["--engine", "urdf"], "'urdf' is a format, not an engine"),

@@ -70,7 +70,13 @@ def nothing_to_try(world: World) -> str:
 def meetings_of(world: World) -> Meetings:
     """The plan of a world, made once: a proof probes engines with it, and says by it what a world does not have. Its arrays are
     shared: they are not to be changed."""
-    return plan(world, Oracle(world))
+    return plan(world, oracle_of(world))
+
+
+@derived
+def oracle_of(world: World) -> Oracle:
+    """The oracle of a world, made once for all that a proof asks of it."""
+    return Oracle(world)
 
 
 def plan(world: World, oracle: Oracle) -> Meetings:

@@ -15,13 +15,14 @@ from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Inertial, World
 from tests import worlds
+from tests.planted import SHARED
 
 
 def lowered(world: World):
     return DrakeDialect().lower(world, target_of(world, Drake))
 
 
-@pytest.mark.parametrize("world", [*WORLDS.values(), lambda _: worlds.every_joint()])
+@pytest.mark.parametrize("world", [*SHARED.values(), lambda _: worlds.every_joint()])
 def test_lower_and_raise_are_inverse(world):
     world = world("drake")
     told = lowered(world)

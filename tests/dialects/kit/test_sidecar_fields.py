@@ -17,6 +17,7 @@ from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.formats.kit.forms import NamePairs, Names, form_of
 from simspec.proof.selftest_worlds import WORLDS
 from tests.files import setting
+from tests.planted import SHARED
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def sound():
     return json.loads(compile_world(WORLDS["model"]("pybullet"), ["pybullet"])["pybullet"].files[SIDECAR])
 
 
-@pytest.mark.parametrize("name", [name for name in WORLDS if name != "rolling"])
+@pytest.mark.parametrize("name", [name for name in SHARED if name != "rolling"])
 def test_the_emitters_are_of_the_form(name):
     PybulletSidecar.of(json.loads(compile_world(WORLDS[name]("pybullet"), ["pybullet"])["pybullet"].files[SIDECAR]))
 

@@ -28,6 +28,7 @@ from simspec.world import frames
 from simspec.world.types import Hardness, Joint, Pose, Shape
 from tests import worlds
 from tests.files import setting, write
+from tests.planted import SHARED
 
 RULES = Rules("max", "max", "max", "max", "same")
 """Of an engine whose materials have numbers of their own, and explicit pairs beside them."""
@@ -86,7 +87,7 @@ HELD = {
     "lacking": without_inertial,
     "spheres": lambda: worlds.spheres(5),
     "gripper": worlds.gripper,
-    **{name: lambda name=name: self_test(name) for name in SELF_TEST if name not in ("ball joint", "rolling")},
+    **{name: lambda name=name: self_test(name) for name in SHARED if name not in ("ball joint", "rolling")},
 }
 
 

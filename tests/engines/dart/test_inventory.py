@@ -17,6 +17,7 @@ from simspec.engines.dart.getters import FIELDS, GETTERS
 from simspec.errors import UnsupportedError
 from simspec.proof.selftest_worlds import WORLDS
 from tests.engines.inventories import inventory_check
+from tests.planted import SHARED
 
 dartpy = pytest.importorskip("dartpy")
 
@@ -38,7 +39,7 @@ SETTINGS = {
     "tolerance": 1e-7,
 }
 SOUND = {
-    **{name: lambda make=make: make("dart") for name, make in WORLDS.items() if name != "rolling"},
+    **{name: lambda make=make: make("dart") for name, make in SHARED.items() if name != "rolling"},
     "settings": lambda: told(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
     "dantzig": lambda: told(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
     "fcl": lambda: told(WORLDS["bouncing"]("dart"), collision_detector="fcl"),

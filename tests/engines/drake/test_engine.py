@@ -26,6 +26,7 @@ from simspec.world.kinematics import initial_state
 from simspec.world.types import Pose, Shape
 from tests import worlds
 from tests.engines.drake.scenes import boxes, told
+from tests.planted import SHARED
 
 REFUSED = ("rolling", "bouncing", "dry friction")
 
@@ -43,7 +44,7 @@ def load(load_files):
     return of
 
 
-@pytest.mark.parametrize("name", [name for name in WORLDS if name not in REFUSED])
+@pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
 def test_the_inventory_is_what_the_world_demands(name, load):
     world = WORLDS[name]("drake")
     held = load(world).read_back()

@@ -18,6 +18,7 @@ from simspec.proof.mutation_worlds import WORLDS as MUTATED
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Hardness
 from tests.engines.inventories import inventory_check
+from tests.planted import SHARED
 
 pytestmark = pytest.mark.skipif(PyBullet.version() is None, reason="pybullet is not installed")
 
@@ -51,7 +52,7 @@ SETTINGS = {
 """None of them its default."""
 
 SOUND = {
-    **{name: lambda make=make: make("pybullet") for name, make in WORLDS.items()},
+    **{name: lambda make=make: make("pybullet") for name, make in SHARED.items()},
     "settings": lambda: told(WORLDS["model"]("pybullet"), **SETTINGS),
     "pyramid": lambda: contact(WORLDS["bouncing"]("pybullet"), friction_cone="pyramid-circumscribed"),
     "stiff": lambda: pairs(

@@ -1,0 +1,10 @@
+"""The worlds of the self-test that engines other than MuJoCo refuse."""
+
+from __future__ import annotations
+
+from simspec.proof.selftest_worlds import WORLDS
+
+MUJOCO_ALONE = {"ball armature": "joint.ball.armature", "margins": "shape.margin"}
+"""By name, with the feature that the others lack."""
+SHARED = {name: make for name, make in WORLDS.items() if name not in MUJOCO_ALONE}
+"""The other worlds, by name."""
