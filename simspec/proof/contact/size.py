@@ -178,8 +178,8 @@ _Probed = tuple[str, str, str, tuple[SurfacePoint, ...], Pose]
 
 
 def size_trial(world: World) -> SizeTrial | None:
-    """A world with each distinct collision shape of ``world`` (kind, size, and whether it sits on a fixed body, a free one, or
-    one that hangs in a tree) and a ball for each; None when nothing in the world can touch.
+    """A world with each distinct collision shape of ``world`` (kind, size, and whether it sits on a fixed body, with a mass or
+    without, a free one, or one that hangs in a tree) and a ball for each; None when nothing in the world can touch.
 
     Contact laws and options of engines are the world's own.
     """
@@ -187,22 +187,23 @@ def size_trial(world: World) -> SizeTrial | None:
     for first, second in meeting_laws(world):  # others have no numbers with which to meet
         partners.setdefault(first, second)
         partners.setdefault(second, first)
-    distinct: dict[tuple[str, tuple[float, ...], float, str], tuple[Shape, str, str]] = {}
+    distinct: dict[tuple[str, tuple[float, ...], float, str, bool], tuple[Shape, str, str]] = {}
     for body in world.bodies:
         role = "child" if body.joint.parent is not None else "free" if body.joint.kind == "free" else "fixed"
+        # an engine may hold a fixed body with a mass as a link, and one without as no more than a place
+        weighs = role == "fixed" and body.inertial.mass > 0.0
         for shape in solid_shapes(body):
             if shape.material in partners:
-                distinct.setdefault(
-                    (shape.kind, shape.size, shape.margin, role), (shape, role, partners[shape.material])
-                )
+                key = (shape.kind, shape.size, shape.margin, role, weighs)
+                distinct.setdefault(key, (shape, role, partners[shape.material]))
     if not distinct:
         return None
     bodies: list[Body] = []
     probed: list[_Probed] = []
     excluded = []
     at = 0.0
-    chosen = list(distinct.values())[:MOST_SHAPES]
-    for index, (shape, role, partner) in enumerate(chosen):
+    chosen = list(distinct.items())[:MOST_SHAPES]
+    for index, ((*_, weighs), (shape, role, partner)) in enumerate(chosen):
         kind = shapes.SHAPES[shape.kind]
         reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + shape.margin + 1.0
         at += reach
@@ -210,7 +211,7 @@ def size_trial(world: World) -> SizeTrial | None:
         place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
         at += reach
         name, ball = f"shape_{index}", f"ball_{index}"
-        made = _carrier(name, shape, role, place)
+        made = _carrier(name, shape, role, place, weighs)
         excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
         subject = f"{_told(shape)}, {role}"
@@ -255,12 +256,12 @@ def _told(shape: Shape) -> str:
     return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}{felt}"
 
 
-def _carrier(name: str, shape: Shape, role: str, place: Pose) -> list[Body]:
+def _carrier(name: str, shape: Shape, role: str, place: Pose, weighs: bool) -> list[Body]:
     solid = Shape(f"{name}/solid", shape.kind, shape.size, Pose(), shape.material, margin=shape.margin)
     heavy = Inertial(1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     if role == "fixed":
         joint = Joint(name, "fixed", None, place)
-        return [Body(name, name, Inertial(0.0), joint, (solid,), SHAPES)]
+        return [Body(name, name, heavy if weighs else Inertial(0.0), joint, (solid,), SHAPES)]
     if role == "free":
         joint = Joint(name, "free", position=(*place.position, *place.quaternion), velocity=(0.0,) * 6)
         return [Body(name, name, heavy, joint, (solid,), SHAPES)]
