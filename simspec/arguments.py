@@ -127,11 +127,12 @@ def print_json(value: Any) -> None:
 
 
 class Loaded(NamedTuple):
-    """A spec, its world, and what looks like a slip in it."""
+    """A spec, its world, what looks like a slip in it, and the overrides with which it was read."""
 
     spec: Spec
     world: World
     warnings: list[Problem]
+    sets: list[str]
 
 
 def load_spec(
@@ -142,14 +143,21 @@ def load_spec(
     strict: bool = False,
     as_json: bool = False,
     warn: bool = True,
+    duration_of_model: str = "",
 ) -> Loaded:
     """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
-    ``strict`` they are raised."""
+    ``strict`` they are raised. ``duration_of_model``: how long a model runs whose file does not say so; it is added to
+    ``sets``, and told on standard error."""
     from simspec.compiler import check_at_timestep, pairs_without_effect
     from simspec.language.load import load
     from simspec.resources import find_spec
 
-    spec = load(find_spec(name), sets=tuple(sets or ()), allow_outside=allow_outside)
+    sets = list(sets or ())
+    spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside)
+    if duration_of_model and spec.is_model_without_duration(sets):
+        sets.append(f"physics.duration={duration_of_model}")
+        print(f"{name} is a model without a duration: --set {sets[-1]}", file=sys.stderr)
+        spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside)
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
@@ -160,7 +168,7 @@ def load_spec(
         from simspec.report.terminal import show_warnings
 
         show_warnings(found)
-    return Loaded(spec, world, found)
+    return Loaded(spec, world, found, sets)
 
 
 def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:

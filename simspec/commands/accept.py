@@ -28,7 +28,7 @@ from simspec.world.types import World
 
 def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
     """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
-    loaded, world, _ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
+    loaded, world, *_ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
     words = chosen_engines(engine)
     selection = engines_for_files(words) if words else engines_at_work(None, interpreters(None))
     return accept_world(loaded, world, selection, as_json)
@@ -60,7 +60,7 @@ def accepted_sets(
         if word not in features and word != EVERY
     ]:
         raise SpecError(problems)
-    _, world, _ = load_spec(spec, sets, allow_outside, warn=False)
+    world = load_spec(spec, sets, allow_outside, warn=False).world
     entries: list[str] = []
     used = {EVERY}
     for name in engines():

@@ -37,7 +37,7 @@ def check(
     rows: list[Row] = []
     for name in specs:
         try:
-            spec, world, warnings = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
+            spec, world, warnings, _ = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
             if engine:
                 compile_world(world, names_alone(engine), spec.locate)
             else:

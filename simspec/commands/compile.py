@@ -53,7 +53,7 @@ def compile_specs(
 
     def load(name: str) -> tuple[Spec, World]:
         # what is only looked at for being current was warned of when it was written
-        spec, world, warnings = load_spec(
+        spec, world, warnings, _ = load_spec(
             name,
             accepted_sets(name, sets, accept, allow_outside),
             allow_outside,

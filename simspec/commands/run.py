@@ -15,7 +15,6 @@ from simspec.commands.report import write_page
 from simspec.commands.study_folder import Results
 from simspec.comparison.study import study
 from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
-from simspec.language.strict import ABSENT
 from simspec.report.final import ends
 from simspec.report.plain import study_data, text
 from simspec.report.progress import progress
@@ -58,8 +57,9 @@ def run(
         if not all_engines and not words:
             allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
             raise SpecError([Problem("no engines selected", allowed=allowed)])
-        sets = _with_duration(spec, sets, allow_outside)
-        loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        loaded, world, warned, sets = load_spec(
+            spec, sets, allow_outside, strict=strict, as_json=as_json, duration_of_model=OF_A_MODEL
+        )
         pythons = interpreters(python, engine)
         return run_world(
             world,
@@ -84,19 +84,8 @@ def run(
         )
 
 
-OF_A_MODEL = "physics.duration=1s"
+OF_A_MODEL = "1s"
 """How long a model runs that is run by itself, and whose file does not say so: robot files have no word for it."""
-
-
-def _with_duration(spec: str, sets: list[str] | None, allow_outside: bool) -> list[str] | None:
-    """``sets``, with a duration for a model that has none; it is told on standard error."""
-    if any(one.partition("=")[0].strip() in ("physics", "physics.duration") for one in sets or ()):
-        return sets
-    data = load_spec(spec, sets, allow_outside, warn=False).spec.data
-    if data.model is ABSENT or data.physics.duration > 0.0:
-        return sets
-    print(f"{spec} is a model without a duration: --set {OF_A_MODEL}", file=sys.stderr)
-    return [*(sets or ()), OF_A_MODEL]
 
 
 def _shown(show: Sequence[str]) -> dict[str, list[str]]:

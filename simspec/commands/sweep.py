@@ -69,7 +69,7 @@ def sweep(
             [Problem("--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply")]
         )
     with reporting(reports, spec, as_json):
-        loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        loaded, world, warned, _ = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
         pythons = interpreters(python, engine)
         named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
         words = named or list(load_project().default_engines)

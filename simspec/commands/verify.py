@@ -64,7 +64,7 @@ def verify(
     if spec is None:
         return self_test(selection.engines, pythons, as_json)
     with reporting(reports, spec, as_json):
-        loaded, world, warned = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        loaded, world, warned, _ = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
         check_targets(world, spec, out, contact)
         return verify_world(
             world,

@@ -26,7 +26,7 @@ LEAST: Final = 1e-6
 RESOLVED: Final = 1e-9
 """s: a timestep at which every spring is stable, so that every world resolves; nothing is stepped."""
 SHARE: Final = 0.7
-"""Of the longest stable timestep that is taken: other postures allow less."""
+"""Of the longest stable timestep that is taken: other configurations allow less."""
 MOST_ROUNDS: Final = 50
 DRIVEN: Final = ("spring", "damping")
 
@@ -73,7 +73,7 @@ def stable_timestep(
         stiff = unstable(_stepped(world, SHORTEST if leave_out is not None else LEAST))
         if not stiff:
             steps = [one.largest_stable_step for one in unstable(_stepped(world, USUAL))]
-            return _round_step(SHARE * min(steps)) if steps else None
+            return round_step(SHARE * min(steps)) if steps else None
         if leave_out is None:
             return None
         bodies = _bodies(data)
@@ -118,7 +118,7 @@ def _joints(body: dict[str, Any]) -> list[dict[str, Any]]:
     return [body["joint"]] if "joint" in body else list(body.get("joints", ()))
 
 
-def _round_step(longest: float) -> float:
+def round_step(longest: float) -> float:
     """The longest of 1, 2 and 5 times a power of ten that is not above ``longest``."""
     power = math.floor(math.log10(longest))
     return float(f"{max(digit for digit in (1, 2, 5) if digit * 10.0**power <= longest)}e{power}")

@@ -16,7 +16,7 @@ from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, overridden, without_effect
 from simspec.language.problems import in_order
 from simspec.language.sources import Collector, Source, open_document, project_folder, validate
-from simspec.language.strict import bounded_suggestions
+from simspec.language.strict import ABSENT, bounded_suggestions
 from simspec.language.swept import check_sweep
 
 if TYPE_CHECKING:
@@ -43,6 +43,11 @@ class Spec:
     def name(self) -> str:
         """The spec's name."""
         return self.data.name
+
+    def is_model_without_duration(self, sets: Sequence[str]) -> bool:
+        """Whether this is the file of a model that says no duration, and no ``path=value`` of ``sets`` does."""
+        said = any(one.partition("=")[0].strip() in ("physics", "physics.duration") for one in sets)
+        return self.data.model is not ABSENT and self.data.physics.duration == 0.0 and not said
 
     def __repr__(self) -> str:
         return f"<Spec {self.name!r} from {self.path or 'Python'}>"

@@ -214,8 +214,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
             # the world's own start where it is well inside, since that is where its motion is meant to happen
             low, high = limits
             own = float(start[at_q][0])
-            inside = low + 0.1 * (high - low) < own < high - 0.1 * (high - low)
-            q[at_q] = own if inside and attempt % 2 == 0 else (low + high) / 2
+            q[at_q] = own if _well_inside(own, low, high) and attempt % 2 == 0 else (low + high) / 2
             v[at_v] *= min(1.0, 0.2 * (high - low))
     if world.constraints:  # what is held together begins there, and moves so
         _couple(world, oracle, q, start)
@@ -237,6 +236,12 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
     balance = weight - oracle.joint_effort(q, still)
     return q, gentle * v, balance + gentle * effort
+
+
+def _well_inside(position: float, low: float, high: float) -> bool:
+    """Whether a position is a tenth of the range or more from both limits."""
+    margin = 0.1 * (high - low)
+    return low + margin < position < high - margin
 
 
 def _couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> None:
@@ -261,10 +266,9 @@ def _couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> N
                 ends = sorted((limit - offset) / ratio for limit in limits)
                 low, high = max(low, ends[0]), min(high, ends[1])
         at = joints[first][0]
-        if np.isfinite(high - low) and not low + 0.1 * (high - low) < q[at] < high - 0.1 * (high - low):
-            own = start[at]
-            inside = low + 0.1 * (high - low) < own < high - 0.1 * (high - low)
-            q[at] = own if inside else (low + high) / 2
+        if np.isfinite(high - low) and not _well_inside(float(q[at]), low, high):
+            own = float(start[at])
+            q[at] = own if _well_inside(own, low, high) else (low + high) / 2
         for name, ratio, offset in chain:
             q[joints[name][0]] = ratio * q[at] + offset
 

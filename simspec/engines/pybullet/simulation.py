@@ -81,7 +81,7 @@ class Simulation:
         with with_stl(folder) as place:
             self.loaded_from = place
             """The folder by whose name PyBullet knows its files; it is gone when they are loaded."""
-            faces = faces_told(place, float(self.settings["collision_margin"]))
+            faces = place != folder and faces_told(place, float(self.settings["collision_margin"]))
             loader = Loader(
                 self.bullet, self.client, place, self.settings, self.names, self.kinds, self._q, self._v, faces
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,13 +18,12 @@ from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
 from simspec.imports.mjcf.states import add_states
 from simspec.imports.mjcf.surfaces import Surfaces
+from simspec.imports.timestep import SHARE, round_step
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions, Severity
 from simspec.language.models import VERSION, File
 from simspec.language.words import clean_name
 
-SHARE: Final = 0.7
-"""Of the longest stable timestep that is taken: other configurations allow less."""
 CONSTRAINTS: Final = "constraints" in File.model_fields
 """Whether the language has constraints outside the tree."""
 BEGINNING: Final = b"<" + ROOT.encode()
@@ -121,11 +119,5 @@ def _physics(model: Compiled, features: Features) -> dict[str, Any]:
     timestep = float(model.options["timestep"])
     if model.stable_step is not None and timestep > SHARE * model.stable_step:
         features.add("option.timestep", model.root)
-        timestep = _round_step(SHARE * model.stable_step)
+        timestep = round_step(SHARE * model.stable_step)
     return {"gravity": gravity, "timestep": timestep}
-
-
-def _round_step(longest: float) -> float:
-    """The longest of 1, 2 and 5 times a power of ten that is not above ``longest``."""
-    power = math.floor(math.log10(longest))
-    return float(f"{max(digit for digit in (1, 2, 5) if digit * 10.0**power <= longest)}e{power}")
