@@ -21,8 +21,8 @@ USUAL: Final = 1e-3
 """s; the language's default."""
 SHORTEST: Final = 1e-5
 """s; a drive that needs shorter steps is no spring that anyone would simulate so."""
-LEAST: Final = 1e-6
-"""s; real robots have dampers that are stable up to 5e-6 s (a wheel of 1 N m s/rad)."""
+LEAST: Final = 1e-7
+"""s; real robots have dampers that are stable up to 5e-6 s (a wheel of 1 N m s/rad), and 7e-7 s (a finger's last link)."""
 RESOLVED: Final = 1e-9
 """s: a timestep at which every spring is stable, so that every world resolves; nothing is stepped."""
 SHARE: Final = 0.7

@@ -60,6 +60,10 @@ class ManyVerticesError(MeshError):
     """A hull has more vertices than are allowed, and its options do not say how many it may have."""
 
 
+class FlatMeshError(MeshError):
+    """All points of a mesh are in one plane, or nearly so."""
+
+
 def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh:
     """What a world takes from ``surface``. Raises MeshError where no solid can be made of it."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
@@ -80,7 +84,7 @@ def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh
             groups = [points[corners(points)] for points in pieces(vertices, triangles)]
         parts = tuple(_convex(points, options.max_vertices, most_vertices) for points in groups)
     except FlatError as error:
-        raise MeshError(f"it has no volume: {error}") from None
+        raise FlatMeshError(f"it has no volume: {error}") from None
     except ManyVerticesError:
         raise
     except ValueError as error:

@@ -38,7 +38,7 @@ def defects(path: Path, root: Path) -> list[str]:
         if expression or re.match(r"xacro_|\{[^}]*xacro[^}]*\}", str(element.tag)):
             return ["unexpanded xacro"]
     links, joints = robot.findall("link"), robot.findall("joint")
-    kinds = [*_names(links, joints), *_files(robot, root), *_limits(joints)]
+    kinds = [*_names(links, joints), *_files(robot, root, path.parent), *_limits(joints)]
     try:
         kinds += [*_numbers(robot), *_masses(links, joints)]
     except ValueError:
@@ -68,9 +68,14 @@ def _link(joint: Any, word: str) -> str:
     return "" if element is None else element.get("link", "")
 
 
-def _files(robot: Any, root: Path) -> list[str]:
+def _files(robot: Any, root: Path, folder: Path) -> list[str]:
     for mesh in robot.iter("mesh"):
-        place = re.sub(r"^(package|model|file)://[^/]*/?", "", mesh.get("filename", "")).lstrip("./")
+        text = mesh.get("filename", "")
+        if "://" not in text and "$(find" not in text:  # beside the file that names it
+            if not text or not (folder / text.lstrip("/")).is_file():
+                return ["a file that is not there"]
+            continue
+        place = re.sub(r"^(package|model|file)://[^/]*/?", "", text).lstrip("./")
         name = place.rpartition("/")[2]
         if not place or not any(found.as_posix().endswith(place) for found in _named(root, name)):
             return ["a file that is not there"]
@@ -128,6 +133,8 @@ def _masses(links: list[Any], joints: list[Any]) -> list[str]:
         name = link.get("name")
         mass, tensor = inertial.find("mass"), inertial.find("inertia")
         if mass is None or mass.get("value") is None or tensor is None:
+            if mass is not None and mass.get("value") is not None:
+                total[group[name]] += float(mass.get("value"))  # type: ignore[assignment]  # a root that has a mass moves
             own.setdefault(group[name], []).append("an incomplete inertial")
             continue
         if any(tensor.get(word) is None for word in ("ixx", "iyy", "izz")):

@@ -32,8 +32,8 @@ class Chain:
 def chains(tree: Tree, groups: Mapping[str, Sequence[str]], is_empty: Callable[[str], bool]) -> dict[str, Chain]:
     """The chains by the link that they move. ``groups``: links that are fixed to each other, by the one nearest to the root.
 
-    A group is passed over where it is one link that is empty (no mass, no shapes), hinges and slides lead to it, and one joint
-    leads away.
+    A group is passed over where it is one link that is empty (no mass, no shapes), a hinge, a slide or a planar joint leads to
+    it, and one joint leads away.
     """
     passed = {
         head
@@ -41,9 +41,9 @@ def chains(tree: Tree, groups: Mapping[str, Sequence[str]], is_empty: Callable[[
         if head != tree.root
         and len(group) == 1
         and is_empty(head)
-        and tree.above[head].kind in SCALAR_JOINTS
+        and tree.above[head].kind in (*SCALAR_JOINTS, "planar")
         and len(tree.below[head]) == 1
-        and tree.below[head][0].kind in (*SCALAR_JOINTS, "ball")
+        and tree.below[head][0].kind in (*SCALAR_JOINTS, "planar", "ball")
     }
     made: dict[str, Chain] = {}
     for head in groups:
@@ -53,7 +53,7 @@ def chains(tree: Tree, groups: Mapping[str, Sequence[str]], is_empty: Callable[[
         while (name := joints[0].parent) in passed:
             between.insert(0, name)
             joints.insert(0, tree.above[name])
-        if len(joints) <= MOST:
+        if sum(len(joint.listed()) for joint in joints) <= MOST:
             made[head] = Chain(joints, joints[0].parent, between)
     return made
 
@@ -62,11 +62,13 @@ def leave_out(links: Mapping[str, Element], chain: Chain, called: str) -> None:
     """Say of the links between that they are no bodies of the spec. ``called``: the body that the chain moves."""
     for name, joint in zip(chain.between, chain.joints, strict=False):
         element = links[name]
-        element.set_aside("name", Fate.CARRIED, f"called {called}.{joint.name} in the world", INFORMATION)
+        element.set_aside(
+            "name", Fate.CARRIED, f"called {called}.{joint.listed()[-1]['name']} in the world", INFORMATION
+        )
         for part in element.look("inertial"):
             part.set_aside(None, LOST, FRAME, INFORMATION)
 
 
 def written(chain: Chain) -> list[dict[str, Any]]:
     """The word `joints` of a body."""
-    return [{"name": joint.name, "type": joint.kind, **joint.data} for joint in chain.joints]
+    return [data for joint in chain.joints for data in joint.listed()]

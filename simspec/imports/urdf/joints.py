@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain, pose, renamed
 from simspec.imports.elements import NO_RATING, Element
+from simspec.imports.urdf import planar
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED, attributes_unused
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -19,8 +21,9 @@ TYPES: Final = {
     "prismatic": "slide",
     "spherical": "ball",
     "floating": "free",
+    "planar": "planar",
 }
-"""Types of URDF, and of the language."""
+"""Types of URDF, and of the language; a planar joint is three of its joints (:mod:`simspec.imports.urdf.planar`)."""
 AXIS: Final = (1.0, 0.0, 0.0)
 """The axis where the file says none."""
 
@@ -40,6 +43,18 @@ class Joint:
     data: dict[str, Any] = field(default_factory=dict)
     origin: Pose = field(default_factory=Pose)
     """The joint's frame in the parent link's."""
+    parts: Sequence[str] = ()
+    """What the spec calls the three joints of a planar one."""
+
+    def listed(self) -> list[dict[str, Any]]:
+        """The joint as items of the word `joints`."""
+        if self.parts:
+            return planar.written(self.parts, self.data)
+        return [{"name": self.name, "type": self.kind, **self.data}]
+
+    def placed(self, body: str) -> dict[str, Any]:
+        """The word of ``body`` that has the joint: `joint`, or `joints` where it is several."""
+        return {"joints": self.listed()} if self.parts else {"joint": self.written(body)}
 
     def written(self, body: str) -> dict[str, Any]:
         """The joint of ``body`` as the spec says it."""
@@ -47,14 +62,12 @@ class Joint:
         return {**name, "type": self.kind, **self.data}
 
 
-def read_joint(element: Element, given: str, draft: Draft) -> Joint:
-    """A joint, called ``given`` in the spec. Raises SpecError for what is none; defects that rules repair are collected."""
+def read_joint(element: Element, given: str, parts: Sequence[str], draft: Draft) -> Joint:
+    """A joint, called ``given`` in the spec, and if it is planar ``parts``. Raises SpecError for what is none;
+    defects that rules repair are collected."""
     element.need("name")
     renamed(element, "name", given)
     word = element.need("type")
-    if word == "planar":
-        hint = "write it as two prismatic joints and a continuous one, with links between them"
-        raise element.error("planar joints are not supported", word, ", ".join(TYPES), hint)
     if word not in TYPES:
         raise element.error("not a type of joint", word, ", ".join(TYPES))
     joint = Joint(element, given, TYPES[word], _link(element, "parent"), _link(element, "child"))
@@ -66,6 +79,10 @@ def read_joint(element: Element, given: str, draft: Draft) -> Joint:
             joint.data["origin"] = where
     if joint.kind in SCALAR_JOINTS:
         _moving(joint, word, draft)
+    elif joint.kind == "planar":
+        joint.parts = parts
+        joint.data["axis"] = _axis(element)
+        planar.set_aside(element, parts)
     else:
         for other in element.look("axis", "limit", "dynamics"):
             attributes_unused(other, f"a {word} joint has none")
@@ -82,16 +99,19 @@ def _link(element: Element, tag: str) -> str:
 
 
 def _moving(joint: Joint, word: str, draft: Draft) -> None:
-    element = joint.element
-    axis = element.child("axis")
-    along = axis.vector("xyz", AXIS) if axis is not None else AXIS
-    if axis is not None and not any(along):
-        raise axis.error("an axis of length 0", axis.attributes["xyz"])
-    joint.data["axis"] = numbers(along)
+    joint.data["axis"] = _axis(joint.element)
     limits = _limits(joint, word, draft)
     if limits:
         joint.data["limits"] = limits
     _dynamics(joint)
+
+
+def _axis(element: Element) -> list[float]:
+    axis = element.child("axis")
+    along = axis.vector("xyz", AXIS) if axis is not None else AXIS
+    if axis is not None and not any(along):
+        raise axis.error("an axis of length 0", axis.attributes["xyz"])
+    return numbers(along)
 
 
 def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from simspec.world.types import Pose, Vector3
 Six = tuple[float, float, float, float, float, float]
 
 MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
+COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
+"""Products of inertia that a file may write twice."""
 BALL: Final = 1000.0
 """kg/m³ of the ball that stands for a body without moments of inertia and without shapes."""
 
@@ -80,9 +82,21 @@ def read_mass(link: Element) -> Mass | None:
     else:
         missing += [f"i{name} of <inertia>" for name in MOMENTS[:3] if not inertia.has(f"i{name}")]
         six = [inertia.number(f"i{name}") or 0.0 for name in MOMENTS]
+        _copies(inertia)
         read.tensor = (six[0], six[1], six[2], six[3], six[4], six[5])
     read.missing = ", ".join(missing)
     return read
+
+
+def _copies(inertia: Element) -> None:
+    """Say of products of inertia that are written a second time, as a matrix has them, whether they are the same."""
+    for copy, own in COPIES.items():
+        if not inertia.has(copy):
+            continue
+        if inertia.number(copy) == (inertia.number(own) or 0.0):
+            inertia.set_aside(copy, UNUSED, f"the same as {own}", INFORMATION)
+        else:
+            inertia.set_aside(copy, LOST, f"another than {own}, which readers take")
 
 
 def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:

@@ -14,6 +14,7 @@ from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
 from simspec.imports.urdf import masses as mass_rules
 from simspec.imports.urdf import mimic as mimic_rules
+from simspec.imports.urdf import planar as planar_rules
 from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf.chains import Chain
@@ -132,9 +133,10 @@ class Robot:
         name_shapes([shape for link in self.links.values() for shape in link.shapes])
         seen: dict[str, Joint] = {}
         elements = self.root.children("joint")
-        for element, given in zip(elements, _given(elements), strict=True):
+        called, parts = _given_to_joints(elements)
+        for index, element in enumerate(elements):
             with self.draft.collecting():
-                joint = read_joint(element, given, self.draft)
+                joint = read_joint(element, called[index], parts.get(index, ()), self.draft)
                 name = element.attributes["name"].strip()
                 if name in seen:
                     first = seen[name].element.location
@@ -242,7 +244,7 @@ class Robot:
             )
             return
         what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
-        joint.kind, kept = "fixed", joint.data.get("origin")
+        joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
         joint.data = {} if kept is None else {"origin": kept}
         self.draft.repaired(MASSLESS, joint.element, what, (*link.path, "joint"))
 
@@ -264,7 +266,7 @@ class Robot:
                 continue
             link = self.links[name]
             body = bodies.setdefault(link.name, {})
-            joint_data: dict[str, Any] | None = None
+            joined: dict[str, Any] = {}
             if name in self.chains:
                 self._write_chain(link, body, self.chains[name], is_world and self.chains[name].parent == root)
             elif name in tree.above and not (is_world and name == order[0]):
@@ -273,17 +275,17 @@ class Robot:
                     message = "a floating joint is supported only below a root link without mass and shapes"
                     self.draft.defect(joint.element, message, hint="leave out the joint: a root with a mass is free")
                 body["parent"] = self.links[joint.parent].name
-                joint_data = joint.written(link.name)
+                joined = joint.placed(link.name)
                 self._place_joint(link.path, joint)
             else:
-                joint_data = body.pop("joint", None)
+                joined = {word: body.pop(word) for word in ("joint", "joints") if word in body}
                 if name == root and self.fixed:
                     body["fixed"] = True
                     if name != WORLD:
                         self.draft.note(
                             link.path, "fixed to the world: it has no mass, and what moves freely needs one"
                         )
-            self._fill(link, body, joint_data)
+            self._fill(link, body, joined)
         given = self.root.word("name") or ""
         name = names([given])[0] if given else "robot"
         if given:
@@ -298,7 +300,8 @@ class Robot:
         """The joints of a body that several lead to."""
         if not from_world:
             body["parent"] = self.links[chain.parent].name
-        for index, joint in enumerate(chain.joints):
+        owners = [joint for joint in chain.joints for _ in joint.listed()]
+        for index, joint in enumerate(owners):
             self.draft.place((*link.path, "joints", index), joint.element)
         body["joints"] = chain_rules.written(chain)
         elements = {name: self.links[name].element for name in chain.between}
@@ -317,17 +320,19 @@ class Robot:
             reason = f"the root {child.name} is {how}, without a joint"
             joint.element.set_aside("name", LOST, reason, INFORMATION)
         else:
-            body["joint"] = joint.written(child.name)
+            body |= joint.placed(child.name)
         return body
 
     def _place_joint(self, path: Path_, joint: Joint) -> None:
+        for index in range(len(joint.parts)):
+            self.draft.place((*path, "joints", index), joint.element)
         self.draft.place((*path, "joint"), joint.element)
         self.draft.place((*path, "pose"), joint.element)
         for tag, word in PLACES:
             for part in joint.element.look(tag)[:1]:
                 self.draft.place((*path, "joint", word), part)
 
-    def _fill(self, link: Link, body: dict[str, Any], joint: dict[str, Any] | None) -> None:
+    def _fill(self, link: Link, body: dict[str, Any], joined: dict[str, Any]) -> None:
         path = link.path
         self.draft.place(path, link.element)
         if link.mass is not None:
@@ -335,8 +340,7 @@ class Robot:
             for word, tag in (("mass", "mass"), ("centre_of_mass", "origin"), ("inertia", "inertia")):
                 part = (link.mass.element.look(tag) or [link.mass.element])[0]
                 self.draft.place((*path, word), part)
-        if joint is not None:
-            body["joint"] = joint
+        body |= joined
         if link.mass is not None and link.mass.from_shapes:
             for shape in link.shapes:
                 if shape.is_open:  # only the hull has a volume
@@ -355,6 +359,19 @@ def _negative(mass: Mass) -> bool:
 def _given(elements: Sequence[Element], *reserved: str) -> list[str]:
     """The names of elements as the spec has them."""
     return names([element.attributes.get("name", "").strip() for element in elements], reserved)
+
+
+def _given_to_joints(elements: Sequence[Element]) -> tuple[list[str], dict[int, list[str]]]:
+    """The names of joints as the spec has them, and of the planar ones, by their places in the file, those of their parts."""
+    wanted = [element.attributes.get("name", "").strip() for element in elements]
+    several = [
+        index for index, element in enumerate(elements) if element.attributes.get("type", "").strip() == "planar"
+    ]
+    more = [f"{wanted[index]}_{part}" for index in several for part in planar_rules.PARTS]
+    given = names([*wanted, *more])
+    count = len(planar_rules.PARTS)
+    starts = range(len(wanted), len(given), count)
+    return given[: len(wanted)], {index: given[at : at + count] for index, at in zip(several, starts, strict=True)}
 
 
 def robot(root: Element, files: Files, options: ImportOptions) -> Imported:

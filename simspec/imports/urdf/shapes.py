@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -11,12 +12,32 @@ from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
 from simspec.imports.files import MissingFileError
 from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
+from simspec.imports.urdf.planar import across
 from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
+from simspec.language.foreign import Fate
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.meshes.files import MeshError
-from simspec.meshes.made import MadeMesh, ManyVerticesError
+from simspec.meshes.made import FlatMeshError, MadeMesh, ManyVerticesError
+from simspec.world import frames
 
-GEOMETRIES: Final = ("box", "sphere", "cylinder", "mesh")
+EMPTY: Final = "empty-shapes"
+MISSING: Final = "missing-meshes"
+RULES: Final = {
+    EMPTY: "collision shapes without volume, flat meshes among them, are left out",
+    MISSING: "collision meshes that are not there, or cannot be read, are left out",
+}
+LENGTHS: Final[Mapping[str, Sequence[str]]] = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "ellipsoid": ("a", "b", "c"),
+}
+"""Geometries by their tag, with the attributes that say how large they are."""
+GEOMETRIES: Final = (*LENGTHS, "plane", "mesh")
+DIALECTS: Final = ("capsule", "ellipsoid", "plane")
+"""Those that URDF itself does not have: programs that read it do, two of them with a prefix."""
+OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean it"
 
 
 @dataclass
@@ -138,7 +159,7 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
     """The shape of a visual or collision element; None where it has none that is carried."""
     collides = element.tag == "collision"
     geometry = element.child("geometry")
-    kinds = geometry.look(*GEOMETRIES) if geometry is not None else []
+    kinds = [kind for kind in geometry.look() if _word(kind) in GEOMETRIES] if geometry is not None else []
     if geometry is None or not kinds:
         others = [child.tag for child in geometry.look()] if geometry is not None else []
         if not collides:
@@ -151,11 +172,40 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
         raise geometry.error("one <geometry> holds one shape", ", ".join(child.tag for child in kinds))
     if kind.tag == "mesh":
         return _mesh(element, kind.take(), draft)
-    sizes = _sizes(kind.take())
+    kind.take()
+    if _word(kind) in DIALECTS:
+        kind.set_aside(None, Fate.CARRIED, OF_DIALECTS, INFORMATION)
+    if _word(kind) == "plane":
+        return Shape(element, collides, {"plane": {}, **_upright(element, kind)})
+    sizes = _sizes(kind)
     if min(size for value in sizes.values() for size in (value if isinstance(value, list) else [value])) <= 0.0:
         _empty(element, kind, draft)
         return None
-    return Shape(element, collides, {kind.tag: sizes, **_pose(element)})
+    return Shape(element, collides, {_word(kind): sizes, **_pose(element)})
+
+
+def _word(kind: Element) -> str:
+    """The tag of a geometry, which stands behind a prefix where a program has it in a namespace of its own."""
+    prefix, _, local = kind.tag.rpartition(":")
+    return local if not prefix or local in DIALECTS else kind.tag
+
+
+def _upright(element: Element, kind: Element) -> dict[str, Any]:
+    """The pose of a plane, whose normal the language has along z."""
+    normal = kind.vector("normal", (0.0, 0.0, 1.0))
+    if not any(normal):
+        raise kind.error("a normal of length 0", kind.attributes["normal"])
+    length = math.hypot(*normal)
+    x, y = across(normal)
+    along = [value / length for value in normal]
+    if along == [0.0, 0.0, 1.0]:
+        return _pose(element)
+    rows = [(x[k], y[k], along[k]) for k in range(3)]
+    origin = element.child("origin")
+    where = pose(origin.vector("xyz"), None) if origin is not None else {}
+    turned = frames.from_rpy(*origin.vector("rpy")) if origin is not None else (1.0, 0.0, 0.0, 0.0)
+    quat = frames.multiply(turned, frames.from_matrix((rows[0], rows[1], rows[2])))
+    return {"pose": {**where, "quat": list(quat)}}
 
 
 def _pose(element: Element) -> dict[str, Any]:
@@ -181,19 +231,17 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
     return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
 
 
-def _without(element: Element, draft: Draft, why: Problem) -> None:
+def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) -> None:
     """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
     found = f": {why.found}" if why.found else ""
     if element.tag == "visual":
         element.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
-    elif draft.repairing(MISSING):
-        element.set_aside(None, LOST, f"left out by the rule {MISSING}: {why.message}{found}")
-        draft.repaired(MISSING, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
+    elif draft.repairing(rule):
+        element.set_aside(None, LOST, f"left out by the rule {rule}: {why.message}{found}")
+        draft.repaired(rule, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
     else:
         draft.problems.append(
-            replace(
-                why, hint="; ".join(filter(None, [why.hint, f"simspec import --repair {MISSING}: {RULES[MISSING]}"]))
-            )
+            replace(why, hint="; ".join(filter(None, [why.hint, f"simspec import --repair {rule}: {RULES[rule]}"])))
         )
 
 
@@ -213,7 +261,8 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
     for shape, result in zip(named, made, strict=True):
         if isinstance(result, MeshError):
             kind = shape.element.look("geometry")[0].look("mesh")[0]
-            _without(shape.element, draft, kind.problem(str(result), kind.attributes["filename"]))
+            rule = EMPTY if isinstance(result, FlatMeshError) else MISSING
+            _without(shape.element, draft, kind.problem(str(result), kind.attributes["filename"]), rule)
             unusable.add(id(shape))
         else:
             shape.is_open = result.enclosed is None
@@ -247,17 +296,12 @@ def _empty(element: Element, kind: Element, draft: Draft) -> None:
 
 def _sizes(element: Element) -> dict[str, Any]:
     """The lengths of a shape. Raises SpecError for what are no numbers."""
-    names = ("size",) if element.tag == "box" else ("radius",) if element.tag == "sphere" else ("radius", "length")
+    word = _word(element)
+    names = LENGTHS[word]
     for name in names:
         element.need(name)
-    if element.tag == "box":
+    if word == "box":
         return {"size": numbers(element.vector("size"))}
+    if word == "ellipsoid":
+        return {"radii": [plain(element.number(name) or 0.0) for name in names]}
     return {name: plain(element.number(name) or 0.0) for name in names}
-
-
-EMPTY: Final = "empty-shapes"
-MISSING: Final = "missing-meshes"
-RULES: Final = {
-    EMPTY: "collision shapes without volume are left out",
-    MISSING: "collision meshes that are not there, or cannot be read, are left out",
-}

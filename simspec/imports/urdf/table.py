@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
+from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, SOLVER, Element
 from simspec.imports.table import Row
 from simspec.language.foreign import Fate, Severity
 
@@ -16,6 +16,9 @@ PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severi
 
 NO_MEANING: Final = "URDF gives it no meaning"
 NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
+OF_OTHERS: Final = "a word of another language, which no reader of URDF reads"
+HULL: Final = "the convex hull stands for the surface of a mesh"
+PIECES: Final = "`as: pieces` of the mesh in the spec that import writes"
 APART: Final = "import option `self_collision: false`"
 CONTROL: Final = "write the actuators as `control:` of the scenario"
 FRICTION: Final = "write `contact: {materials: ...}` in the scenario"
@@ -61,6 +64,13 @@ TABLE: Final = (
             Row(f"link/{holder}/geometry/cylinder", "`cylinder`"),
             Row(f"link/{holder}/geometry/cylinder/@radius", "`cylinder.radius`"),
             Row(f"link/{holder}/geometry/cylinder/@length", "`cylinder.length`"),
+            Row(f"link/{holder}/geometry/capsule", "`capsule`; of readers that add it to URDF"),
+            Row(f"link/{holder}/geometry/capsule/@radius", "`capsule.radius`"),
+            Row(f"link/{holder}/geometry/capsule/@length", "`capsule.length`"),
+            Row(f"link/{holder}/geometry/ellipsoid", "`ellipsoid`; of readers that add it to URDF"),
+            *(Row(f"link/{holder}/geometry/ellipsoid/@{axis}", "`ellipsoid.radii`") for axis in "abc"),
+            Row(f"link/{holder}/geometry/plane", "`plane`; of readers that add it to URDF"),
+            Row(f"link/{holder}/geometry/plane/@normal", "`shapes.N.pose`"),
             Row(f"link/{holder}/geometry/mesh", "`mesh`: its convex hull"),
             Row(
                 f"link/{holder}/geometry/mesh/@filename",
@@ -104,9 +114,12 @@ TABLE: Final = (
     ),
     Row("link/origin", "", LOST, INFORMATION, NO_MEANING),
     *(
-        Row(f"link/{tag}", "", LOST, INFORMATION, "a word of another language, which no reader of URDF reads")
+        Row(f"link/{tag}", "", LOST, INFORMATION, OF_OTHERS)
         for tag in ("gravity", "kinematic", "self_collide", "surface")
     ),
+    Row("link/collision/surface", "", LOST, INFORMATION, OF_OTHERS),
+    Row("link/contact/inertia_scaling", "", LOST, PHYSICS, "moments of inertia that one reader multiplies by it"),
+    *(Row(f"{tag}/@concave", "", LOST, PHYSICS, HULL, PIECES) for tag in ("link", "link/collision")),
     Row("link/sensor", "", LOST, INFORMATION, "simspec has no sensors"),
     Row("link/audio_source", "", LOST, INFORMATION, "simspec has no sounds"),
     # materials
@@ -120,8 +133,8 @@ TABLE: Final = (
     Row("joint/@name", "`joint.name`"),
     Row(
         "joint/@type",
-        "`joint.type`: hinge (revolute, continuous), slide (prismatic), ball (spherical), fixed; a floating "
-        "joint from the root `world` is a free root",
+        "`joint.type`: hinge (revolute, continuous), slide (prismatic), ball (spherical), fixed; a planar joint is two slides "
+        "and a hinge, `joints`; a floating joint from the root `world` is a free root",
     ),
     Row("joint/@dont_collapse", "", LOST, INFORMATION, "an instruction to one program's converter"),
     Row("joint/origin", "`joint.origin`"),
@@ -132,7 +145,7 @@ TABLE: Final = (
     Row("joint/child", "the body that the joint is of"),
     Row("joint/child/@link", "the body that the joint is of"),
     Row("joint/axis", "`joint.axis`"),
-    Row("joint/axis/@xyz", "`joint.axis`"),
+    Row("joint/axis/@xyz", "`joint.axis`; of a planar joint the axis of its hinge, across which its slides are"),
     Row("joint/axis/@rpy", "", LOST, INFORMATION, NO_MEANING),
     Row("joint/limit", "`joint.limits`"),
     Row("joint/limit/@lower", "`joint.limits.position`"),
@@ -143,12 +156,13 @@ TABLE: Final = (
         Row(f"joint/limit/@{name}", "", LOST, INFORMATION, "a rating that planners read")
         for name in ("acceleration", "jerk")
     ),
+    *(Row(f"joint/limit/@{name}", "", LOST, INFORMATION, SOLVER) for name in ("stiffness", "dissipation")),
     Row("joint/dynamics", "`joint.damping`, `joint.dry_friction`"),
     Row("joint/dynamics/@damping", "`joint.damping`"),
     Row("joint/dynamics/@friction", "`joint.dry_friction`"),
     *(
         Row(f"joint/dynamics/@{name}", "", LOST, INFORMATION, NOT_OF_URDF, "damping and friction of <dynamics>")
-        for name in ("D", "K", "mu_coulomb", "mu_viscous")
+        for name in ("D", "K", "mu_coulomb", "mu_viscous", "spring_stiffness", "spring_reference")
     ),
     Row(
         "joint/mimic",

@@ -11,6 +11,7 @@ import importlib.util
 import json
 import mmap
 import os
+import re
 import selectors
 import subprocess
 import sys
@@ -30,6 +31,8 @@ LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
 """Bytes from the process: a text of the largest size, each character escaped."""
 
 
+HALF: Final = re.compile(r"[\ud800-\udfff]")
+"""What no file holds by itself: a program can make it."""
 TOO_MUCH: Final = "needs more computing time or memory than a robot takes"
 
 
@@ -103,13 +106,19 @@ class _Expansion:
             if "ask" in said:
                 self._ask(process, said)
             elif "text" in said:
-                warnings = [(self._place(place), str(text)) for place, text in said["warnings"]]
-                return Expanded(str(said["text"]), self.names, warnings, [str(name) for name in said["declared"]])
+                return self._expanded(said)
             else:
-                raise _refused(str(said.get("failed")), self._place(said.get("place")))
+                raise _refused(_whole(said.get("failed")), self._place(said.get("place")))
         code = process.wait()
         why = TOO_MUCH if code < 0 else "xacro ended without a result"
         raise _refused(why, self._now(now))
+
+    def _expanded(self, said: Mapping[str, Any]) -> Expanded:
+        text, warnings = str(said["text"]), [(self._place(place), _whole(text)) for place, text in said["warnings"]]
+        half = HALF.search(text)
+        if half is not None:
+            raise _refused(f"expands to half a character: {half.group()!a}", Location(self.names[0], 1, 1))
+        return Expanded(text, self.names, warnings, [str(name) for name in said["declared"]])
 
     def _lines(self, process: subprocess.Popen[bytes], now: mmap.mmap) -> Iterator[bytes]:
         """Whole lines from the process, until it ends."""
@@ -133,7 +142,7 @@ class _Expansion:
 
     def _ask(self, process: subprocess.Popen[bytes], said: Mapping[str, Any]) -> None:
         """Give the process a text that it asks for, or say that there is no such file. Raises SpecError for all else."""
-        name = str(said["ask"]).replace("file://package://", "package://")
+        name = _whole(said["ask"]).replace("file://package://", "package://")
         place = self._place(said.get("place"))
         element = Element("xacro:include", {"filename": name}, place, "", None)
         try:
@@ -162,6 +171,11 @@ def _decoded(content: bytes, name: str, place: Location) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise _refused(f"{name}: not UTF-8", place) from None
+
+
+def _whole(value: object) -> str:
+    """A text from the process, in which half a character is a question mark: such a text could not be printed."""
+    return HALF.sub("?", str(value))
 
 
 def _message(line: bytes) -> dict[str, Any]:

@@ -19,7 +19,7 @@ SPECIMEN = """\
 <?xml version="1.0"?>
 <robot name="arm two" version="1.0">
   <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
-  <link name="base" type="old">
+  <link name="base" type="old" concave="yes">
     <inertial>
       <origin xyz="0.1 0 0.2" rpy="0 0 0"/>
       <mass value="3.5"/>
@@ -30,18 +30,18 @@ SPECIMEN = """\
       <geometry><box size="0.2 0.2 0.1"/></geometry>
       <material name="blue"/>
     </visual>
-    <collision name="solid">
+    <collision name="solid" concave="yes">
       <origin xyz="0 0 0.05" rpy="0 0 0.5"/>
       <geometry><box size="0.2 0.2 0.1"/></geometry>
       <material name="blue"/>
-      <verbose value="1"/>
+      <verbose value="1"/><surface/>
     </collision>
     <self_collision_checking><origin/></self_collision_checking>
     <collision_checking/>
     <contact>
       <lateral_friction value="1"/><rolling_friction value="1e-3"/><spinning_friction value="2e-3"/>
       <restitution value="0.1"/><stiffness value="3"/><damping value="1"/><friction_anchor/>
-      <contact_cfm value="0"/><contact_erp value="1"/>
+      <contact_cfm value="0"/><contact_erp value="1"/><inertia_scaling value="2"/>
     </contact>
     <origin/><gravity>1</gravity><kinematic/><self_collide/><surface/>
     <sensor name="camera"/>
@@ -70,8 +70,8 @@ SPECIMEN = """\
     <child link="upper.arm"/>
     <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
     <axis xyz="0 1 0" rpy="0 0 0"/>
-    <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9"/>
-    <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1"/>
+    <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9" stiffness="1" dissipation="1"/>
+    <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1" spring_stiffness="1" spring_reference="0"/>
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>

@@ -89,6 +89,17 @@ def test_a_mesh_that_cannot_be_read_is_as_one_that_is_not_there(tmp_path):
     assert read(two_links(arm=SOLID + mesh("visual", "bad.stl")), tmp_path).losses()
 
 
+def test_a_flat_mesh_is_an_empty_shape(tmp_path):
+    vertices, triangles = box(1, 1, 1)
+    (tmp_path / "flat.stl").write_bytes(stl(vertices * [1, 1, 0], triangles))
+    text = two_links(arm=SOLID + mesh("collision", "flat.stl"))
+    (problem,) = refused(text, tmp_path, "missing-meshes")
+    assert "it has no volume" in problem
+    assert "--repair empty-shapes" in problem
+    (repair,) = read(text, tmp_path, "empty-shapes").repairs
+    assert (repair.rule, repair.location.line) == ("empty-shapes", 3)
+
+
 OUTSIDE = (
     "../secret.stl",
     "file:///{0}/secret.stl",

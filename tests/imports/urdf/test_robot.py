@@ -1,14 +1,17 @@
 """What an import of URDF says: the data of the spec, exactly, and what became of everything in the file."""
 
+import math
 import re
 
 import pytest
 
+from simspec.errors import SpecError
 from simspec.imports.urdf.mimic import SUPPORTED
 from simspec.imports.urdf.table import GAZEBO, rows
 from simspec.language.foreign import Fate, Severity
 from simspec.language.load import load
 from simspec.language.losses import of_physics
+from simspec.world import frames
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
 from tests.meshes.solids import box, stl
 
@@ -107,11 +110,17 @@ def test_it_loads_and_resolves_as_a_spec(tmp_path):
 
 def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
     (tmp_path / "box.stl").write_bytes(stl(*box(0.1, 0.2, 0.3)))
-    meshes = "".join(
-        f'<{tag}><geometry><mesh filename="box.stl" scale="1 1 2"/></geometry></{tag}>'
+    shapes = "".join(
+        f"<{tag}><geometry><{kind}/></geometry></{tag}>"
         for tag in ("visual", "collision")
+        for kind in (
+            'mesh filename="box.stl" scale="1 1 2"',
+            'capsule radius="1" length="2"',
+            'ellipsoid a="1" b="2" c="3"',
+            'plane normal="0 1 0"',
+        )
     )
-    text = SPECIMEN.replace('<link name="tip">', f'<link name="tip">{meshes}')
+    text = SPECIMEN.replace('<link name="tip">', f'<link name="tip">{shapes}')
     fates = {}
     for account in read(text, tmp_path).accounts:
         where = re.sub(r"\[[^]]*\]", "", account.what).removeprefix("robot/")
@@ -236,12 +245,65 @@ def test_a_root_without_mass_is_fixed_and_says_so(tmp_path):
     assert "no mass" in imported.comments["model.bodies.base"]
 
 
-def test_floating_joints_elsewhere_and_planar_ones_are_refused_by_name(tmp_path):
+def test_floating_joints_elsewhere_are_refused_by_name(tmp_path):
     (message,) = refused(two_links(kind="floating"), tmp_path)
     assert "floating joint" in message
     assert "robot.urdf:4" in message
-    (message,) = refused(two_links(kind="planar"), tmp_path)
-    assert "planar joints are not supported" in message
+
+
+# --- words of other readers ---
+
+
+def test_geometries_that_readers_add_are_carried_and_told(tmp_path):
+    shapes = (
+        '<collision><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>'
+        '<collision><geometry><far:capsule radius="0.2" length="0.4"/></geometry></collision>'
+        '<collision><geometry><far:ellipsoid a="0.1" b="0.2" c="0.3"/></geometry></collision>'
+    )
+    imported = read(two_links(arm=SOLID + shapes), tmp_path)
+    kinds = [
+        {k: v for k, v in shape.items() if k != "visual"} for shape in imported.data["model"]["bodies"]["arm"]["shapes"]
+    ]
+    assert kinds == [
+        {"capsule": {"radius": 0.1, "length": 0.4}},
+        {"capsule": {"radius": 0.2, "length": 0.4}},
+        {"ellipsoid": {"radii": [0.1, 0.2, 0.3]}},
+    ]
+    told = {account.what: (account.fate.value, account.reason) for account in imported.accounts}
+    assert told["link[arm]/collision/geometry/far:ellipsoid"][0] == "carried"
+    assert "add to URDF" in told["link[arm]/collision/geometry/far:ellipsoid"][1]
+    assert not imported.losses()
+    (problem,) = refused(two_links(arm=SOLID + shapes.replace("far:ellipsoid", "far:box")), tmp_path)
+    assert "without a known geometry" in problem
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.3, 0.1, 2), (0, 1, 0)])
+def test_a_plane_has_its_normal_along_z(tmp_path, normal):
+    words = " ".join(map(str, normal))
+    plane = f'<collision><origin xyz="0 0 2" rpy="0.4 0 0"/><geometry><plane normal="{words}"/></geometry></collision>'
+    text = f'<robot name="r"><link name="ground">{plane}</link></robot>'
+    read(text, tmp_path)
+    (shape,) = load(tmp_path / "robot.urdf").resolve().bodies[0].shapes
+    length = math.hypot(*normal)
+    expected = frames.rotate(frames.from_rpy(0.4, 0, 0), tuple(value / length for value in normal))
+    assert frames.rotate(shape.pose.quaternion, (0.0, 0.0, 1.0)) == pytest.approx(expected, abs=1e-14)
+    assert (shape.kind, shape.pose.position) == ("plane", (0.0, 0.0, 2.0))
+
+
+def test_a_plane_without_a_direction_or_on_what_moves_is_refused(tmp_path):
+    plane = '<collision><geometry><plane normal="0 0 0"/></geometry></collision>'
+    (problem,) = refused(two_links(arm=SOLID + plane), tmp_path)
+    assert "a normal of length 0" in problem
+    read(two_links(arm=SOLID + plane.replace("0 0 0", "0 0 1")), tmp_path)
+    with pytest.raises(SpecError, match="plane"):
+        load(tmp_path / "robot.urdf").resolve()
+
+
+def test_products_of_inertia_that_are_written_twice(tmp_path):
+    twice = SOLID.replace('iyz="0"', 'iyz="0" iyx="0" izx="0.0" izy="0.01"')
+    imported = read(two_links(arm=twice), tmp_path)
+    (lost,) = imported.losses()
+    assert (lost.what.rpartition("/@")[2], lost.severity.value) == ("izy", "physics")
 
 
 # --- surfaces ---

@@ -14,8 +14,8 @@ ROBOT = """<robot name="arm"><link name="base"/><link name="arm">{}</link>
 
 @pytest.mark.parametrize(
     ("moment", "damping", "step"),
-    [(0.01, 1.0, None), (0.001, 4.0, 2e-4), (0.01, 0.0, None)],
-    ids=["stable at 1 ms", "stable up to 0.5 ms", "no damper"],
+    [(0.01, 1.0, None), (0.001, 4.0, 2e-4), (0.01, 0.0, None), (1e-6, 3.0, 2e-7)],
+    ids=["stable at 1 ms", "stable up to 0.5 ms", "no damper", "stable up to 0.67 µs"],
 )
 def test_the_timestep_follows_from_the_dampers(moment, damping, step, tmp_path):
     """Explicit damping is stable up to 2 I / c."""

@@ -152,6 +152,9 @@ HOSTILE = {
     ),
     "not XML": ('<?xml version="1.0"?><robot', "r.xacro:1"),
     "nothing": ('<?xml version="1.0"?>', "r.xacro:1"),
+    "half a character": ("<link name=\"${'\\ud800'}\"/>", "half a character: '\\ud800'"),
+    "half a character in a path": ("<xacro:include filename=\"${'\\ud800.xacro'}\"/>", "no such file"),
+    "half a character in a message": ('<xacro:property name="a" value="${xacro.fatal(\'\\ud800\')}"/>${a}', "?"),
     "unknown macro": ("<xacro:leg/>", "unknown macro"),
 }
 
@@ -167,6 +170,7 @@ def test_hostile_files_end_as_errors_with_their_places(name, tmp_path, monkeypat
     listening.clear()
     assert said in text
     assert "r.xacro:" in text
+    assert text.encode()
     assert not [file for file in read if "passwd" in file]
 
 
