@@ -71,7 +71,8 @@ SPECIMEN = """\
     <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
     <axis xyz="0 1 0" rpy="0 0 0"/>
     <limit lower="-2.5" upper="7" effort="20" velocity="3.2" acceleration="9" jerk="9" stiffness="1" dissipation="1"/>
-    <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1" spring_stiffness="1" spring_reference="0"/>
+    <dynamics damping="0.1" friction="0.02" D="1" K="1" mu_coulomb="1" mu_viscous="1" spring_stiffness="1"
+      spring_reference="0"/>
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>
