@@ -103,7 +103,11 @@ def export_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="DIR", help="Output folder (default plain/NAME/FORMAT); of several, DIR/NAME."
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Output folder (default plain/NAME/FORMAT); of several, DIR/NAME; or FILE, by its suffix, where a format has "
+            "single files.",
         ),
     ] = None,
     profile: Annotated[
@@ -125,6 +129,7 @@ def export_command(
     \b
     simspec export robot.yaml --format FORMAT
     simspec export robot.yaml --format FORMAT -o build/robot --strict
+    simspec export robot.yaml --format usd -o robot.usdz
     """
     from simspec.commands.compile import compile_specs
 

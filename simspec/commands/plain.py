@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec import generated
+from simspec.commands.single import only_one, write_single
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.formats.kit.contract import Format, formats
 from simspec.formats.kit.plain import Loss, Plain
@@ -94,6 +95,9 @@ def write_plain(
     language = find_format(format_name)
     if profile is not None:
         language = language.in_profile(profile)
+    single = out is not None and out.suffix.lower() in language.SINGLE
+    if single and out is not None:
+        only_one(names, out)
     problems: list[Problem] = []
     exports: list[Export] = []
     for name in names:
@@ -113,9 +117,13 @@ def write_plain(
     if strict:
         problems.extend(problem for export in exports for problem in _refused(export))
     refused = (
-        [] if check else [folder_problem(folder, PLAIN, [find_spec(name) for name in names]) for folder in folders]
+        []
+        if check or single
+        else [folder_problem(folder, PLAIN, [find_spec(name) for name in names]) for folder in folders]
     )
     demand([*problems, *refused])
+    if single and out is not None:
+        return write_single(exports[0], language, out, check=check, as_json=as_json, warnings=warnings)
     if check:
         return _check(exports, as_json)
     changed = [_write(export) for export in exports]

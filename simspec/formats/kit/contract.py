@@ -24,6 +24,13 @@ class Format:
     PROFILES: ClassVar[tuple[str, ...]] = ()
     """Names of the ways in which the same plain files can be laid out, the default first."""
 
+    SINGLE: ClassVar[tuple[str, ...]] = ()
+    """Ends of the names of single files that the same plain files can be written as."""
+
+    def single(self, plain: Plain, suffix: str) -> bytes:
+        """Plain files as one file of this kind, one of ``SINGLE``."""
+        raise NotImplementedError
+
     def in_profile(self, name: str) -> Format:
         """The format whose plain files are laid out so. Raises SpecError for a name that is not of ``PROFILES``."""
         allowed = ", ".join(self.PROFILES) or f"none: {self.NAME} has one layout"

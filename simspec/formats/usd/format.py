@@ -1,4 +1,4 @@
-"""The format ``usd``: one text file, ``world.usda``, with the schemas of UsdPhysics."""
+"""The format ``usd``: one file with the schemas of UsdPhysics, ``world.usda``, or under a name that is asked for."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 from simspec.formats.kit.contract import Format
 from simspec.formats.kit.plain import Plain, losses
+from simspec.formats.usd.binary import BINARY, PACKAGE, TEXT, encoded
 from simspec.formats.usd.plain import stage_of
 from simspec.formats.usd.support import SUPPORT, more_losses
 from simspec.formats.usd.text import text
@@ -23,6 +24,7 @@ class Usd(Format):
     NAME: ClassVar[str] = "usd"
     SUPPORT: ClassVar[Table] = SUPPORT
     PROFILES: ClassVar[tuple[str, ...]] = ("flat", "nested")
+    SINGLE: ClassVar[tuple[str, ...]] = (TEXT, BINARY, PACKAGE)
 
     def write(self, tree: Stage) -> dict[str, str]:
         """``world.usda``. Raises ValueError for numbers that are not finite, or too large for single precision."""
@@ -40,6 +42,10 @@ class Usd(Format):
         """``world.usda``."""
         tree = stage_of(world, nested=self.profile == "nested")
         return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
+
+    def single(self, plain: Plain, suffix: str) -> bytes:
+        """The stage as text, as a binary file, or as a package. Raises SpecError where usd-core is needed and not installed."""
+        return encoded(plain.files[WORLD], suffix)
 
     def read(self, folder: Path) -> str:
         """The text of ``world.usda`` in ``folder``: its meaning is the importer's matter. Raises FileNotFoundError, and

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
+from simspec.formats.usd.several import carriers, several
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
 
@@ -64,6 +65,8 @@ def local(name: str, model: str | None) -> str:
 def places(world: World, nested: bool) -> Places:
     """Paths for a world; ``nested``: bodies stand within their parents."""
     found = Places()
+    chains = several(world)
+    left_out = carriers(chains)
     outer, outer_joints = Taken(RESERVED), Taken()
     for root, bodies in trees(world).items():
         model = model_of(bodies)
@@ -73,7 +76,10 @@ def places(world: World, nested: bool) -> Places:
             names, joints = Taken(RESERVED), Taken()
         inside: dict[str, Taken] = {}
         for body in bodies:
-            parent = body.joint.parent
+            if body.name in left_out:
+                continue
+            chain = chains.get(body.name)
+            parent = body.joint.parent if chain is None else chain.parent
             if nested and parent is not None:
                 # shapes of the parent stand beside: they are numbered after the bodies
                 own = inside.setdefault(parent, Taken(RESERVED))

@@ -9,25 +9,22 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from simspec.formats.kit.axes import readable
 from simspec.formats.kit.passes import principal_axes
+from simspec.formats.usd.joints import DEGREES, KINDS, Joined, axes, single, stand
 from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Places, Taken, local, model_of, places
+from simspec.formats.usd.several import carriers, several
 from simspec.formats.usd.shapes import place, shape_prim
 from simspec.formats.usd.tree import Prim, Stage
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
 from simspec.world.tuples import ordered
-from simspec.world.types import Body, Connect, Inertial, Joint, Material, Pose, Quaternion, Vector3, Weld, World
+from simspec.world.types import Body, Connect, Inertial, Material, Pose, Vector3, Weld, World
 
-DEGREES: Final = 180.0 / math.pi
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: zero means that the file does not say it."""
 SMALLEST_MOMENT: Final = 1e-12
 """kg m², for the same reason."""
-AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
-UNLIMITED: Final = (-math.inf, math.inf)
 
 
 def stage_of(world: World, nested: bool = False) -> Stage:
@@ -38,6 +35,9 @@ def stage_of(world: World, nested: bool = False) -> Stage:
 class _Writer:
     def __init__(self, world: World, nested: bool):
         self.world, self.nested = world, nested
+        self.several = several(world)
+        self.left_out = carriers(self.several)
+        """Bodies between joints of one body that are one joint in the file."""
         self.places: Places = places(world, nested)
         self.poses = poses(world)
         self.filter = CollisionFilter(world)
@@ -111,10 +111,11 @@ class _Writer:
             root.children.append(base)
             joints = []
         still = is_still(bodies)
+        bodies = tuple(body for body in bodies if body.name not in self.left_out)
         for body in bodies:
             prim = self._body(body, model, still)
             self.prims[body.name] = prim
-            parent = body.joint.parent
+            parent = self._above(body)
             (self.prims[parent] if self.nested and parent is not None else base).children.append(prim)
             if not still and body.joint.kind != "free":
                 joints.append(self._joint(body, model))
@@ -145,7 +146,7 @@ class _Writer:
             if free and joint.name != f"{body.name}_joint":
                 prim.own("string", "joint_name", local(joint.name, model))
             _mass(prim, body.inertial, alone=not is_carrier(body.name))
-        _place(prim, self.poses[body.name], reset=self.nested and joint.parent is not None)
+        _place(prim, self.poses[body.name], reset=self.nested and self._above(body) is not None)
         return prim
 
     def _shapes(self, body: Body) -> None:
@@ -166,35 +167,23 @@ class _Writer:
                 paths.append(f"{self.places.bodies[body.name]}/{made.name}")
 
     def _joint(self, body: Body, model: str | None) -> Prim:
-        joint = body.joint
-        kind = {"fixed": "Fixed", "hinge": "Revolute", "slide": "Prismatic", "ball": "Spherical"}[joint.kind]
+        joint, chain = body.joint, self.several.get(body.name)
+        kind = "" if chain is not None else KINDS[joint.kind]
         prim = self._named(self.places.joints[body.name], f"Physics{kind}Joint", local(joint.name, model))
-        axis, turn = _towards(joint.axis) if any(joint.axis) else ("X", frames.IDENTITY)
-        here = Pose(joint.origin.position, frames.multiply(joint.origin.quaternion, turn))
-        parent = None if joint.parent is None else self.places.bodies[joint.parent]
-        _frames(
-            prim,
-            parent,
-            self.places.bodies[body.name],
-            here,
-            Pose((0.0, 0.0, 0.0), turn),
-            touching=joint.parent is not None and self.filter.may_touch(joint.parent, body.name),
-        )
-        if joint.kind != "fixed":
-            prim.uniform("physics:axis", axis)
-        if joint.kind == "ball":
-            prim.say("float", "physics:coneAngle0Limit", -1.0)
-            prim.say("float", "physics:coneAngle1Limit", -1.0)
-            prim.own("double", "spring_stiffness", joint.spring_stiffness or None)
-            prim.own("double", "damping", joint.damping or None)
-        _identity(prim, joint)
-        if joint.kind in SCALAR_JOINTS:
-            _motion(prim, joint)
-        if joint.kind != "fixed" and (any(joint.position[1:]) if joint.kind == "ball" else any(joint.position)):
-            prim.own("double[]", "position", list(joint.position))
-        if any(joint.velocity):
-            prim.own("double[]", "velocity", list(joint.velocity))
+        above = self._above(body)
+        parent = None if above is None else self.places.bodies[above]
+        touching = above is not None and self.filter.may_touch(above, body.name)
+        joined = Joined(parent, self.places.bodies[body.name], touching=touching)
+        if chain is None:
+            single(prim, joint, joined)
+        else:
+            axes(prim, chain, joined, [local(one.name, model) for one in chain.joints])
         return prim
+
+    def _above(self, body: Body) -> str | None:
+        """The body that a body stands on in the file."""
+        chain = self.several.get(body.name)
+        return body.joint.parent if chain is None else chain.parent
 
     # --- what is outside the trees ------------------------------------------------------------------------------
 
@@ -206,15 +195,9 @@ class _Writer:
         else:
             first, second = constraint.pose, Pose()
         bodies = self.places.bodies
-        _frames(
-            prim,
-            bodies[constraint.first],
-            bodies[constraint.second],
-            first,
-            second,
-            loop=True,
-            touching=self.filter.may_touch(constraint.first, constraint.second),
-        )
+        touching = self.filter.may_touch(constraint.first, constraint.second)
+        between = Joined(bodies[constraint.first], bodies[constraint.second], touching=touching, loop=True)
+        stand(prim, between, first, second)
         if constraint.kind == "connect":
             prim.uniform("physics:axis", "X")
             prim.say("float", "physics:coneAngle0Limit", -1.0)
@@ -300,75 +283,3 @@ def _mass(prim: Prim, inertial: Inertial, alone: bool) -> None:
     prim.own("double", "mass", inertial.mass)
     prim.own("double3", "centre_of_mass", inertial.centre_of_mass)
     prim.own("double[]", "inertia", list(inertial.inertia))
-
-
-def _towards(axis: Vector3) -> tuple[str, Quaternion]:
-    """The word for an axis, and the rotation from that axis to it."""
-    for word, unit in AXES.items():
-        if axis == unit:
-            return word, frames.IDENTITY
-    x, y, z = axis
-    if x <= -1.0:
-        return "X", (0.0, 0.0, 0.0, 1.0)
-    # (1 + cos, axis × sin) of the turn from x, not yet of unit length
-    return "X", frames.normalise((1.0 + x, 0.0, 0.0 - z, y))
-
-
-def _frames(
-    prim: Prim,
-    first: str | None,
-    second: str,
-    in_first: Pose,
-    in_second: Pose,
-    loop: bool = False,
-    touching: bool = False,
-) -> None:
-    """What every joint has: its bodies, its frames in theirs, and how it is taken."""
-    if first is not None:
-        prim.relate("physics:body0", [first])
-    prim.relate("physics:body1", [second])
-    for number, pose in enumerate((in_first, in_second)):
-        prim.say("point3f", f"physics:localPos{number}", pose.position)
-        prim.say("quatf", f"physics:localRot{number}", pose.quaternion)
-    prim.say("bool", "physics:jointEnabled", True)
-    prim.say("bool", "physics:collisionEnabled", touching)
-    prim.say("bool", "physics:excludeFromArticulation", loop)
-    prim.say("float", "physics:breakForce", math.inf)
-    prim.say("float", "physics:breakTorque", math.inf)
-
-
-def _identity(prim: Prim, joint: Joint) -> None:
-    prim.own("double3", "origin", joint.origin.position)
-    prim.own("quatd", "orientation", joint.origin.quaternion)
-    if any(joint.axis):
-        prim.own("double3", "axis", readable(joint.axis))
-
-
-def _motion(prim: Prim, joint: Joint) -> None:
-    """Limits, drives and ratings of a hinge or a slide."""
-    turns = DEGREES if joint.kind == "hinge" else 1.0
-    lower, upper = joint.position_limits or UNLIMITED
-    prim.say("float", "physics:lowerLimit", turns * lower)
-    prim.say("float", "physics:upperLimit", turns * upper)
-    if joint.position_limits is not None:
-        prim.own("double2", "limits", joint.position_limits)
-    if joint.damping or joint.spring_stiffness:
-        kind = "angular" if joint.kind == "hinge" else "linear"
-        prim.apply(f"PhysicsDriveAPI:{kind}")
-        drive = f"drive:{kind}:physics:"
-        prim.uniform(f"{drive}type", "force")
-        prim.say("float", f"{drive}stiffness", joint.spring_stiffness / turns)
-        prim.say("float", f"{drive}damping", joint.damping / turns)
-        prim.say("float", f"{drive}targetPosition", turns * joint.spring_rest)
-        prim.say("float", f"{drive}targetVelocity", 0.0)
-        prim.say("float", f"{drive}maxForce", math.inf)
-        for name, value in (
-            ("spring_stiffness", joint.spring_stiffness),
-            ("damping", joint.damping),
-            ("spring_rest", joint.spring_rest),
-        ):
-            prim.own("double", name, value)
-    for name, said in (("velocity_limit", joint.velocity_limit), ("effort_limit", joint.effort_limit)):
-        prim.own("double", name, said)
-    for name, value in (("dry_friction", joint.dry_friction), ("armature", joint.armature)):
-        prim.own("double", name, value or None)

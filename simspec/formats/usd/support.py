@@ -8,7 +8,19 @@ from typing import Final
 from simspec.contact.meeting import meeting_laws
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.usd.names import model_of
-from simspec.support.declarations import Level, Support, Table, alike, approximate, exactly, never, shape_kinds, via_api
+from simspec.formats.usd.several import apart, carriers, several
+from simspec.support.declarations import (
+    Level,
+    Refinement,
+    Support,
+    Table,
+    alike,
+    approximate,
+    exactly,
+    never,
+    shape_kinds,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
 from simspec.world.types import World
@@ -18,6 +30,13 @@ KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 _OWN: Final = "in an attribute of simspec's own, which no other tool reads"
 _SOLVER: Final = "UsdPhysics leaves it to the solver"
 _COMBINED: Final = "each shape has its own material's number; UsdPhysics does not say how two are combined"
+
+
+def _between(world: World) -> Refinement | None:
+    """Joints of one body that are not at one place, at right angles, slides before turns."""
+    names = apart(world)
+    return Refinement(Level.APPROXIMATE, "bodies of 1e-9 kg stand between the joints") if names else None
+
 
 SUPPORT: Final[Table] = {
     **exactly(
@@ -31,8 +50,8 @@ SUPPORT: Final[Table] = {
     Feature.INERTIA_FULL: Support(Level.EXACT, "principal moments and axes"),
     Feature.INERTIA_SINGULAR: approximate("a moment of zero means that none is said: 1e-12 kg m² stands for it"),
     Feature.MASSLESS: approximate("a mass of zero means that none is said: 1e-9 kg stands for it"),
-    Feature.JOINT_SEVERAL: approximate(
-        "bodies of 1e-9 kg stand between the joints: UsdPhysics does not say the order of the axes of a joint"
+    Feature.JOINT_SEVERAL: Support(
+        Level.EXACT, "as one joint with several axes: slides before turns, turns in the order X, Y, Z", refine=_between
     ),
     Feature.DAMPING: Support(Level.EXACT, "as the damping of a drive"),
     Feature.SPRING: Support(Level.EXACT, "as the stiffness of a drive"),
@@ -74,12 +93,13 @@ SUPPORT: Final[Table] = {
 
 def more_losses(world: World) -> Iterator[Loss]:
     """What is lost of this world beyond the table: laws of pairs that are not the language's rule of the two materials."""
+    left_out = carriers(several(world))
     odd = tuple(
         f"bodies.{body.name}"
         for bodies in trees(world).values()
         if model_of(bodies) is None
         for body in bodies
-        if "/" in body.name or "." in body.name
+        if "/" in body.name or ("." in body.name and body.name not in left_out)
     )
     if odd:
         yield Loss(

@@ -357,8 +357,8 @@ class Assembly:
             one: dict[str, Any] = {"type": freedom.kind}
             if freedom.kind != "ball":
                 axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
-                own = joint.prim.own("axis", 3) if len(joint.freedoms) == 1 else None
-                if own is not None and any(own) and agree(direction((own[0], own[1], own[2])), axis):
+                own = joint.own(freedom, "axis")
+                if own is not None and len(own) == 3 and any(own) and agree(direction((own[0], own[1], own[2])), axis):
                     axis = (own[0], own[1], own[2])
                 one["axis"] = numbers(tidy(axis))
             words.append(one | freedom.data)
@@ -376,9 +376,8 @@ class Assembly:
                 return
             data["joint"] = {**named, **words[0]}
             return
-        data["joints"] = [
-            {"name": f"{joint.name}_{freedom.word}", **one} for freedom, one in zip(joint.freedoms, words, strict=True)
-        ]
+        called = ((one.name or f"{joint.name}_{one.word}") for one in joint.freedoms)
+        data["joints"] = [{"name": name, **one} for name, one in zip(called, words, strict=True)]
 
     def _free(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
         prim = body.prim

@@ -30,6 +30,10 @@ SHORT = 64
 LONGEST_PATH = 1000
 MESH_ARRAYS = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices", "simspec:points")
 LONGEST_TEXT = 400
+PACKAGE = ".usdz"
+UNPACKED = "package"
+"""The folder, in the process's own, that a package is unpacked into."""
+MOST_ENTRIES = 10_000
 CLIPS = ("clips", "clipSets", "clipAssetPaths", "clipManifestAssetPath", "clipTemplateAssetPath")
 """Metadata of prims that name files of values."""
 _PLACE = re.compile(r":(\d+):(\d+): ([^\n]*)")
@@ -68,13 +72,18 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
         from pxr import Tf, Usd
     except ImportError:
         return {"error": "USD is read by usd-core, which is not installed", "found": "", "missing": True}
-    layers = _Layers([os.path.realpath(root) for root in asked["roots"]], bool(asked["forgive"]))
-    layers.walk(asked["path"])
+    path, roots = asked["path"], [os.path.realpath(root) for root in asked["roots"]]
+    packed = path.lower().endswith(PACKAGE)
+    if packed:
+        path = unpacked(asked["path"])
+        roots = [os.path.realpath(UNPACKED)]
+    layers = _Layers(roots, bool(asked["forgive"]))
+    layers.walk(path)
     with Tf.DiagnosticTrap():  # what is wrong is told by the stage itself
         try:
-            stage = Usd.Stage.Open(layers.opened[os.path.realpath(asked["path"])], Usd.Stage.LoadAll)
+            stage = Usd.Stage.Open(layers.opened[os.path.realpath(path)], Usd.Stage.LoadAll)
         except Tf.ErrorException as error:
-            raise _damaged(error, asked["path"]) from None
+            raise _damaged(error, path) from None
     used = {os.path.realpath(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath}
     if beyond := sorted(used - layers.read.keys()):
         raise RefusedError("this stage reads a file that it does not name", beyond[0])
@@ -82,7 +91,7 @@ def _answer(asked: dict[str, Any]) -> dict[str, Any]:
         for wrong in stage.GetCompositionErrors():
             raise RefusedError("this stage does not compose", " ".join(str(wrong).split())[:LONGEST_TEXT])
     answer = _Reader(stage).answer()
-    answer["read"] = layers.read
+    answer["read"] = {} if packed else layers.read
     answer["missing"] = layers.missing
     answer["usd"] = ".".join(map(str, Usd.GetVersion()))
     return answer
@@ -97,6 +106,47 @@ def _damaged(error: Exception, place: str) -> RefusedError:
         return RefusedError(message, match[3].strip()[:LONGEST_TEXT], at=(int(match[1]), int(match[2])))
     words = str(error).rpartition(" : ")[2].strip().strip("'").strip()
     return RefusedError(message, words.replace(place, os.path.basename(place))[:LONGEST_TEXT])
+
+
+def unpacked(path: str) -> str:
+    """Unpack a package, which may name nothing outside of it, and return the file that it begins with."""
+    import zipfile
+
+    name = os.path.basename(path)
+    size = os.path.getsize(path)
+    if size > LARGEST_LAYER:
+        raise RefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", name)
+    try:
+        with zipfile.ZipFile(path) as package:
+            entries = [entry for entry in package.infolist() if not entry.is_dir()]
+            if len(entries) > MOST_ENTRIES:
+                raise RefusedError(f"a package of more than {MOST_ENTRIES:,} files", name)
+            # files of a package are not compressed: more bytes than it has are files that share some
+            if sum(entry.file_size for entry in entries) > size:
+                raise RefusedError("a package whose files are larger than itself", name)
+            for entry in entries:
+                _unpack(package, entry)
+    except (zipfile.BadZipFile, ValueError, NotImplementedError, RuntimeError, EOFError, OSError):
+        raise RefusedError("this is no package of USD, or it is damaged", name) from None
+    layers = [entry.filename for entry in entries if entry.filename.lower().endswith((".usd", ".usda", ".usdc"))]
+    if not entries or entries[0].filename not in layers:
+        raise RefusedError(
+            "a package begins with a file of USD", entries[0].filename[:LONGEST_TEXT] if entries else name
+        )
+    return os.path.join(UNPACKED, layers[0])
+
+
+def _unpack(package: Any, entry: Any) -> None:
+    parts = entry.filename.split("/")
+    odd = any(part in ("", ".", "..") or len(part) > 200 for part in parts) or len(parts) > DEEPEST
+    if odd or "\\" in entry.filename or "\0" in entry.filename or ":" in entry.filename:
+        raise RefusedError("a package with a path that leads out of it", entry.filename[:LONGEST_TEXT])
+    if entry.compress_type or entry.flag_bits & 1 or entry.compress_size != entry.file_size:
+        raise RefusedError("files of a package are neither compressed nor encrypted", entry.filename[:LONGEST_TEXT])
+    target = os.path.join(UNPACKED, *parts)
+    os.makedirs(os.path.dirname(target), exist_ok=True)
+    with open(target, "xb") as stream:
+        stream.write(package.read(entry))
 
 
 class _Layers:
@@ -131,8 +181,8 @@ class _Layers:
             raise RefusedError(f"a file of more than {LARGEST_LAYER:,} bytes", os.path.basename(place))
         with open(place, "rb") as stream:
             self.read[place] = hashlib.file_digest(stream, "sha256").hexdigest()
-        if place.lower().endswith(".usdz"):
-            raise RefusedError("packages are not supported", os.path.basename(place))
+        if place.lower().endswith(PACKAGE):
+            raise RefusedError("packages that other files name are not supported", os.path.basename(place))
         try:
             layer = Sdf.Layer.FindOrOpen(place)
         except Tf.ErrorException as error:

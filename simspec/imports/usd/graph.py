@@ -37,7 +37,7 @@ def _turned(freedom: Freedom) -> Freedom:
     start = freedom.start
     if freedom.kind == "ball" and start:
         start = frames.conjugate((start[0], start[1], start[2], start[3]))
-    return Freedom(freedom.kind, (0.0 - x, 0.0 - y, 0.0 - z), freedom.word, freedom.data, start)
+    return Freedom(freedom.kind, (0.0 - x, 0.0 - y, 0.0 - z), freedom.word, freedom.data, start, freedom.name)
 
 
 def trees(bodies: list[Prim], joints: list[Joint], roots: list[Prim]) -> tuple[list[Link], list[Joint]]:

@@ -20,13 +20,13 @@ MISSING: Final = "missing-files"
 
 
 class Usd:
-    """Reads ``.usda``, ``.usdc`` and ``.usd``, also those that refer to others."""
+    """Reads ``.usda``, ``.usdc`` and ``.usd``, also those that refer to others, and packages of them (``.usdz``)."""
 
     NAME: Final = "USD"
-    SUFFIXES: Final = (".usd", ".usda", ".usdc")
+    SUFFIXES: Final = (".usd", ".usda", ".usdc", ".usdz")
 
     def recognises(self, content: bytes) -> bool:
-        return re.match(rb"#usda|PXR-USDC", content) is not None
+        return re.match(rb"#usda|PXR-USDC|PK\x03\x04", content) is not None
 
     @staticmethod
     def table() -> list[Row]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd.places import Places, quaternion
-from simspec.imports.usd.stage import Prim, Stage
+from simspec.imports.usd.stage import OWN, Prim, Stage
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -39,6 +39,8 @@ class Freedom:
     word: str
     data: dict[str, Any] = field(default_factory=dict)
     start: tuple[float, ...] = ()
+    name: str = ""
+    """As simspec wrote it; "" where it did not."""
 
 
 @dataclass
@@ -58,10 +60,21 @@ class Joint:
     """Whether the bodies that it joins touch each other."""
     apart: float = 0.0
     """m or rad by which its frames are apart where the bodies are."""
+    said: bool = False
+    """Whether simspec's own attributes say where its axes stand."""
+
+    def own(self, freedom: Freedom, name: str) -> tuple[float, ...] | None:
+        """Numbers that only simspec says of one of the axes."""
+        return self.prim.own(prefix(self.prim, freedom.word) + name)
 
     def other(self, body: Prim | None) -> Prim | None:
         """The body that it joins to ``body``."""
         return self.second if body is self.first else self.first
+
+
+def prefix(prim: Prim, word: str) -> str:
+    """How simspec's own attributes of an axis begin: with its word, where the joint has several."""
+    return f"{word}:" if TYPES[prim.tag] == "several" else ""
 
 
 class JointReader:
@@ -181,9 +194,11 @@ class JointReader:
         if len(free) == 6 and not bounded and not drives:
             return None
         freedoms = [self._along(prim, word, "slide", SLIDES[word]) for word in free if word in SLIDES]
-        plain_turns = not any(self._bounded(prim, word) or word in drives for word in turns)
+        plain_turns = not any(
+            self._bounded(prim, word) or word in drives or prim.has(f"{OWN}{word}:axis") for word in turns
+        )
         if len(turns) == 3 and plain_turns:
-            return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot")]
+            return [*freedoms, Freedom("ball", (0.0, 0.0, 0.0), "rot", name=prim.token(f"{OWN}rot:name"))]
         for drive in drives:
             if drive not in free:
                 self._no_drive(prim, drive)
@@ -194,7 +209,7 @@ class JointReader:
         return any(math.isfinite(end) and abs(end) < UNBOUNDED for end in ends)
 
     def _along(self, prim: Prim, word: str, kind: str, axis: Vector3) -> Freedom:
-        freedom = Freedom(kind, axis, word)
+        freedom = Freedom(kind, axis, word, name=prim.token(f"{OWN}{word}:name"))
         self._moves(prim, freedom, f"limit:{word}:physics:low", f"limit:{word}:physics:high", word)
         return freedom
 
@@ -204,18 +219,18 @@ class JointReader:
         unit = math.pi / 180.0 if turns else self.stage.metres
         lower, upper = (prim.real(name, end, infinite=True) for name, end in ((low, -math.inf), (high, math.inf)))
         bounded = lower <= upper and (abs(lower) < UNBOUNDED or abs(upper) < UNBOUNDED)
-        data = freedom.data
+        data, own_word = freedom.data, prefix(prim, freedom.word)
         limits: dict[str, Any] = {}
         if lower > upper and TYPES[prim.tag] != "several":
             # the schema says: a lower limit above the upper one locks nothing, it is no limit
             prim.set_aside(low, Fate.UNUSED, "above the upper limit: no limits are said", Severity.INFORMATION)
         if bounded:
             ends = [max(-FAR, min(FAR, value * unit)) for value in (lower, upper)]
-            said = prim.exactly("limits", ends)
+            said = prim.exactly(f"{own_word}limits", ends)
             limits["position"] = [angle(value) if turns else plain(value) for value in said]
         self._drive(prim, freedom, drive)
         for name, word in (("velocity_limit", "velocity"), ("effort_limit", "effort")):
-            own = prim.own(name, 1)
+            own = prim.own(own_word + name, 1)
             if own is not None:
                 limits[word] = plain(own[0])
         maximum = prim.real("physxJoint:maxJointVelocity", math.inf, infinite=True)
@@ -224,7 +239,7 @@ class JointReader:
         if limits:
             data["limits"] = limits
         for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
-            own = prim.own(name, 1)
+            own = prim.own(own_word + name, 1)
             if own is not None and own[0]:
                 data[word] = plain(own[0])
         if prim.has("physxJoint:armature") and "armature" not in data:
@@ -273,7 +288,7 @@ class JointReader:
                 "springs and dampers have no largest effort; write `control:` in the scenario",
             )
         stiffness, damping, rest = (
-            prim.exactly(word, (value,))[0]
+            prim.exactly(prefix(prim, freedom.word) + word, (value,))[0]
             for word, value in (("spring_stiffness", stiffness), ("damping", damping), ("spring_rest", rest))
         )
         if stiffness:
@@ -308,6 +323,8 @@ def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
     )
     position, turn = rest.position, rest.quaternion
     left, turned = position, turn
+    if stand_as_said(joint, rest):
+        return rest
     hinges = [freedom for freedom in joint.freedoms if freedom.kind == "hinge"]
     for freedom in joint.freedoms:
         if freedom.kind == "slide":
@@ -330,28 +347,64 @@ def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
     return rest
 
 
+def stand_as_said(joint: Joint, rest: Pose) -> bool:
+    """Take the positions that simspec's own attributes say of hinges and slides, where they bring the second frame to ``rest``
+    in the first: an angle beyond a half turn, and one of several, is not seen in places. Whether they do."""
+    held = [joint.own(freedom, "position") for freedom in joint.freedoms]
+    if all(values is None for values in held) or [one.kind for one in joint.freedoms] == ["ball"]:
+        return False
+    place, starts = Pose(), []
+    for freedom, values in zip(joint.freedoms, held, strict=True):
+        count = 4 if freedom.kind == "ball" else 1
+        if values is None:
+            values = frames.IDENTITY if count == 4 else (0.0,)
+        if len(values) != count:
+            return False
+        starts.append(values)
+        if freedom.kind == "slide":
+            x, y, z = (values[0] * one for one in freedom.axis)
+            step = Pose((x, y, z))
+        elif freedom.kind == "hinge":
+            step = Pose((0.0, 0.0, 0.0), frames.from_axis_angle(freedom.axis, values[0]))
+        else:
+            turn = frames.conjugate(joint.in_second.quaternion)
+            w, x, y, z = values
+            step = Pose((0.0, 0.0, 0.0), frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn))))
+        place = frames.compose(place, step)
+    left = frames.compose(frames.inverse(place), rest)
+    reach = 1.0 + max(abs(value) for value in (*joint.in_first.position, *joint.in_second.position, *rest.position))
+    if max(abs(value) for value in left.position) > START * reach:
+        return False
+    if 2.0 * max(abs(value) for value in left.quaternion[1:]) > START:
+        return False
+    for freedom, values in zip(joint.freedoms, starts, strict=True):
+        freedom.start = values
+    joint.said = True
+    return True
+
+
 def start_words(joint: Joint) -> None:
     """Say in each freedom's words where it stands, but at zero."""
     for freedom in joint.freedoms:
-        if freedom.kind == "ball":  # so far in the frame of the joint; in the axes of the body that it moves
+        if (
+            freedom.kind == "ball" and not joint.said
+        ):  # so far in the frame of the joint; in the axes of the body that it moves
             turn = joint.in_second.quaternion
             w, x, y, z = freedom.start
             freedom.start = frames.multiply(turn, frames.multiply((w, x, y, z), frames.conjugate(turn)))
-    own = joint.prim.own("position")
-    if own is not None and len(joint.freedoms) == 1 and len(own) == len(joint.freedoms[0].start):
-        start = joint.freedoms[0].start
-        if all(abs(one - two) < START for one, two in zip(own, start, strict=True)):
-            joint.freedoms[0].start = own
-    elif len(joint.freedoms) == 1 and not own:
-        joint.freedoms[0].start = tuple(0.0 if abs(value) < START else value for value in joint.freedoms[0].start)
+    if len(joint.freedoms) == 1 and not joint.said:
+        own, start = joint.own(joint.freedoms[0], "position"), joint.freedoms[0].start
+        if own is None:
+            joint.freedoms[0].start = tuple(0.0 if abs(value) < START else value for value in start)
+        elif len(own) == len(start) and all(abs(one - two) < START for one, two in zip(own, start, strict=True)):
+            joint.freedoms[0].start, joint.said = own, True
     for freedom in joint.freedoms:
         values = freedom.start
         if freedom.kind == "ball":
-            if any(abs(value) >= START for value in values[1:]) or own:
+            if any(abs(value) >= START or (joint.said and value) for value in values[1:]):
                 freedom.data["position"] = {"quat": numbers(values)}
-        elif values and (abs(values[0]) >= START or own):
+        elif values and (abs(values[0]) >= START or (joint.said and values[0])):
             freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
-    speeds = joint.prim.own("velocity")
-    if speeds is not None and len(joint.freedoms) == 1:
-        freedom = joint.freedoms[0]
-        freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])
+        speeds = joint.own(freedom, "velocity")
+        if speeds is not None and len(speeds) == (3 if freedom.kind == "ball" else 1):
+            freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])
