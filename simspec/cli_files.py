@@ -129,7 +129,7 @@ def export_command(
     \b
     simspec export robot.yaml --format FORMAT
     simspec export robot.yaml --format FORMAT -o build/robot --strict
-    simspec export robot.yaml --format usd -o robot.usdz
+    simspec export robot.yaml --format FORMAT -o robot.SUFFIX
     """
     from simspec.commands.compile import compile_specs
 
