@@ -76,6 +76,7 @@ NAMED_ELSEWHERE = {
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",
     ("imports/mjcf/fates.py", "sdf_iterations sdf_initpoints"): "attributes of the language, of signed distance fields",
+    ("formats/usd/binary.py", "Sdf"): "a module of the writer, of scene description foundations",
     ("imports/usd/child.py", "Sdf"): "a module of the reader, of scene description foundations",
     ("imports/usd/child.py", "SDF_FORMAT_ARGS"): "a word of its paths",
     ("imports/usd/fates.py", "Skel"): "types of prims, of skeletons",
