@@ -124,6 +124,8 @@ def unpacked(path: str) -> str:
             # files of a package are not compressed: more bytes than it has are files that share some
             if sum(entry.file_size for entry in entries) > size:
                 raise RefusedError("a package whose files are larger than itself", name)
+            if len({entry.filename for entry in entries}) < len(entries):
+                raise RefusedError("this is no package of USD, or it is damaged", "two files of one name")
             for entry in entries:
                 _unpack(package, entry)
     except (zipfile.BadZipFile, ValueError, NotImplementedError, RuntimeError, EOFError, OSError):
@@ -143,10 +145,7 @@ def _unpack(package: Any, entry: Any) -> None:
         raise RefusedError("a package with a path that leads out of it", entry.filename[:LONGEST_TEXT])
     if entry.compress_type or entry.flag_bits & 1 or entry.compress_size != entry.file_size:
         raise RefusedError("files of a package are neither compressed nor encrypted", entry.filename[:LONGEST_TEXT])
-    target = os.path.join(UNPACKED, *parts)
-    os.makedirs(os.path.dirname(target), exist_ok=True)
-    with open(target, "xb") as stream:
-        stream.write(package.read(entry))
+    package.extract(entry, UNPACKED)
 
 
 class _Layers:
