@@ -8,8 +8,9 @@
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
     python tools/corpora --into DIR --write          docs/corpora.md from DIR/results
 
-Stages: import (no engine), certify (what simspec compiles, in every engine), audit (the file itself, in every engine). Workers
-answer one file after the other, each file within a deadline. Files are never copied into the project.
+Stages: import (no engine), certify (what simspec compiles, in every engine), apart (the same without contact between the
+model's own bodies, in the engines that refuse it), audit (the file itself, in every engine). Workers answer one file after the
+other, each file within a deadline. Files are never copied into the project.
 """
 
 from __future__ import annotations

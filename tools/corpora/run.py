@@ -7,6 +7,7 @@ import contextlib
 import functools
 import hashlib
 import json
+import math
 import os
 import queue
 import select
@@ -22,8 +23,8 @@ from typing import Any
 from models import Model, package_folders
 
 HERE = Path(__file__).resolve().parent
-STAGES = ("import", "certify", "audit")
-DEADLINES = {"import": 90.0, "certify": 300.0, "audit": 240.0}
+STAGES = ("import", "certify", "apart", "audit")
+DEADLINES = {"import": 90.0, "certify": 300.0, "apart": 300.0, "audit": 240.0}
 """s for one file."""
 RENEWED = 60
 """Files after which a worker is replaced, which bounds the memory that libraries keep."""
@@ -49,12 +50,12 @@ class Worker:
         self._answers = -1
         self._asked = 0
 
-    def ask(self, stage: str, model: Model) -> dict[str, Any]:
-        """The answer of a stage for a file; ``late`` or ``died`` where there is none."""
+    def ask(self, stage: str, model: Model, engines: Sequence[str]) -> dict[str, Any]:
+        """The answer of a stage for a file, in ``engines`` (none: in all); ``late`` or ``died`` where there is none."""
         fresh = self._process is None
         process = self._process or self._start()
         folders = [str(folder) for folder in package_folders(model.root)]
-        request = {"stage": stage, "file": str(model.path), "folders": folders}
+        request = {"stage": stage, "file": str(model.path), "folders": folders, "engines": list(engines)}
         assert process.stdin is not None
         begun = time.monotonic()
         with contextlib.suppress(BrokenPipeError):
@@ -138,7 +139,24 @@ def needed(results: Path, stage: str, model: Model, again: str) -> bool:
     if stage == "certify":
         imported = stored(results, "import", model)
         return imported is None or imported.get("imported") is True
-    return True
+    return stage != "apart" or bool(refusing(results, model))
+
+
+def refusing(results: Path, model: Model) -> list[str]:
+    """The engines that refuse, by name, what simspec would compile of a file."""
+    certified = stored(results, "certify", model) or {}
+    return [one["engine"] for one in certified.get("proven") or () if one["valid"] is None]
+
+
+def ordered(models: Sequence[Model], results: Path, stage: str) -> list[Model]:
+    """What failed first, since it may be repaired by now; then by classes of what the import took, each as spread as before."""
+
+    def key(model: Model) -> tuple[bool, int]:
+        known = stored(results, stage, model)
+        seconds = (stored(results, "import", model) or {}).get("seconds", 1.0)
+        return known is None or not failed(known), math.ceil(math.log2(max(seconds, 0.25)))
+
+    return sorted(models, key=key)
 
 
 def run(
@@ -149,7 +167,7 @@ def run(
     for stage in stages:
         (results / stage).mkdir(parents=True, exist_ok=True)
         waiting: queue.SimpleQueue[Model] = queue.SimpleQueue()
-        left = [model for model in models if needed(results, stage, model, again)]
+        left = ordered([model for model in models if needed(results, stage, model, again)], results, stage)
         print(f"{stage}: {len(left)} files to ask", flush=True)
         for model in left:
             waiting.put(model)
@@ -170,7 +188,8 @@ def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: fl
                 model = waiting.get_nowait()
             except queue.Empty:
                 return
-            answer = {**worker.ask(stage, model), "code": code()}
+            engines = refusing(results, model) if stage == "apart" else ()
+            answer = {**worker.ask(stage, model, engines), "code": code()}
             target = place(results, stage, model)
             part = target.with_suffix(".part")
             part.write_text(json.dumps(answer), encoding="utf-8")

@@ -3,6 +3,8 @@ file itself. Each stage stands alone, so that any of them goes on where it stopp
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,7 +43,7 @@ def options_of(folders: Sequence[str]) -> ImportOptions:
     return ImportOptions(package_path=tuple(folders), base=Path("/"))
 
 
-def importing(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
+def importing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = ()) -> dict[str, Any]:
     """Whether a file is imported and resolves to a world, what is lost, and of MJCF how far it is from the original."""
     path, options = Path(file), options_of(folders)
     if not is_foreign(path.name):
@@ -116,22 +118,26 @@ def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict
     return answer
 
 
-def certifying(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
-    """What the proof says in every engine of what simspec compiles of a file; nothing of a file that is refused."""
-    path, options = Path(file), options_of(folders)
+def certifying(
+    file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = (), apart: bool = False
+) -> dict[str, Any]:
+    """What the proof says in ``engines`` (none: in every one) of what simspec compiles of a file; nothing of a file that is
+    refused. ``apart``: of the same model without contact between its own bodies."""
+    path, options = Path(file), dataclasses.replace(options_of(folders), self_collision=not apart)
     if not is_foreign(path.name):
         return {"proven": None}
     try:
         spec = load(path, options=options, allow_outside=True)
-        results = proven(spec.resolve(), kept.engines, locate=spec.locate, deadline=ENGINE_DEADLINE, warm=kept.warm)
+        told = list(engines) or kept.engines
+        results = proven(spec.resolve(), told, locate=spec.locate, deadline=ENGINE_DEADLINE, warm=kept.warm)
     except UnsupportedError as error:
         return {"proven": [], "why": str(error)[:500]}
-    except SpecError:
-        return {"proven": None}
+    except SpecError as error:
+        return {"proven": None, "why": str(error)[:500]}
     return {"proven": [plain(result) for result in results]}
 
 
-def auditing(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
+def auditing(file: str, folders: Sequence[str], kept: Kept, engines: Sequence[str] = ()) -> dict[str, Any]:
     """What every engine that reads a file makes of it by itself."""
     path, options = Path(file), options_of(folders)
     try:
@@ -157,8 +163,9 @@ def auditing(file: str, folders: Sequence[str], kept: Kept) -> dict[str, Any]:
     return {"audited": counted, "meaning": found.meaning}
 
 
-STAGES: dict[str, Callable[[str, Sequence[str], Kept], dict[str, Any]]] = {
+STAGES: dict[str, Callable[[str, Sequence[str], Kept, Sequence[str]], dict[str, Any]]] = {
     "import": importing,
     "certify": certifying,
+    "apart": functools.partial(certifying, apart=True),
     "audit": auditing,
 }

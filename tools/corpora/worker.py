@@ -2,7 +2,7 @@
 
     python worker.py DESCRIPTOR
 
-It reads a request in each line of its standard input ({"stage", "file", "folders"}) and writes a line of JSON to the
+It reads a request in each line of its standard input ({"stage", "file", "folders", "engines"}) and writes a line of JSON to the
 descriptor. Who starts it bounds its time, and starts another when it is gone.
 """
 
@@ -33,7 +33,7 @@ def main() -> None:
             request = json.loads(line)
             wall, used = time.perf_counter(), time.process_time()
             try:
-                answer = STAGES[request["stage"]](request["file"], request["folders"], kept)
+                answer = STAGES[request["stage"]](request["file"], request["folders"], kept, request["engines"])
             # whatever it is, it is a result: no file may end an import by anything but an error with a place
             except Exception:
                 answer = {"crash": traceback.format_exc()[-2000:]}
