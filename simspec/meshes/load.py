@@ -7,7 +7,7 @@ from pathlib import Path
 
 from simspec.meshes import cache
 from simspec.meshes.files import MeshError, MeshFile, open_mesh
-from simspec.meshes.made import MadeMesh, MeshOptions, made
+from simspec.meshes.made import MadeMesh, ManyVerticesError, MeshOptions, bounded, made
 from simspec.meshes.reading import read_surfaces
 
 Wanted = tuple[Path, MeshOptions]
@@ -34,7 +34,7 @@ def load(wanted: Iterable[Wanted], most_vertices: int) -> Mapping[Wanted, MadeMe
         names[item] = name = cache.key(files[path], options)
         known = _remembered.get(name) or cache.read(name)
         if known is not None:
-            results[item] = _remember(name, known)
+            results[item] = _bounded(_remember(name, known), options, most_vertices)
     missing = [item for item in names if item not in results]
     unread = list(dict.fromkeys(path for path, _ in missing))
     surfaces = dict(zip(unread, read_surfaces([files[path] for path in unread]), strict=True))
@@ -45,13 +45,21 @@ def load(wanted: Iterable[Wanted], most_vertices: int) -> Mapping[Wanted, MadeMe
             results[item] = surface
             continue
         try:
-            mesh = made(surface, options, most_vertices)
+            mesh = made(surface, options)
         except MeshError as error:
             results[item] = error
             continue
-        results[item] = _remember(names[item], mesh)
+        results[item] = _bounded(_remember(names[item], mesh), options, most_vertices)
         cache.write(names[item], mesh)
     return results
+
+
+def _bounded(mesh: MadeMesh, options: MeshOptions, most_vertices: int) -> MadeMesh | MeshError:
+    """A mesh, wherever it comes from, or that it has more vertices than are allowed."""
+    try:
+        return bounded(mesh, options, most_vertices)
+    except ManyVerticesError as error:
+        return error
 
 
 def _remember(name: str, mesh: MadeMesh) -> MadeMesh:

@@ -64,7 +64,7 @@ class FlatMeshError(MeshError):
     """All points of a mesh are in one plane, or nearly so."""
 
 
-def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh:
+def made(surface: Surface, options: MeshOptions) -> MadeMesh:
     """What a world takes from ``surface``. Raises MeshError where no solid can be made of it."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
     if _mirrored(options):
@@ -82,24 +82,35 @@ def made(surface: Surface, options: MeshOptions, most_vertices: int) -> MadeMesh
             from simspec.meshes.pieces import pieces
 
             groups = [points[corners(points)] for points in pieces(vertices, triangles)]
-        parts = tuple(_convex(points, options.max_vertices, most_vertices) for points in groups)
+        parts = tuple(_convex(points, options.max_vertices) for points in groups)
     except FlatError as error:
         raise FlatMeshError(f"it has no volume: {error}") from None
-    except ManyVerticesError:
-        raise
     except ValueError as error:
         raise MeshError(f"no solid can be made of it: {error}") from None
     return MadeMesh(parts, volume, closed.solid, closed.why, closed.surfaces)
 
 
-def _convex(points: Points, most: int | None, allowed: int) -> Convex:
-    if most is None and len(points) > allowed:
+def bounded(mesh: MadeMesh, options: MeshOptions, most_vertices: int) -> MadeMesh:
+    """``mesh``, unless a hull of it, whose options allow any number of vertices, has more than ``most_vertices``: then
+    ManyVerticesError is raised."""
+    largest = max(part.vertices for part in mesh.parts)
+    if options.max_vertices is None and largest > most_vertices:
         raise ManyVerticesError(
-            f"its hull has {len(points):,} vertices, more than {allowed:,}; `max_vertices: 64` leaves the best"
+            f"its hull has {largest:,} vertices, more than {most_vertices:,}; `max_vertices: 64` leaves the best"
         )
+    return mesh
+
+
+def _convex(points: Points, most: int | None) -> Convex:
+    """A hull in its own frame, in which all its vertices are corners still: round-off of the rotation may put one into a
+    plane, and it is then left out, since whoever computes the faces from the vertices would miss it."""
     kept, error = (points, 0.0) if most is None else reduced(points, most)
-    pose, local = centred(kept)
-    return Convex(size_of(local), pose, error, len(points))
+    while True:
+        pose, local = centred(kept)
+        chosen = corners(local)
+        if len(chosen) == len(kept):
+            return Convex(size_of(local), pose, error, len(points))
+        kept = kept[chosen]
 
 
 def _placed(surface: Surface, options: MeshOptions) -> Points:

@@ -20,7 +20,7 @@ from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
 from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed
-from simspec.world.hull import FlatError
+from simspec.world.hull import HullError
 from simspec.world.inset import inset
 from simspec.world.kinematics import members as ends_of
 from simspec.world.kinematics import rigid_groups
@@ -368,7 +368,7 @@ class _Comparison:
         if wrong is None:
             try:
                 deviation = hull_distance(inset(shape.size, other.rounding), other.size)
-            except FlatError as error:
+            except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"
         detail = wrong or f"{len(other.size) // 3} vertices, should be the hull of {len(shape.size) // 3}"
         self.tally.add(self.levels["geometry"], HULL, self.hull_tolerance, deviation, at, detail)

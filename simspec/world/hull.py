@@ -27,8 +27,16 @@ KEPT = 1024
 """Hulls whose faces and figures are remembered."""
 
 
-class FlatError(ValueError):
+class HullError(ValueError):
+    """Points of which no hull can be made."""
+
+
+class FlatError(HullError):
     """Points that no solid has as its corners: fewer than four, or all in one plane."""
+
+
+class OpenHullError(HullError):
+    """Points so near to each other that their hull's triangles make no closed surface."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +63,25 @@ def size_of(vertices: Points) -> tuple[float, ...]:
 
 def corners(points: Points) -> NDArray[np.int64]:
     """Which of ``points`` (n, 3) are the vertices of their convex hull: sorted indices, of equal points the first. Points
-    within a face or an edge are none. Raises FlatError."""
-    distinct = _distinct(points)
-    chosen: NDArray[np.int64] = distinct[np.sort(_qhull(points[distinct]).vertices)]
-    return chosen
+    within a face or an edge are none; all that are chosen are vertices of a closed surface of triangles. Raises HullError."""
+    chosen = _distinct(points)
+    while True:
+        made = _qhull(points[chosen])
+        used: NDArray[np.int64] = np.unique(made.simplices)
+        if len(used) == len(chosen) and len(made.simplices) == closed_triangles(len(used)):
+            return chosen
+        if len(used) == len(chosen):
+            raise OpenHullError(
+                f"{len(used)} corners have no closed surface of triangles: some are too near to each other"
+            )
+        chosen = chosen[
+            used
+        ]  # round-off decides over a corner that is nearly in a plane: looked at again without the others
+
+
+def closed_triangles(vertices: int) -> int:
+    """The number of triangles of a closed surface, a sphere by its counts, with so many vertices."""
+    return 2 * vertices - 4
 
 
 def hull(vertices: Points) -> Hull:

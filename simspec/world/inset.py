@@ -17,7 +17,8 @@ DIGITS = 12
 @functools.lru_cache(maxsize=1024)
 def inset(size: tuple[float, ...], depth: float) -> tuple[float, ...]:
     """The hull (flat vertices, m) whose faces are ``depth`` (m) within those of the hull ``size``; with a ball of that radius
-    around every point it has the same faces, and rounded edges. Raises FlatError where nothing, or hardly anything, is left."""
+    around every point it has the same faces, and rounded edges. Raises FlatError where nothing, or hardly anything, is left,
+    and OpenHullError as :func:`corners`."""
     from scipy.spatial import HalfspaceIntersection
 
     if not depth:

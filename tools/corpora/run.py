@@ -24,7 +24,7 @@ from models import Model, package_folders
 
 HERE = Path(__file__).resolve().parent
 STAGES = ("import", "certify", "apart", "audit")
-DEADLINES = {"import": 90.0, "certify": 300.0, "apart": 300.0, "audit": 240.0}
+DEADLINES = {"import": 90.0, "certify": 900.0, "apart": 900.0, "audit": 600.0}
 """s for one file."""
 RENEWED = 60
 """Files after which a worker is replaced, which bounds the memory that libraries keep."""

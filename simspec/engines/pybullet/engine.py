@@ -63,7 +63,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.hull import FlatError
+from simspec.world.hull import HullError
 from simspec.world.inset import inset
 from simspec.world.kinematics import members
 from simspec.world.types import Body, HeldValue, ReadBack, Shape, World
@@ -116,7 +116,7 @@ def _meshes_held(world: World) -> Refinement | None:
                 return not_here(f"copies of the mesh {shape.name!r} are on links with and without PyBullet's margin")
             try:
                 inset(shape.size, max(of_shape))
-            except FlatError as error:
+            except HullError as error:
                 return not_here(f"PyBullet keeps {max(of_shape):g} m around the mesh {shape.name!r}: {error}")
     if faces_meet(world, plan, base_margin):
         return None

@@ -79,7 +79,7 @@ TABLE: Final = (
                 INFORMATION if holder == "collision" else APPEARANCE,
                 "128 of the hull's vertices are kept" if holder == "collision" else "it is left out",
                 "`max_vertices`",
-                when="a hull of more than 4,096 vertices",
+                when="a hull of more than 20,000 vertices",
             ),
             Row(f"link/{holder}/geometry/mesh/@scale", "`mesh.scale`"),
         )
