@@ -14,22 +14,25 @@ from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.filter import Kind
 from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, geom_of, joint_attributes
+from simspec.formats.mjcf.rows import Row
 from simspec.formats.mjcf.tree import Attributes, Value
+from simspec.world.carriers import absorbed
 from simspec.world.kinematics import free_rigid, rigid_groups
-from simspec.world.types import Body, Joint, Shape, World
+from simspec.world.types import Joint, Pose, Shape, World
 
 
 def lower_body(
-    body: Body, depth: int, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.Site, ...] = ()
+    row: Row, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.Site, ...] = ()
 ) -> tree.Body:
     """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
+    body = row.body
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
-    joint = None if body.joint.kind == "fixed" else _joint(body.joint)
-    return body_of(body, depth, joint, geoms, (("sleep", "never"),) if restless else (), sites)
+    joints = tuple(_joint(joint, frame) for joint, frame in row.joints)
+    return body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites)
 
 
-def _joint(joint: Joint) -> tree.Joint:
-    more = joint_attributes(joint)
+def _joint(joint: Joint, frame: Pose) -> tree.Joint:
+    more = joint_attributes(joint, frame)
     ratings = (joint.velocity_limit, joint.effort_limit)
     if ratings != (None, None):
         more.append(("user", tuple(NO_RATING if rating is None else rating for rating in ratings)))
@@ -70,9 +73,9 @@ def restless_bodies(world: World) -> frozenset[str]:
     A joint that nobody drives may stand still for ten steps and go on (a pendulum where it turns), and efforts of zero do not
     keep a tree awake.
     """
-    allowed, groups = free_rigid(world), rigid_groups(world)
+    allowed, groups, inside = free_rigid(world), rigid_groups(world), absorbed(world)
     return frozenset(
-        body.name
+        inside.get(body.name, body.name)
         for body in world.bodies
         if groups[body.name] == body.name != "world"
         and (body.joint.parent is None or groups[body.joint.parent] == "world")

@@ -40,8 +40,9 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.equality import equalities, sites_of
 from simspec.formats.mjcf.filter import collision_masks
-from simspec.formats.mjcf.from_world import CONES, KINDS, depth_first, keyframe, meshes_of
+from simspec.formats.mjcf.from_world import CONES, KINDS, keyframe, meshes_of
 from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.rows import carrier_frames, depth_first
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
     GATHERED,
@@ -56,7 +57,7 @@ from simspec.support.declarations import (
     shape_kinds,
 )
 from simspec.support.features import Feature
-from simspec.world.carriers import is_carrier
+from simspec.world.carriers import absorbed
 from simspec.world.gathering import least_moment, rigid_members
 from simspec.world.types import ReadBack, Surface, World
 
@@ -68,7 +69,7 @@ def heavy_enough(world: World) -> Refinement | None:
     """Not supported where a body moves that is lighter than MuJoCo takes."""
     for top, members in rigid_members(world.bodies).items():
         heavy = (min(body.inertial.mass, least_moment(body.inertial)) >= LEAST_INERTIA for body, _ in members)
-        if not is_carrier(top) and not any(heavy):
+        if top not in absorbed(world) and not any(heavy):
             return not_here(f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo refuses")
     return None
 
@@ -133,9 +134,7 @@ class MujocoDialect(Dialect):
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **GATHERED,
-        Feature.JOINT_SEVERAL: Support(
-            Level.EXACT, "bodies of 1.1e-15 kg and kg m² stand between the joints: MuJoCo refuses less on a joint"
-        ),
+        Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
     }
@@ -164,16 +163,14 @@ class MujocoDialect(Dialect):
                 )
             ),
             classes(world, target),
-            tuple(
-                lower_body(body, depth, masks, body.name in restless, sites.get(body.name, ())) for body, depth in order
-            ),
+            tuple(lower_body(row, masks, row.body.name in restless, sites.get(row.body.name, ())) for row in order),
             pairs,
             tuple(
                 Exclude(file_name(first), file_name(second))
                 for first, second in sorted({*excluded_pairs(moved), *group_excludes})
             ),
             tuple(actuators(world)),
-            (keyframe(KEYFRAME, [body.joint for body, _ in order]),),
+            (keyframe(KEYFRAME, order),),
             meshes_of(world),
             equalities(world, equality_reference(world)),
         )
@@ -185,6 +182,7 @@ class MujocoDialect(Dialect):
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},
+                carriers=carrier_frames(order, moved) or None,
             ),
         )
 

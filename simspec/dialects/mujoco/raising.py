@@ -1,15 +1,16 @@
 """From an MJCF document and its sidecar back to the world that they mean to MuJoCo (level L0).
 
 It shares no code with what lowers worlds. It knows the part of MJCF that simspec writes (defaults and classes, nested bodies,
-one joint and one inertial for each body, primitive geoms, explicit pairs, one keyframe) and refuses, by ValueError, the rest.
+at most one inertial for each body, primitive geoms, explicit pairs, one keyframe) and refuses, by ValueError, the rest.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
+from simspec.dialects.mujoco.chains import Chain, chains, origins
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
@@ -58,8 +59,6 @@ IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
 MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
-AS_NONE: Final = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
-"""What stands for no mass, between two joints."""
 IN_BODIES: Final = {"inertial", "joint", "geom", "site", "body"}
 NO_OFFSET: Final = (0.0, 0.0, 0.0)
 Meaning = TypeVar("Meaning")
@@ -165,6 +164,7 @@ class _Raising:
         """Every body by name, in the file's frames."""
         names: list[str] = []
         raised: dict[str, Body] = {}
+        rows = chains(self._sidecar)
         for body in self._document.bodies:
             others = {child.tag for child in body.item.element.children} - IN_BODIES
             if others:
@@ -173,7 +173,8 @@ class _Raising:
             names.append(world_name(body.item.text("name")))
             if names[-1] in raised:
                 raise body.item.refused(f"a second body {names[-1]!r}")
-            raised[names[-1]] = self._body(body, names[-1], parent)
+            chain = rows.get(names[-1], ((names[-1], frames.IDENTITY),))
+            raised |= {one.name: one for one in self._body(body, chain, parent)}
         if (self._nq, self._nv) != (len(self._position), len(self._velocity)):
             raise ValueError(
                 f"{self._document.file}: the keyframe holds {len(self._position)} positions and {len(self._velocity)} "
@@ -181,7 +182,8 @@ class _Raising:
             )
         return raised
 
-    def _body(self, body: BodyItem, name: str, parent: str | None) -> Body:
+    def _body(self, body: BodyItem, chain: Chain, parent: str | None) -> Iterator[Body]:
+        """A body, after those between its joints."""
         place = Pose(_vector(body.item, "pos"), _turn(body.item, "quat"))
         inertials = body.all("inertial")
         inertial = Inertial(0.0)
@@ -189,21 +191,31 @@ class _Raising:
             item = _only(inertials, body.item)
             moments = tensor(_vector(item, "diaginertia"), _turn(item, "quat"))
             inertial = Inertial(item.number("mass"), _vector(item, "pos"), moments)
-            inertial = Inertial(0.0) if inertial == AS_NONE else inertial
-        joint = self._joint(body, name, parent, place)
-        return Body(name, "", inertial, joint, tuple(self._shape(geom) for geom in body.all("geom")))
-
-    def _joint(self, body: BodyItem, name: str, parent: str | None, place: Pose) -> Joint:
-        if not body.all("joint"):
+        name, items = chain[-1][0], body.all("joint")
+        shapes = tuple(self._shape(geom) for geom in body.all("geom"))
+        if not items and len(chain) == 1:
             if name not in self._sidecar.fixed_joints:
                 raise body.item.refused("no joint, and the sidecar has no rigid joint of that body")
-            return Joint(self._sidecar.fixed_joints[name], "fixed", parent, place)
-        item = _only(body.all("joint"), body.item)
+            yield Body(name, "", inertial, Joint(self._sidecar.fixed_joints[name], "fixed", parent, place), shapes)
+            return
+        if len(items) != len(chain):
+            raise body.item.refused(f"{len(items)} joints, by the sidecar {len(chain)}")
+        in_body = [Pose(_vector(item, "pos"), turn) for item, (_, turn) in zip(items, chain, strict=True)]
+        if any(in_body[-1].position):
+            raise items[-1].refused("is not at its body's origin")
+        for item, (called, turn), origin in zip(items, chain, origins(place, in_body), strict=True):
+            joint = self._joint(item, parent, origin, turn)
+            last = called == name
+            yield Body(called, "", inertial if last else Inertial(0.0), joint, shapes if last else ())
+            parent = called
+
+    def _joint(self, item: Item, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
+        """A joint; ``origin``: of its frame in what it moves against, ``turn``: the orientation of that in the body's."""
         kind = item.text("type")
         if kind not in (*SCALAR_JOINTS, *QUATERNION_JOINTS):
             raise item.refused(f"type is {kind[:60]!r}, should be hinge, slide, ball or free")
-        if any(item.numbers("pos")) or item.number("ref") != 0.0:
-            raise item.refused("is not at its body's origin and zero")
+        if item.number("ref") != 0.0:
+            raise item.refused("is not at zero")
         position, velocity = self._state(kind)
         velocity_limit, effort_limit = (None if rating == NO_RATING else rating for rating in item.numbers("user", 2))
         limits = None
@@ -214,8 +226,8 @@ class _Raising:
             item.text("name"),
             kind,
             parent,
-            Pose() if kind == "free" else place,
-            _vector(item, "axis") if kind in SCALAR_JOINTS else (0.0, 0.0, 0.0),
+            Pose() if kind == "free" else origin,
+            frames.rotate(frames.conjugate(turn), _vector(item, "axis")) if kind in SCALAR_JOINTS else (0.0, 0.0, 0.0),
             limits,
             velocity_limit,
             effort_limit,

@@ -20,10 +20,10 @@ from simspec.engines.mujoco.fields import NEUTRAL
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
-from simspec.world.carriers import is_carrier
+from simspec.world.carriers import absorbed
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
-from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Surface, World
+from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, World
 
 SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}
 CONES = {"pyramid-inscribed": 0, "elliptic": 1}
@@ -36,8 +36,6 @@ SET_FLAGS = {"disable_filterparent", "disable_eulerdamp", "disable_autoreset"}
 SOFT, CUSHION, HARDEST = 1e-4, 0.01, 0.9999
 """Impedance of springs, of a frictional contact at first touch, and the largest there is."""
 DEFAULT_REFERENCE, DEFAULT_IMPEDANCE = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
-BETWEEN_JOINTS = 1.1e-15
-"""kg of a body between two joints, which MuJoCo refuses without mass."""
 COMPLIANT = ("time-constant", "stiffness")
 GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 """Of (solid, visible)."""
@@ -90,10 +88,9 @@ class _Expected:
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
         found |= {
-            f"body.{body.name}.mass": BETWEEN_JOINTS
-            if is_carrier(body.name) and not body.inertial.mass
-            else told_inertial(self.world, body).mass
+            f"body.{body.name}.mass": told_inertial(self.world, body).mass
             for body in self.world.bodies
+            if body.name not in absorbed(self.world)
         }
         if self.neutral.get("has.actuator_ctrlspec", False):
             for controller in natives(self.world):
@@ -167,7 +164,7 @@ class _Expected:
         moving = [body.joint for body in self.world.bodies if body.joint.kind != "fixed"]
         servos = sum(len(one.joints) for one in natives(self.world))
         there = {
-            "nbody": 1 + len(self.world.bodies),
+            "nbody": 1 + len(self.world.bodies) - len(absorbed(self.world)),
             "njnt": len(moving),
             "nv": sum(VELOCITY_SIZE[joint.kind] for joint in moving),
             "nq": sum(len(joint.position) for joint in moving),
@@ -342,7 +339,8 @@ class _Expected:
         found = {}
         for body in self._tree_tops():
             awake = self._sleeping and body.name not in may_sleep
-            found[f"tree.{body.name}.sleep"] = "never" if awake else "auto"
+            top = absorbed(self.world).get(body.name, body.name)
+            found[f"tree.{top}.sleep"] = "never" if awake else "auto"
         return found
 
     def _tree_tops(self) -> Iterator[Body]:
@@ -351,6 +349,18 @@ class _Expected:
             parent = body.joint.parent
             if body.joint.kind != "fixed" and (parent is None or self.groups[parent] == "world"):
                 yield body
+
+    def _carriers(self) -> dict[str, Quaternion]:
+        """Orientations of what stands between joints in the body's frame, all joints at zero."""
+        found = {}
+        known = {body.name: body for body in self.world.bodies}
+        for name in absorbed(self.world):
+            body, turn = known[absorbed(self.world)[name]], frames.IDENTITY
+            while body.name != name:
+                turn = frames.multiply(body.joint.origin.quaternion, turn)
+                body = known[str(body.joint.parent)]
+            found[name] = frames.conjugate(turn)
+        return found
 
     def _own_of(self, pair: Pair) -> dict[str, Any]:
         """What the sidecar says of a pair of materials with settings of its own."""
@@ -387,4 +397,5 @@ class _Expected:
             "explicit_pairs": self._explicit[1],
             "models": [body.model for body in bodies],
             "fixed_joints": {body.name: body.joint.name for body in bodies if body.joint.kind == "fixed"},
+            **({"carriers": turns} if (turns := self._carriers()) else {}),
         }

@@ -64,7 +64,7 @@ FLAG_FIELDS = ("disableflags", "enableflags")
 
 NEUTRAL = (
     *("body_mocapid", "body_gravcomp", "body_plugin", "body_margin"),
-    *("jnt_pos", "jnt_margin", "jnt_actfrclimited", "jnt_actfrcrange", "jnt_actgravcomp"),
+    *("jnt_margin", "jnt_actfrclimited", "jnt_actfrcrange", "jnt_actgravcomp"),
     *("jnt_stiffnesspoly", "jnt_springyield", "jnt_plasticadr", "dof_dampingpoly"),
     *(
         "geom_dataid",
@@ -106,6 +106,7 @@ COVERED: Mapping[str, str] = {
     "body_jntnum": "L2, joint type",
     "jnt_type": "L2, joint type",
     "jnt_bodyid": "L2, joint of each body",
+    "jnt_pos": "L2, origin; read-back refuses it at the last joint of a body",
     "jnt_axis": "L2, axis",
     "jnt_limited": "L2, position limits",
     "jnt_user": "L2, velocity and effort limit",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from simspec.dialects.mujoco.chains import Chain, chains, origins
 from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
@@ -28,6 +30,7 @@ from simspec.world.types import (
     Inertial,
     Joint,
     Pose,
+    Quaternion,
     ReadBack,
     Shape,
     Surface,
@@ -58,9 +61,6 @@ EQUALITIES = {"mjEQ_JOINT": "follow", "mjEQ_CONNECT": "connect", "mjEQ_WELD": "w
 """MuJoCo's kinds of equalities, as constraints."""
 CONE_NAMES = {0: "pyramid-inscribed", 1: "elliptic"}
 """MuJoCo's mjtCone numbers."""
-AS_NONE = Inertial(1.1e-15, inertia=(1.1e-15, 1.1e-15, 1.1e-15, 0.0, 0.0, 0.0))
-"""What stands for no mass, between two joints: MuJoCo refuses a body on a joint that has less than 1e-15 kg, and has nothing
-with mass fixed to it."""
 VISIBLE_GROUPS = (0, 1, 2)
 """Groups that MuJoCo's viewers show."""
 
@@ -107,8 +107,13 @@ class _ReadBack:
 
     def world(self) -> ReadBack:
         place = {name: index for index, name in enumerate(self._names["BODY"])}
+        held = {
+            body.name: body
+            for name, chain in chains(self._sidecar).items()
+            for body in self._bodies(place[file_name(name)], chain)
+        }
         bodies = tuple(
-            self._body(place[file_name(body.name)], body.name, model)
+            dataclasses.replace(held[body.name], model=model)
             for body, model in zip(self._sidecar.bodies, self._sidecar.models, strict=True)
         )
         option = self._model.opt
@@ -157,26 +162,37 @@ class _ReadBack:
         offset = self._sidecar.offsets.get(body, (0.0, 0.0, 0.0))
         return body, Pose(frames.add(place.position, offset), place.quaternion)
 
-    def _body(self, index: int, name: str, model_name: str) -> Body:
-        model = self._model
+    def _bodies(self, index: int, chain: Chain) -> Iterator[Body]:
+        """A body, after those between its joints, of which the model has nothing but the joints."""
+        model, name = self._model, chain[-1][0]
         moments = _vector(model.body_inertia[index])
         principal = _pose(model.body_ipos[index], model.body_iquat[index])
         inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
-        inertial = Inertial(0.0) if inertial == AS_NONE else inertial
         geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
-        return Body(name, model_name, inertial, self._joint(index, name), tuple(map(self._shape, geoms)))
-
-    def _joint(self, body: int, name: str) -> Joint:
-        model = self._model
-        above = int(model.body_parentid[body])
+        shapes = tuple(map(self._shape, geoms))
+        above = int(model.body_parentid[index])
         parent = world_name(self._names["BODY"][above]) if above else None
-        origin = _pose(model.body_pos[body], model.body_quat[body])
-        count = int(model.body_jntnum[body])
-        if count == 0:
-            return Joint(self._sidecar.fixed_joints.get(name, ""), "fixed", parent, origin)
-        if count > 1:
-            raise EngineError("mujoco", f"body {name!r} holds {count} joints, not one")
-        joint = int(model.body_jntadr[body])
+        place = _pose(model.body_pos[index], model.body_quat[index])
+        count = int(model.body_jntnum[index])
+        if count == 0 and len(chain) == 1:
+            fixed = Joint(self._sidecar.fixed_joints.get(name, ""), "fixed", parent, place)
+            yield Body(name, "", inertial, fixed, shapes)
+            return
+        if count != len(chain):
+            raise EngineError("mujoco", f"body {name!r} holds {count} joints, not {len(chain)}")
+        joints = range(model.body_jntadr[index], model.body_jntadr[index] + count)
+        in_body = [Pose(_vector(model.jnt_pos[joint]), turn) for joint, (_, turn) in zip(joints, chain, strict=True)]
+        if any(in_body[-1].position):
+            raise EngineError("mujoco", f"joint {self._names['JOINT'][joints[-1]]!r} is not at its body's origin")
+        for joint, (called, turn), origin in zip(joints, chain, origins(place, in_body), strict=True):
+            last = called == name
+            moved = self._joint(joint, parent, origin, turn)
+            yield Body(called, "", inertial if last else Inertial(0.0), moved, shapes if last else ())
+            parent = called
+
+    def _joint(self, joint: int, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
+        """A joint; ``origin``: of its frame in what it moves against, ``turn``: the orientation of that in the body's."""
+        model = self._model
         kind = JOINT_KINDS[int(model.jnt_type[joint])]
         first, start = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
         position = tuple(model.key_qpos[self._key][start : start + POSITION_SIZE[kind]].tolist())
@@ -189,7 +205,7 @@ class _ReadBack:
         elif kind == "ball":
             position = frames.normalise(position)
         else:
-            axis = _vector(model.jnt_axis[joint])
+            axis = frames.rotate(frames.conjugate(turn), _vector(model.jnt_axis[joint]))
             rest = float(model.qpos_spring[start]) - float(model.qpos0[start])
             self._check_zero(joint, start)
         velocity_limit, effort_limit = (
@@ -215,8 +231,8 @@ class _ReadBack:
         )
 
     def _check_zero(self, joint: int, start: int) -> None:
-        if self._model.jnt_pos[joint].any() or self._model.qpos0[start] != 0.0:
-            raise EngineError("mujoco", f"joint {self._names['JOINT'][joint]!r} is not at its body's origin and zero")
+        if self._model.qpos0[start] != 0.0:
+            raise EngineError("mujoco", f"joint {self._names['JOINT'][joint]!r} is not at zero")
 
     def _shape(self, geom: int) -> Shape:
         model = self._model

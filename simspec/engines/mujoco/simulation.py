@@ -15,12 +15,14 @@ import numpy as np
 
 from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
+from simspec.dialects.mujoco.chains import chains
 from simspec.dialects.mujoco.choices import FLAGS
 from simspec.dialects.mujoco.names import COULOMB, KEYFRAME
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.mujoco.actuation import Drive, JointArrays
+from simspec.engines.mujoco.between import Between
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.equality import Equalities
 from simspec.engines.mujoco.readback import JOINT_KINDS, read_back
@@ -93,26 +95,37 @@ class MujocoSimulation(Engine, abstract=True):
 
     def _index(self, entries: tuple[SidecarBody, ...]) -> None:
         mujoco, model = self._mujoco, self.model
-        bodies: list[int] = []
+        rows = chains(self._sidecar)
+        numbers: dict[str, int] = {}
+        joints: dict[str, int] = {}
+        for name, chain in rows.items():
+            number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(name))
+            if number < 0:
+                raise EngineError(self.NAME, f"{MODEL} has no body {name!r}")
+            numbers[name] = number
+            first, count = int(model.body_jntadr[number]), int(model.body_jntnum[number])
+            if count not in ((0, 1) if len(chain) == 1 else (len(chain),)):
+                raise EngineError(self.NAME, f"{MODEL} holds {count} joints of {name!r}, the sidecar {len(chain)}")
+            joints |= {called: first + place for place, (called, _) in enumerate(chain[-count:] if count else ())}
         positions: list[int] = []
         velocities: list[int] = []
         for entry in entries:
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, file_name(entry.name))
-            if body < 0:
-                raise EngineError(self.NAME, f"{MODEL} has no body {entry.name!r}")
-            bodies.append(body)
-            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-                kind = JOINT_KINDS[int(model.jnt_type[joint])]
-                start, first = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-                positions.extend(range(start, start + POSITION_SIZE[kind]))
-                velocities.extend(range(first, first + VELOCITY_SIZE[kind]))
-        if model.nbody != len(bodies) + 1 or len(positions) != model.nq:
-            raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(bodies)}")
-        self._bodies = np.array(bodies, dtype=np.intp)
+            if entry.name not in joints:
+                continue
+            joint = joints[entry.name]
+            kind = JOINT_KINDS[int(model.jnt_type[joint])]
+            start, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+            positions.extend(range(start, start + POSITION_SIZE[kind]))
+            velocities.extend(range(dof, dof + VELOCITY_SIZE[kind]))
+        if model.nbody != len(numbers) + 1 or len(positions) != model.nq:
+            raise EngineError(self.NAME, f"{MODEL} holds {model.nbody - 1} bodies, the sidecar {len(numbers)}")
+        self._between = Between(model, entries, rows, joints) if len(rows) < len(entries) else None
+        self._held = np.array([entry.name in numbers for entry in entries], dtype=bool)
+        self._bodies = np.array([numbers[entry.name] for entry in entries if entry.name in numbers], dtype=np.intp)
         self._q = np.array(positions, dtype=np.intp)
         self._v = np.array(velocities, dtype=np.intp)
         self._world_index = np.full(model.nbody, -1, dtype=np.int64)
-        self._world_index[self._bodies] = np.arange(len(bodies))
+        self._world_index[self._bodies] = np.flatnonzero(self._held)
         self._offsets = np.array([entry.frame_offset for entry in entries]).reshape(-1, 3)
 
     def read_back(self) -> ReadBack:
@@ -166,6 +179,8 @@ class MujocoSimulation(Engine, abstract=True):
         # cvel is the velocity of the point of the body at its tree's centre of mass
         lever = poses[:, :3] - probe.subtree_com[self.model.body_rootid[bodies]]
         velocities = np.concatenate([central + cross(angular, lever), angular], axis=1)
+        if self._between is not None:
+            poses, velocities = self._between.add(self._held, poses, velocities, probe.qpos, probe.qvel)
         return restore_velocities(poses, velocities, self._offsets)
 
     # --- dynamics -------------------------------------------------------------------------------------------------

@@ -8,11 +8,11 @@ from typing import Final
 from simspec.formats.kit.meshes import hulls_of, mesh_file, mesh_name
 from simspec.formats.kit.passes import principal_axes
 from simspec.formats.mjcf import tree
-from simspec.formats.mjcf.names import LEAST_MASS, file_name
+from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.rows import Row
 from simspec.formats.mjcf.tree import Attributes, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.carriers import is_carrier
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
@@ -43,32 +43,10 @@ CONES: Final[Mapping[str, str]] = {"elliptic": "elliptic", "pyramid-inscribed": 
 """The word for each cone; the pyramid is the inscribed one."""
 
 
-def depth_first(world: World) -> list[tuple[Body, int]]:
-    """The bodies in the order of the file, each with the number of bodies that it stands in."""
-    children: dict[str | None, list[Body]] = {}
-    for body in world.bodies:
-        children.setdefault(body.joint.parent, []).append(body)
-    order: list[tuple[Body, int]] = []
-    waiting = [(body, 0) for body in reversed(children.get(None, []))]
-    while waiting:
-        body, depth = waiting.pop()
-        order.append((body, depth))
-        waiting.extend((child, depth + 1) for child in reversed(children.get(body.name, [])))
-    return order
-
-
-def place_of(joint: Joint) -> Pose:
-    """Where a body stands in its parent: of a free one, where it begins."""
-    if joint.kind != "free":
-        return joint.origin
-    return Pose(joint.position[:3], joint.position[3:7])  # type: ignore[arg-type]
-
-
 def inertial_of(body: Body) -> Inertial | None:
-    """Mass and principal moments; None without mass. Between two joints the language demands a mass."""
+    """Mass and principal moments; None without mass."""
     if not body.inertial.mass:
-        least = Inertial((0.0, 0.0, 0.0), frames.IDENTITY, LEAST_MASS, (LEAST_MASS,) * 3)
-        return least if is_carrier(body.name) else None
+        return None
     moments, turn = principal_axes(body.inertial.inertia)
     return Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
 
@@ -88,22 +66,20 @@ def size_of(shape: Shape) -> tuple[float, ...]:
 
 
 def body_of(
-    body: Body,
-    depth: int,
-    joint: tree.Joint | None,
+    row: Row,
+    joints: tuple[tree.Joint, ...],
     geoms: tuple[tree.Geom, ...],
     more: tree.Attributes = (),
     sites: tuple[tree.Site, ...] = (),
 ) -> tree.Body:
-    """A body in its parent, with its inertia; ``joint`` None: welded to it."""
-    place = place_of(body.joint)
+    """A body in its parent, with its inertia; without joints: welded to it."""
     return tree.Body(
-        file_name(body.name),
-        place.position,
-        place.quaternion,
-        depth,
-        inertial_of(body),
-        () if joint is None else (joint,),
+        file_name(row.body.name),
+        row.place.position,
+        row.place.quaternion,
+        row.depth,
+        inertial_of(row.body),
+        joints,
         geoms,
         more,
         sites,
@@ -132,11 +108,13 @@ def dimensions(law: PairContact | Surface) -> int:
     return 3 if law.friction else 1
 
 
-def joint_attributes(joint: Joint) -> list[tuple[str, Value]]:
-    """Axis, limits, and the joint's numbers that are not zero."""
+def joint_attributes(joint: Joint, frame: Pose) -> list[tuple[str, Value]]:
+    """Place, axis, limits, and the joint's numbers that are not zero; ``frame``: its frame in the body's."""
     more: list[tuple[str, Value]] = []
+    if any(frame.position):
+        more.append(("pos", frame.position))
     if joint.kind in SCALAR_JOINTS:
-        more.append(("axis", joint.axis))
+        more.append(("axis", frames.rotate(frame.quaternion, joint.axis)))
     if joint.position_limits is not None:
         more += [("limited", True), ("range", joint.position_limits)]
     numbers = {
@@ -150,8 +128,9 @@ def joint_attributes(joint: Joint) -> list[tuple[str, Value]]:
     return more
 
 
-def keyframe(name: str, joints: Sequence[Joint]) -> Key:
-    """The initial state of the joints, which stand in the order of the file."""
+def keyframe(name: str, rows: Sequence[Row]) -> Key:
+    """The initial state of the joints."""
+    joints = [joint for row in rows for joint, _ in row.joints]
     return Key(
         name,
         tuple(value for joint in joints for value in joint.position),

@@ -1,4 +1,4 @@
-"""Names of bodies in MJCF, and what stands for no mass."""
+"""Names of bodies in MJCF."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from typing import Final
 
 _RESERVED: Final = {"world": "world."}
 """The static root is called ``world``; a body of that name gets one that no spec can give."""
-LEAST_MASS: Final = 1.1e-15
-"""kg, and kg m²: what a body between two joints is told, which the language demands to have more than 1e-15."""
 
 
 def file_name(name: str) -> str:

@@ -22,7 +22,6 @@ from simspec.formats.mjcf.from_world import (
     GROUPS,
     KINDS,
     body_of,
-    depth_first,
     dimensions,
     geom_of,
     joint_attributes,
@@ -30,7 +29,8 @@ from simspec.formats.mjcf.from_world import (
     margins_of,
     meshes_of,
 )
-from simspec.formats.mjcf.names import LEAST_MASS, file_name
+from simspec.formats.mjcf.names import file_name
+from simspec.formats.mjcf.rows import Row, depth_first
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.support.declarations import (
     GATHERED,
@@ -43,7 +43,8 @@ from simspec.support.declarations import (
     shape_kinds,
 )
 from simspec.support.features import Feature
-from simspec.world.types import Body, Joint, PairContact, Shape, World
+from simspec.world.carriers import absorbed, is_carrier
+from simspec.world.types import Joint, PairContact, Pose, Shape, World
 
 KEYFRAME: Final = "initial"
 MOST_PAIRS: Final = 20_000
@@ -101,7 +102,7 @@ SUPPORT: Final[Table] = {
     Feature.FORCES: never("MJCF has no forces that begin and end"),
     Feature.CONTROL: never("MJCF has actuators, and no control laws"),
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
-    Feature.JOINT_SEVERAL: Support(Level.EXACT, f"bodies of {LEAST_MASS:g} kg and kg m² stand between the joints"),
+    Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one body"),
     **GATHERED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
@@ -130,14 +131,14 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         FLAGS,
         default=Default(),
         classes=tuple(_classes(world)),
-        bodies=tuple(_body(body, depth, masks, sites.get(body.name, ())) for body, depth in order),
+        bodies=tuple(_body(row, masks, sites.get(row.body.name, ())) for row in order),
         pairs=() if too_many else tuple(_pairs(world, laws, unlike_rule)),
         excludes=tuple(
             tree.Exclude(file_name(first), file_name(second))
             for first, second in sorted({*excluded_pairs(world), *group_excludes})
         ),
         actuators=tuple(_actuators(world)),
-        keys=(keyframe(KEYFRAME, [body.joint for body, _ in order]),),
+        keys=(keyframe(KEYFRAME, order),),
         meshes=meshes_of(world),
         equalities=equalities(world),
     )
@@ -155,6 +156,11 @@ def _check(world: World) -> None:
         for body in world.bodies
         if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
     ]
+    problems.extend(
+        Problem("MJCF does not support a moving body without mass", f"bodies.{body.name}.mass")
+        for body in world.bodies
+        if is_carrier(body.name) and not body.inertial.mass and body.name not in absorbed(world)
+    )
     if problems:
         raise UnsupportedError(problems)
 
@@ -255,13 +261,14 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
 # --- bodies -------------------------------------------------------------------------------------------------------
 
 
-def _body(body: Body, depth: int, masks: Mapping[Kind, Attributes], sites: tuple[tree.Site, ...]) -> tree.Body:
+def _body(row: Row, masks: Mapping[Kind, Attributes], sites: tuple[tree.Site, ...]) -> tree.Body:
+    body = row.body
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
-    return body_of(body, depth, None if body.joint.kind == "fixed" else _joint(body.joint), geoms, sites=sites)
+    return body_of(row, tuple(_joint(joint, frame) for joint, frame in row.joints), geoms, sites=sites)
 
 
-def _joint(joint: Joint) -> tree.Joint:
-    more = joint_attributes(joint)
+def _joint(joint: Joint, frame: Pose) -> tree.Joint:
+    more = joint_attributes(joint, frame)
     if joint.effort_limit:
         more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
     return tree.Joint(joint.name, joint.kind, tuple(more))

@@ -20,6 +20,7 @@ WORLDS = {
     "shapes": worlds.shapes_world(ALL_SHAPES),
     "spheres": worlds.spheres(),
     "gripper": worlds.gripper(),
+    "several joints": worlds.several_joints(),
 }
 
 

@@ -13,7 +13,7 @@ from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.errors import UnsupportedError
 from simspec.formats.mjcf.filter import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
-from simspec.formats.mjcf.from_world import depth_first
+from simspec.formats.mjcf.rows import depth_first
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds
@@ -209,5 +209,5 @@ def test_a_deep_chain_is_written_in_linear_size_and_read(tmp_path):
 def test_the_file_is_depth_first_whatever_the_worlds_order():
     bodies = worlds.tree(["fixed", "hinge", "hinge", "hinge", "hinge"], 3, [-1, 0, 0, 1, 2])
     order = depth_first(worlds.world(bodies))
-    assert [body.name for body, _ in order] == ["link0", "link1", "link3", "link2", "link4"]
-    assert [depth for _, depth in order] == [0, 1, 2, 1, 2]
+    assert [row.body.name for row in order] == ["link0", "link1", "link3", "link2", "link4"]
+    assert [row.depth for row in order] == [0, 1, 2, 1, 2]
