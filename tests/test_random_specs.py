@@ -36,6 +36,7 @@ RARE = {
     Feature.FORCES,
     Feature.KINEMATIC,
     Feature.SHAPE_MARGIN,
+    Feature.MARGIN_PAIRS,
     Feature.BALL_ARMATURE,
     Feature.TOUCHING_PAIRS,
 }

@@ -294,6 +294,7 @@ def _contact(source: Source) -> Iterator[Problem]:
                     yield member.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
     for path, pairs in _lists_of_pairs(source):
         yield from _pairs(source, path, pairs, materials)
+    yield from _pairs_of_models(source, materials)
 
 
 def _some(words: Any) -> str:
@@ -358,6 +359,31 @@ def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
     for place, holder in holders:
         if isinstance(holder, Mapping):
             yield (*place, "pairs"), holder.get("pairs")
+
+
+def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
+    """What is wrong with the pairs of model files: in each file, and where two say different laws of a pair of which the
+    scenario says none."""
+    own = source.file.contact.pairs if source.file is not None else []
+    settled = {tuple(sorted(pair.between)) for pair in own}
+    first: dict[tuple[str, ...], tuple[Source, int, Any]] = {}
+    for member in source.all():
+        if member is source:
+            continue
+        data = member.document.data
+        contact = data.get("contact") if isinstance(data, Mapping) else None
+        yield from _pairs(
+            member, ("contact", "pairs"), contact.get("pairs") if isinstance(contact, Mapping) else None, materials
+        )
+        for index, pair in enumerate(member.file.contact.pairs if member.file is not None else ()):
+            both = tuple(sorted(pair.between))
+            law = pair.model_dump(exclude={"between"})
+            where, number, known = first.setdefault(both, (member, index, law))
+            if known != law and both not in settled:
+                message = f"the pair {' and '.join(both)} has another law in another file"
+                found = f"{where.document.locate(('contact', 'pairs', number))}"
+                hint = "say the pair in the scenario: its law replaces both"
+                yield member.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
 
 
 def _pairs(source: Source, path: tuple[Key, ...], pairs: Any, materials: set[str]) -> Iterator[Problem]:

@@ -12,7 +12,7 @@ from pydantic_core import core_schema
 from simspec.language.document import INVALID
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
-from simspec.language.shapes import NameOf
+from simspec.language.shapes import Length0, NameOf
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, near, replace_loc, show
 from simspec.language.vocabulary import (
     COMBINATIONS,
@@ -199,6 +199,9 @@ class Pair(Strict):
         ABSENT, description="Threshold speed of the pair; default: by `combine`"
     )
     hardness: Maybe[HardnessValue] = Field(ABSENT, description="Hardness of the pair; default: that of `contact`")
+    margin: Maybe[Length0] = Field(
+        ABSENT, description="Distance at which contact begins; default: the sum of the margins of both shapes"
+    )
     collide: Annotated[bool, Flag()] = Field(True, description="false: shapes of the two do not collide")
 
     @classmethod
@@ -206,7 +209,9 @@ class Pair(Strict):
         said = [name for name in data if name != "between"]
         if "between" in data and not said:
             yield Fault(
-                (), "a pair needs at least one law", allowed=", ".join((*LAW_QUANTITIES, "hardness", "collide"))
+                (),
+                "a pair needs at least one law",
+                allowed=", ".join((*LAW_QUANTITIES, "hardness", "margin", "collide")),
             )
         if data.get("collide") is False and len(said) > 1:
             other = next(name for name in said if name != "collide")

@@ -92,7 +92,11 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
     ),
     *same_hint("rgba color rgb diffuse", "colour: [r, g, b]", "Shape.colour"),
     *same_hint(
-        "contact_margin collision_margin contact_offset rest_offset", "margin, in m", "Shape.margin", at="Shape"
+        "contact_margin collision_margin contact_offset rest_offset",
+        "margin, in m",
+        "Shape.margin",
+        "Pair.margin",
+        at="Shape Pair",
     ),
     *same_hint("visual_only no_collision", "collision: false", "Shape.collision"),
     # --- mass ---------------------------------------------------------------------------------------------------------

@@ -380,13 +380,13 @@ class File(Strict):
             yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
         contact = data.get("contact")
         if "model" in data and isinstance(contact, Mapping):
-            for key in ("friction_cone", "combine", "pairs"):
+            for key in ("friction_cone", "combine"):
                 if key in contact:
                     yield Fault(
                         ("contact", key),
                         f"{key} is only for scenarios, not for a model",
                         None,
-                        "materials, groups, exclude, self_collision",
+                        "materials, pairs, groups, exclude, touch, self_collision",
                     )
         if "model" not in data and isinstance(contact, Mapping) and "self_collision" in contact:
             allowed = "in the file of a model; else: groups, exclude"

@@ -420,7 +420,8 @@ class _Comparison:
             if both not in laws:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
                 continue
-            law, margin = laws[both], margins[pair.first] + margins[pair.second]
+            law = laws[both]
+            margin = margins[pair.first] + margins[pair.second] if law.margin is None else law.margin
             if margin or pair.margin:
                 self.note("geometry", "margin", abs(margin - pair.margin), at, f"{pair.margin:g} m")
             for quantity in COMBINED_QUANTITIES:
@@ -429,8 +430,9 @@ class _Comparison:
                     self.number("geometry", _words(quantity), getattr(law, quantity), value, at)
             if pair.surface.hardness is not None:
                 self.hardness(law.hardness, pair.surface.hardness, at)
-        if self.plan.missed:
-            for first, second in shape_pairs(self.world, self.plan.missed):
+        needed = {*self.plan.missed, *(pair for pair, law in laws.items() if law.margin is not None)}
+        if needed:
+            for first, second in shape_pairs(self.world, sorted(needed)):
                 if (first, second) not in listed:
                     self.note("geometry", "explicit pair", None, f"pair {first}, {second}", "is not there")
                 else:

@@ -299,7 +299,7 @@ def meshes(engine: str) -> World:
 
 
 def margins(engine: str) -> World:
-    """A floor and a ball that are felt at a distance."""
+    """A floor and a ball that are felt at a distance, and a pebble at another than the sum of both margins."""
     world = bouncing(engine)
     bodies = tuple(
         dataclasses.replace(
@@ -307,7 +307,14 @@ def margins(engine: str) -> World:
         )
         for number, body in enumerate(world.bodies, 1)
     )
-    return dataclasses.replace(world, name="self-test-margins", bodies=bodies)
+    own = PairContact("rubber", "stone", 0.5, 0.0, margin=0.003)
+    contact = dataclasses.replace(
+        world.contact,
+        materials=(*world.contact.materials, Material("stone", 0.5)),
+        pairs=(*world.contact.pairs, own, PairContact("stone", "stone", 0.5, 0.0)),
+    )
+    pebble = _cube("pebble", 1.5, "stone")
+    return dataclasses.replace(world, name="self-test-margins", bodies=(*bodies, pebble), contact=contact)
 
 
 def held(engine: str) -> World:

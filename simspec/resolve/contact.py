@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from simspec.errors import Problem
-from simspec.language.contact import HARDNESS_FORMS, Combine
+from simspec.language.contact import HARDNESS_FORMS, Combine, Pair
 from simspec.language.contact import Contact as SpecContact
 from simspec.language.sources import Source
 from simspec.language.strict import near
@@ -53,7 +53,7 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
         for other in group.ignores
     }
     excluded, problems = _excluded(source, expansion)
-    pairs = _pairs(materials, thresholds, written)
+    pairs = _pairs(materials, thresholds, written, _said(source))
     problems += _too_stiff(source, expansion, pairs, timestep)
     return (
         Contact(
@@ -67,10 +67,24 @@ def contact(source: Source, expansion: Expansion, timestep: float) -> tuple[Cont
     )
 
 
+_Said = Mapping[tuple[str, ...], tuple[Pair, Source, int]]
+
+
+def _said(source: Source) -> _Said:
+    """What is said of pairs, by their sorted names, each with its file and its number there; a scenario replaces what models
+    say."""
+    members = [member for member in source.all() if member is not source]
+    return {
+        tuple(sorted(pair.between)): (pair, member, index)
+        for member in (*members, source)
+        if member.file is not None
+        for index, pair in enumerate(member.file.contact.pairs)
+    }
+
+
 def _pairs(
-    materials: Mapping[str, Material], thresholds: Mapping[str, float], written: SpecContact
+    materials: Mapping[str, Material], thresholds: Mapping[str, float], written: SpecContact, said: _Said
 ) -> tuple[PairContact, ...]:
-    said = {tuple(sorted(pair.between)): pair for pair in written.pairs}
     combine = written.combine or Combine()
     names = sorted(materials)
 
@@ -83,7 +97,7 @@ def _pairs(
     laws = []
     for index, first in enumerate(names):
         for second in names[index:]:
-            pair = said.get((first, second))
+            pair = said[first, second][0] if (first, second) in said else None
             if pair is not None and not pair.collide:
                 laws.append(PairContact(first, second, 0.0, 0.0, collide=False))
                 continue
@@ -105,6 +119,7 @@ def _pairs(
                     rolling_friction=values["rolling_friction"],
                     restitution_threshold=values["restitution_threshold"],
                     hardness=hardness(*stated),
+                    margin=None if pair is None else pair.margin,
                 )
             )
     return tuple(laws)
@@ -117,11 +132,9 @@ def hardness(kind: str, numbers: tuple[float, ...]) -> Hardness:
 
 def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, ...], timestep: float) -> list[Problem]:
     """Compliance that the timestep cannot resolve, at the pair or the default that states it."""
-    stated = {
-        tuple(sorted(pair.between)): index for index, pair in enumerate(source.content.contact.pairs) if pair.hardness
-    }
+    stated = {both: (member, index) for both, (pair, member, index) in _said(source).items() if pair.hardness}
     lightest = _lightest(expansion)
-    problems: dict[tuple[str | int, ...], Problem] = {}
+    problems: dict[tuple[object, ...], Problem] = {}
     for pair in pairs:
         if pair.hardness.kind == "time-constant":
             time, of = pair.hardness.time_constant, "time constant"
@@ -135,10 +148,10 @@ def _too_stiff(source: Source, expansion: Expansion, pairs: tuple[PairContact, .
             continue
         if time >= LEAST_STEPS * timestep:
             continue
-        index = stated.get((pair.first, pair.second))
+        member, index = stated.get((pair.first, pair.second), (source, None))
         path = ("contact", "hardness") if index is None else ("contact", "pairs", index, "hardness")
-        if path not in problems:
-            problems[path] = source.document.problem(
+        if (id(member), path) not in problems:
+            problems[id(member), path] = member.document.problem(
                 path,
                 f"the timestep is too large for the stiffness of the contact of {pair.first} and {pair.second}: its {of} is "
                 f"below {LEAST_STEPS} steps",

@@ -57,6 +57,7 @@ class Feature(StrEnum):
     HARDNESS_STIFFNESS = "contact.hardness.stiffness"
     HARDNESS_NATIVE = "contact.hardness.native"
     HARDNESS_PAIRS = "contact.hardness.pairs"
+    MARGIN_PAIRS = "contact.pairs.margin"
     PASSING_PAIRS = "contact.pairs.collide"
     IMPACT_FRICTION = "contact.friction.impact"
     CONE_ELLIPTIC = "contact.cone.elliptic"
@@ -123,6 +124,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.HARDNESS_STIFFNESS: "compliant contact by stiffness and damping",
     Feature.HARDNESS_NATIVE: "contact as hard as the engine makes it by default: a declared difference",
     Feature.HARDNESS_PAIRS: "a hardness for each pair of materials",
+    Feature.MARGIN_PAIRS: "a distance for each pair of materials at which their contact begins",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
     Feature.IMPACT_FRICTION: "friction of bodies that hit each other obliquely, in the step of the impact",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",

@@ -140,6 +140,8 @@ def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
             if getattr(pair, quantity):
                 note(feature, f"{path}.{quantity}")
         note(Feature(f"contact.hardness.{pair.hardness.kind}"), f"{path}.hardness")
+        if pair.margin is not None:
+            note(Feature.MARGIN_PAIRS, f"{path}.margin")
     if world.contact.ignored_groups:
         note(Feature.COLLISION_GROUPS, "contact.groups")
     joints = joined(world.bodies)

@@ -474,6 +474,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     },
     **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
     Feature.SHAPE_MARGIN: felt_at_a_distance,
+    Feature.MARGIN_PAIRS: partial(one_law, friction=0.0, margin=0.002),
     Feature.ARMATURE: partial(limits_and_armature, armature=0.1),
     Feature.DRY_FRICTION: partial(limits_and_armature, dry_friction=0.1),
     Feature.LIMIT_POSITION: limits_and_armature,

@@ -35,8 +35,8 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: to_plain(item) for key, item in value.items()}
     plain = {name: to_plain(getattr(value, name)) for name in _field_names(kind)}
-    for name in _left_out(kind):
-        if not plain[name]:
+    for name, empty in _left_out(kind):
+        if plain[name] == empty:
             del plain[name]
     return plain
 
@@ -45,8 +45,10 @@ def _names_of_fields(cls: type) -> tuple[str, ...]:
     return tuple(field.name for field in dataclasses.fields(cls))
 
 
-def _fields_left_out(cls: type) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls) if field.metadata.get("left_out"))
+def _fields_left_out(cls: type) -> tuple[tuple[str, Any], ...]:
+    return tuple(
+        (field.name, to_plain(field.default)) for field in dataclasses.fields(cls) if field.metadata.get("left_out")
+    )
 
 
 def _types_of_fields(cls: type) -> tuple[tuple[str, Any], ...]:
@@ -55,8 +57,8 @@ def _types_of_fields(cls: type) -> tuple[tuple[str, Any], ...]:
 
 
 _field_names: Callable[[type], tuple[str, ...]] = functools.cache(_names_of_fields)
-_left_out: Callable[[type], tuple[str, ...]] = functools.cache(_fields_left_out)
-"""The fields that are left out while they are empty."""
+_left_out: Callable[[type], tuple[tuple[str, Any], ...]] = functools.cache(_fields_left_out)
+"""The fields that are left out while they have their defaults, with these as plain data."""
 _field_types: Callable[[type], tuple[tuple[str, Any], ...]] = functools.cache(_types_of_fields)
 
 
@@ -69,7 +71,7 @@ def from_plain(kind: Any, value: Any) -> Any:
         unknown = set(value) - set(_field_names(kind))
         if unknown:
             raise KeyError(f"{kind.__name__} has no field {sorted(unknown)}")
-        missing = [name for name in _left_out(kind) if name not in value]
+        missing = [name for name, _ in _left_out(kind) if name not in value]
         return kind(**{name: from_plain(hint, value[name]) for name, hint in _field_types(kind) if name not in missing})
     origin = typing.get_origin(kind)
     if origin is tuple:

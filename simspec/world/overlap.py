@@ -17,6 +17,7 @@ import numpy as np
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, poses
 from simspec.world.shapes import SHAPES, Round, ShapeKind
+from simspec.world.tuples import ordered
 from simspec.world.types import Shape, World
 
 DEEP = 0.1
@@ -88,17 +89,29 @@ def deep_overlaps(world: World) -> list[Overlap]:
         for shape in body.shapes
         if shape.collision
     ]
-    may_touch = _filter(world)
+    may_touch, beyond = _filter(world), _beyond(world)
     overlaps: list[Overlap] = []
-    for solid, other in _near(solids):
+    widest = max((pair.margin for pair in world.contact.pairs if pair.margin is not None), default=0.0)
+    for solid, other in _near(solids, widest):
         if not may_touch(solid, other):
             continue
-        depth = _depth(solid, other)
+        depth = _depth(solid, other, beyond(solid, other))
         if len(overlaps) == MOST_OVERLAPS:
             break
         if depth > 0.0:
             overlaps.append(Overlap(solid.body, solid.shape.name, other.body, other.shape.name, depth))
     return sorted(overlaps, key=lambda overlap: -overlap.depth)
+
+
+def _beyond(world: World) -> Callable[[_Solid, _Solid], float]:
+    """How much further apart (m) two shapes are felt than the sum of their margins says."""
+    stated = {(pair.first, pair.second): pair.margin for pair in world.contact.pairs if pair.margin is not None}
+
+    def beyond(solid: _Solid, other: _Solid) -> float:
+        margin = stated.get(ordered(solid.shape.material, other.shape.material)) if stated else None
+        return 0.0 if margin is None else margin - solid.shape.margin - other.shape.margin
+
+    return beyond
 
 
 def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
@@ -114,15 +127,16 @@ def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
     return may_touch
 
 
-def _near(solids: list[_Solid]) -> Iterator[tuple[_Solid, _Solid]]:
-    """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``."""
+def _near(solids: list[_Solid], widest: float) -> Iterator[tuple[_Solid, _Solid]]:
+    """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``. ``widest``: the largest margin
+    (m) of two materials."""
     left = MOST_PAIRS
     planes = [solid for solid in solids if solid.kind.endless]
     others = [solid for solid in solids if not solid.kind.endless]
     if not others:
         return
     centre = np.array([solid.centre for solid in others])
-    radius = np.array([solid.outer for solid in others])
+    radius = np.array([solid.outer for solid in others]) + widest
     for plane in planes:
         below = np.flatnonzero((centre - plane.centre) @ plane.axes[2] < radius + plane.shape.margin)
         for index in below[:left]:
@@ -175,20 +189,20 @@ def _sphere_of_directions() -> np.ndarray:
 SPREAD = _sphere_of_directions()
 
 
-def _depth(solid: _Solid, other: _Solid) -> float:
-    """The depth (m) of a deep overlap; 0 when there is none."""
+def _depth(solid: _Solid, other: _Solid, beyond: float) -> float:
+    """The depth (m) of a deep overlap; 0 when there is none. ``beyond``: see :func:`_beyond`."""
     apart = other.centre - solid.centre
     if solid.kind.endless:
         limit = DEEP * other.inner
-        depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin - apart @ solid.axes[2])
+        depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin + beyond - apart @ solid.axes[2])
         return depth if depth > limit else 0.0
     limit = DEEP * min(solid.inner, other.inner)
     if solid.kind.round is other.kind.round is Round.EVERY:
-        depth = solid.outer + other.outer - float(np.linalg.norm(apart))
+        depth = solid.outer + other.outer + beyond - float(np.linalg.norm(apart))
         return depth if depth > limit else 0.0
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
-        overlap = solid.reach(directions) + other.reach(-directions) - directions @ apart
+        overlap = solid.reach(directions) + other.reach(-directions) + beyond - directions @ apart
         best = int(overlap.argmin())
         return float(overlap[best]), directions[best]
 

@@ -28,7 +28,7 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 LEFT_OUT = {"left_out": True}
-"""Metadata of a field that canonical JSON leaves out while it is empty: younger than worlds whose hashes must stay."""
+"""Metadata of a field that canonical JSON leaves out while it has its default: younger than worlds whose hashes must stay."""
 
 PlainValue = bool | int | float | str
 HeldValue = PlainValue | tuple[PlainValue, ...]
@@ -227,6 +227,8 @@ class PairContact:
     restitution_threshold  approach speed (m/s) below which nothing bounces
     hardness               see :class:`Hardness`
     collide                False: shapes of these materials pass through each other
+    margin                 distance (m) at which contact of two such shapes begins, in place of the sum of both shapes'
+                           margins; None: that sum
     """
 
     first: str
@@ -238,6 +240,7 @@ class PairContact:
     restitution_threshold: float = 0.0
     hardness: Hardness = Hardness()
     collide: bool = True
+    margin: float | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

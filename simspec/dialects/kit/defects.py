@@ -20,7 +20,7 @@ from simspec.world import frames
 Files = Mapping[str, str]
 Plant = Callable[[Files], dict[str, str]]
 
-MARGINS = ("margin", "margin of a pair", "margin dropped")
+MARGINS = ("margin", "margin of a pair", "margin dropped", "margin of two materials")
 """Those of contact margins."""
 NAMES: Mapping[str, str] = {
     "mass": "model",

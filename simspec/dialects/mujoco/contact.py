@@ -179,6 +179,8 @@ def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
             found[pair] = "which the numbers of their materials' shapes cannot give together"
         elif law.hardness.kind == "stiffness":
             found[pair] = "whose stiffness depends on the masses of both bodies"
+        elif law.margin is not None:
+            found[pair] = "which have a margin of their own"
         elif pair in target.pair_settings:
             found[pair] = "which have settings of their own"
         elif is_coulomb(target):
@@ -248,7 +250,7 @@ def _rows(
                 **dict(contact_reference(world, own_target, held, weight)),
                 "solreffriction": friction_reference(world, own_target, law.hardness.kind),
             }
-            if margin := margins[first] + margins[second]:
+            if margin := margins[first] + margins[second] if law.margin is None else law.margin:
                 values["margin"] = margin
             own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
             rows.append(ExplicitPair(first, second, own))

@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import Plant, flipped_product, floats, nudged, one, scaled, turned_axis, xml
 from simspec.dialects.kit.mesh_defects import FILES, reordered
-from simspec.formats.kit.text import numbers
+from simspec.formats.kit.text import number, numbers
 from simspec.formats.mjcf.format import MODEL
 
 BODY = ".//body[@name='{}']"
@@ -148,6 +148,12 @@ def _mesh_margin(root: Element) -> None:
         pair.set("margin", "0.001")
 
 
+def _own_margin(root: Element) -> None:
+    """The sum of the margins of two shapes, where their materials have a margin of their own."""
+    for pair in _explicit(root, {"floor_0", "pebble_0"}, {"ball_0", "pebble_0"}):
+        pair.set("margin", number(0.002 if "floor_0" in pair.attrib.values() else 0.004))
+
+
 def _no_margin(root: Element) -> None:
     for item in root.iter():
         if item.tag in ("geom", "pair"):
@@ -214,6 +220,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "margin": _attribute(".//geom[@name='ball_0']", "margin", scaled),
     "margin of a pair": _attribute("contact/pair[@geom1='ball_0']", "margin", scaled),
     "margin dropped": xml(MODEL, _no_margin),
+    "margin of two materials": xml(MODEL, _own_margin),
     "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
     "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
     "excluded pair dropped": xml(MODEL, _drop_exclude),

@@ -112,7 +112,7 @@ class MujocoDialect(Dialect):
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.MARGIN_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL),

@@ -80,6 +80,7 @@ class UrdfDialect(Dialect):
         **exactly(*_IN_THE_FILE),
         **alike(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),
+        Feature.MARGIN_PAIRS: never("simspec writes no margins beside URDF"),
         Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
         **GATHERED,

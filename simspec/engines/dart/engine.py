@@ -153,6 +153,7 @@ class Dart(SimulatedEngine[Simulation]):
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
+        Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(

@@ -168,6 +168,7 @@ class Drake(SimulatedEngine[Simulation]):
             "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°",
         ),
         Feature.BALL_ARMATURE: never("Drake's rotors are those of joints of one axis"),
+        Feature.MARGIN_PAIRS: never("Drake's contact begins where shapes touch"),
         Feature.SHAPE_MARGIN: never(
             "Drake's contact begins where shapes touch: its margin is that of pressure fields, without a force"
         ),

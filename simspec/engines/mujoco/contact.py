@@ -80,6 +80,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         "refused, since MuJoCo's numbers are accelerations",
     ),
     Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+    Feature.MARGIN_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.HARDNESS_NATIVE: approximate(
         "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
         "and μ = 0.5; impratio stays the world's",

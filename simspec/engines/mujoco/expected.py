@@ -277,7 +277,7 @@ class _Expected:
         must, may = [], []
         for pair, law in self.laws.items():
             kind = law.hardness.kind
-            if pair in self.plan.missed or kind == "stiffness" or pair in self.own:
+            if pair in self.plan.missed or kind == "stiffness" or pair in self.own or law.margin is not None:
                 must.append(pair)
             elif self._coulomb:
                 continue
@@ -300,7 +300,7 @@ class _Expected:
         weight = self._inverse_mass(one) + self._inverse_mass(two)
         solref, solimp = self._reference(held, weight, True, settings)
         name = f"pair.{one},{two}"
-        margin = self._margin[one] + self._margin[two]
+        margin = self._margin[one] + self._margin[two] if law.margin is None else law.margin
         return ({f"{name}.margin": margin} if margin else {}) | {
             f"{name}.dim": self._directions(law),
             f"{name}.friction": (law.friction,) * 2 + (law.torsional_friction,) + (law.rolling_friction,) * 2,

@@ -208,6 +208,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             cases=(LANDING,),
         ),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
+        Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
         Feature.SHAPE_MARGIN: never(
             "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
         ),

@@ -73,6 +73,7 @@ SUPPORT: Final[Table] = {
         ),
         *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
         *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+        Feature.MARGIN_PAIRS,
         *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
         *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
@@ -215,7 +216,8 @@ def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
     first, second = (own[name] for name in pair)
     larger = tuple(max(values) for values in zip(_friction(first), _friction(second), strict=True))
     return (
-        larger == _friction(law)
+        law.margin is None
+        and larger == _friction(law)
         and _reference(first) == _reference(second) == _reference(law)
         and max(dimensions(first), dimensions(second)) == dimensions(law)
     )
@@ -253,7 +255,7 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
             ("solref", _reference(law)),
         )
         for first, second in shape_pairs(world, [pair]):
-            margin = margins[first] + margins[second]
+            margin = margins[first] + margins[second] if law.margin is None else law.margin
             own: Attributes = (("margin", margin),) if margin else ()
             yield tree.Pair(first, second, (*attributes, *own))
 

@@ -68,6 +68,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
+    Feature.MARGIN_PAIRS: never("URDF has no margins"),
     Feature.SHAPE_MARGIN: never("URDF has no margins"),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),

@@ -60,6 +60,7 @@ SUPPORT: Final[Table] = {
     Feature.DRY_FRICTION: via_api(_OWN),
     Feature.ARMATURE: via_api(_OWN),
     Feature.TIMESTEP: via_api(_OWN),
+    Feature.MARGIN_PAIRS: never("simspec writes no margins into USD: UsdPhysics has none"),
     Feature.SHAPE_MARGIN: never("simspec writes no margins into USD: UsdPhysics has none"),
     Feature.BALL_DAMPING: via_api(_OWN),
     Feature.BALL_ARMATURE: never("simspec writes no armature of balls into USD"),

@@ -68,6 +68,7 @@ class WorldJson(Format):
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
+        Feature.MARGIN_PAIRS: never("world.json has no margins: no engine that reads it has any"),
         Feature.SHAPE_MARGIN: never("world.json has no margins: no engine that reads it has any"),
         **shape_kinds("world.json", SHAPES),
     }

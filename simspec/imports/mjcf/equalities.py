@@ -38,8 +38,8 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
         bodies.constraint_places[name] = part.element.location
         if (*model["eq_solref"][number], *model["eq_solimp"][number]) != (*SOLREF, *SOLIMP):
             features.add("equality.softness", part.element)
-        if int(model["eq_type"][number]) not in (JOINT, TENDON) and surfaces.touching(*_joined(bodies, number)):
-            features.add("equality.touch", part.element)
+        if int(model["eq_type"][number]) not in (JOINT, TENDON):
+            surfaces.looped(*_joined(bodies, number))
     return constraints
 
 

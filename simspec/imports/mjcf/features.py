@@ -76,9 +76,7 @@ FEATURES: Final = {
         "geom/margin geom/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
     ),
     "pair.margin": Feature(
-        "pair/margin pair/gap",
-        _PHYSICS,
-        "margins of shapes are added in the language: two have no other margin together",
+        "pair/margin pair/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
     ),
     "geom.gap": Feature("geom/gap", _INFORMATION, _LISTED),
     "pair.gap": Feature("pair/gap", _INFORMATION, _LISTED),
@@ -92,7 +90,7 @@ FEATURES: Final = {
         HARDNESS_HINT,
     ),
     "contact.pair": Feature(
-        "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined or excluded; the language does not"
+        "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined rigidly; the language does not"
     ),
     "contact.uneven": Feature("pair/*", _PHYSICS, "friction of a pair is the same in every direction in the language"),
     "contact.materials": Feature(
@@ -105,11 +103,6 @@ FEATURES: Final = {
         _INFORMATION,
         "how different surfaces combine, and the friction cone, are said by the scenario that places a model",
         "contact: {combine: max} in the scenario",
-    ),
-    "contact.bits": Feature(
-        "geom/contype geom/conaffinity",
-        _PHYSICS,
-        "a model file filters collisions by body, and the shapes of one body differ in theirs",
     ),
     "contact.override": Feature(
         "option/o_margin option/o_solref option/o_solimp option/o_friction flag/override",
@@ -127,7 +120,6 @@ FEATURES: Final = {
     "equality.softness": Feature(
         "equality/solref equality/solimp", _INFORMATION, "how hard constraints are: those of the spec are rigid"
     ),
-    "equality.touch": Feature("equality", _PHYSICS, "bodies that a loop joins do not touch each other in the spec"),
     "equality.inactive": Feature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
     "tendon": Feature(
         "tendon/*",

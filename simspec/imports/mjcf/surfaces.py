@@ -28,7 +28,8 @@ CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
 
 
 class Surface(NamedTuple):
-    """All that the contact of a geom follows from. ``own``: its number from 1 on where a pair of the file names it, else 0."""
+    """All that the contact of a geom follows from. ``own``: its number from 1 on where a pair of the file names it, or another
+    geom of its body that the filter keeps apart from the second one's body; else 0."""
 
     contype: int
     conaffinity: int
@@ -60,6 +61,10 @@ def combined(first: Surface, second: Surface) -> Law:
     return _law(directions, sliding, torsional, rolling)
 
 
+def _owners(first: Surface, second: Surface) -> tuple[int, int]:
+    return (min(first.own, second.own), max(first.own, second.own))
+
+
 def _law(directions: int, sliding: float, torsional: float, rolling: float) -> Law:
     return Law(
         sliding if directions >= SLIDING else 0.0,
@@ -79,6 +84,10 @@ class Surfaces:
     """The surface of each geom that may touch something."""
     _pairs_of: dict[tuple[int, int], Law] = field(default_factory=dict)
     """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
+    _margins_of: dict[tuple[int, int], float] = field(default_factory=dict)
+    """Where contact of two such geoms begins (m), where that is not the sum of their margins."""
+    _apart: set[tuple[int, int]] = field(default_factory=set)
+    """Bodies that the filter keeps apart, by their smaller and larger number, of which the file lets two geoms touch."""
     touching_joined: list[tuple[int, int]] = field(default_factory=list)
     """Bodies and those that they are joined to and may touch, by their numbers."""
     groups: dict[int, str] = field(default_factory=dict)
@@ -111,29 +120,34 @@ class Surfaces:
         sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
         words = ("contype", "conaffinity", "condim", "priority")
         contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
-        own = number + 1 if any(number + 1 in pair for pair in self._pairs_of) else 0
+        body = int(model["geom_bodyid"][number])
+        alone = any(number + 1 in pair for pair in self._pairs_of) or any(body in pair for pair in self._apart)
+        own = number + 1 if alone else 0
         return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
 
     def _read_pairs(self) -> None:
         """Laws of two geoms, as far as two bodies have them that may touch."""
         model = self.model
-        weld, parent = model["body_weldid"], model["body_parentid"]
-        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
+        weld = model["body_weldid"]
         for number, part in model.parts["pair"].items():
             first, second = sorted(int(model[f"pair_geom{which}"][number]) for which in (1, 2))
             one, two = (int(model["geom_bodyid"][geom]) for geom in (first, second))
             if weld[one] == weld[two] == 0:
                 continue  # neither moves
-            joined = weld[one] == weld[two] or int(parent[weld[one]]) == two or int(parent[weld[two]]) == one
-            above = weld[parent[weld[one]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[one] != 0
+            both = (min(one, two), max(one, two))
             sliding, other, torsional, rolling, rolling_other = (
                 float(value) for value in model["pair_friction"][number]
             )
             even = sliding == other and rolling == rolling_other
-            if joined or above or (one, two) in stated or (two, one) in stated or not even:
+            if weld[one] == weld[two] or not even:
                 self.features.add("contact.pair" if even else "contact.uneven", part.element)
                 continue
-            if self._felt("pair", number) != self.margin(first) + self.margin(second):
+            if self._filters(one, two):
+                self._apart.add(both)
+                if self._parted(one, two):
+                    self._touch(one, two)
+            margin = self._felt("pair", number)
+            if margin < 0.0:
                 self.features.add("pair.margin", part.element)
             elif model["pair_gap"][number]:
                 self.features.add("pair.gap", part.element)
@@ -141,13 +155,27 @@ class Surfaces:
                 self.features.add("contact.softness", part.element)
             directions = int(model["pair_dim"][number])
             self._pairs_of[first + 1, second + 1] = _law(directions, sliding, torsional, rolling)
+            if margin != self.margin(first) + self.margin(second):
+                self._margins_of[first + 1, second + 1] = max(0.0, margin)
 
     def _stated(self, first: Surface, second: Surface) -> Law | None:
-        return self._pairs_of.get((min(first.own, second.own), max(first.own, second.own)))
+        return self._pairs_of.get(_owners(first, second))
 
     def meets(self, first: Surface, second: Surface) -> bool:
-        """Whether two surfaces touch: where the file gives them a law, or where their bits let them."""
-        return self._stated(first, second) is not None or meets(first, second)
+        """Whether two surfaces touch: where the file gives them a law, or where their bits let them and the filter does not
+        keep their bodies apart."""
+        if self._stated(first, second) is not None:
+            return True
+        if self._apart and first.own and second.own:
+            one, two = sorted(int(self.model["geom_bodyid"][surface.own - 1]) for surface in (first, second))
+            if (one, two) in self._apart:
+                return False
+        return meets(first, second)
+
+    def _parted(self, one: int, other: int) -> bool:
+        """Whether the spec keeps two bodies apart because one is the other's parent; the world is nobody's."""
+        parent = self.model["body_parentid"]
+        return bool((one and int(parent[other]) == one) or (other and int(parent[one]) == other))
 
     def law(self, first: Surface, second: Surface) -> Law:
         """The law of two surfaces: the file's own for them, or what both combine to."""
@@ -167,15 +195,33 @@ class Surfaces:
         """The margin (m) of a geom."""
         return max(0.0, self._felt("geom", geom))
 
-    def touching(self, one: int, two: int) -> bool:
-        """Whether two bodies, by their numbers, have shapes that may touch."""
+    def looped(self, one: int, two: int) -> None:
+        """Two bodies, by their numbers, that a loop joins: where the file lets shapes of them touch, the spec says it."""
+        weld, both = self.model["body_weldid"], (min(one, two), max(one, two))
+        if weld[one] == weld[two] or (self._filters(one, two) and both not in self._apart):
+            return
         sides = [
             {self._of[geom] for geom in self._of if int(self.model["geom_bodyid"][geom]) == body} for body in (one, two)
         ]
-        stated = {tuple(sorted(divmod(int(signature), 1 << 16))) for signature in self.model["exclude_signature"]}
-        return tuple(sorted((one, two))) not in stated and any(
-            self.meets(first, second) for first in sides[0] for second in sides[1]
-        )
+        if any(self.meets(first, second) for first in sides[0] for second in sides[1]):
+            self._touch(one, two)
+
+    def _filters(self, one: int, two: int) -> bool:
+        """Whether the file keeps two bodies apart, whatever the bits of their geoms: by name, or as joined ones."""
+        model = self.model
+        weld, parent = model["body_weldid"], model["body_parentid"]
+        above = weld[parent[weld[one]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[one] != 0
+        if above and not model.disabled("filterparent"):
+            return True
+        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
+        return (one, two) in stated or (two, one) in stated
+
+    def _touch(self, one: int, two: int) -> None:
+        """Two bodies touch although they are joined."""
+        parent = self.model["body_parentid"]
+        pair = (two, one) if int(parent[two]) == one else (one, two)
+        if pair not in self.touching_joined and pair[::-1] not in self.touching_joined:
+            self.touching_joined.append(pair)
 
     def _features(self) -> None:
         model = self.model
@@ -217,12 +263,9 @@ class Surfaces:
 
     def _of_a_model(self, contact: dict[str, Any]) -> None:
         """Leave out what a model file does not say."""
-        root = self.model.root
-        said = [contact.pop(word, None) for word in ("friction_cone", "combine", "pairs")]
+        said = [contact.pop(word, None) for word in ("friction_cone", "combine")]
         if any(said):
-            self.features.add("contact.scenario", root)
-        if any(not pair.get("collide", True) for pair in said[2] or ()):
-            self.features.add("contact.bits", root)
+            self.features.add("contact.scenario", self.model.root)
 
     def _of_all(self) -> dict[str, Any]:
         contact: dict[str, Any] = {}
@@ -251,6 +294,8 @@ class Surfaces:
                 for key, value in wanted._asdict().items()
                 if value != max(getattr(one, key), getattr(two, key))
             }
+            if _owners(first, second) in self._margins_of:
+                differing["margin"] = self._margins_of[_owners(first, second)]
             if differing:
                 pairs.setdefault((min(name, other), max(name, other)), {"between": [name, other], **differing})
         return list(pairs.values())
@@ -258,7 +303,8 @@ class Surfaces:
     def _groups(self, surfaces: set[Surface]) -> dict[str, Any] | None:
         """Collision groups that say what the bits do; None where the shapes of one body differ in theirs, or a pair of the file
         lets shapes touch that their bits keep apart."""
-        if any(not meets(one, other) and self._stated(one, other) for one, other in combinations(surfaces, 2)):
+        stated = (not meets(one, other) and self._stated(one, other) for one, other in combinations(surfaces, 2))
+        if self._apart or any(stated):
             return None
         if all(self.meets(one, other) for one in surfaces for other in surfaces if one is not other or not one.own):
             return {}
@@ -314,11 +360,11 @@ class Surfaces:
             [names[one], names[other]]
             for one, other in sorted(pairs)
             if one in solid and other in solid and one in names and other in names
-            if one != other and parent[other] != one and parent[one] != other
+            if one != other and not self._parted(one, other) and (one, other) not in self._apart
             if weld[one] != weld[other]
         ]
 
     def _joined(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
         """A body and the one that it is joined to: the file lets them touch."""
         if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
-            self.touching_joined.append((body, parent))
+            self._touch(body, parent)

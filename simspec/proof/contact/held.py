@@ -96,7 +96,10 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
     contact = Contact(
         whole.contact.friction_cone,
         tuple(material for material in whole.contact.materials if material.name in names),
-        tuple(pair for pair in whole.contact.pairs if {pair.first, pair.second} <= names),
+        # without a margin: what is probed begins in touch
+        tuple(
+            dataclasses.replace(pair, margin=None) for pair in whole.contact.pairs if {pair.first, pair.second} <= names
+        ),
     )
     plan = ContactPlan(
         {key: surface for key, surface in whole.plan.numbers.items() if key[0] in names},
@@ -159,6 +162,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
             rolling_friction=_known(surface.rolling_friction, law.rolling_friction),
             restitution=_known(surface.restitution, law.restitution),
             hardness=law.hardness if surface.hardness is None else surface.hardness,
+            margin=None if law.margin is None else pair.margin,
         )
         if _apart(told, law) > _apart(worst[names], law):
             worst[names] = told
@@ -182,7 +186,8 @@ def _explicit(world: World, read: ReadBack) -> tuple[Pair, ...]:
 
 def _apart(law: PairContact, other: PairContact) -> float:
     return _far(
-        law.hardness == other.hardness, ((getattr(law, name), getattr(other, name)) for name in COMBINED_QUANTITIES)
+        law.hardness == other.hardness,
+        ((getattr(law, name), getattr(other, name)) for name in (*COMBINED_QUANTITIES, "margin")),
     )
 
 

@@ -60,13 +60,14 @@ class SizeTrial:
     left_out: int
 
 
-def surface_points(shape: Shape) -> tuple[SurfacePoint, ...]:
-    """Points of a collision shape with known normals: middles of faces, and places where stand-ins for it would differ."""
-    return tuple(_felt(point, shape.margin) for point in _POINTS[shape.kind](shape.size))
+def surface_points(shape: Shape, margin: float) -> tuple[SurfacePoint, ...]:
+    """Points of a collision shape with known normals, moved out by the ``margin`` (m) at which it is felt: middles of faces,
+    and places where stand-ins for it would differ."""
+    return tuple(_felt(point, margin) for point in _POINTS[shape.kind](shape.size))
 
 
 def _felt(point: SurfacePoint, margin: float) -> SurfacePoint:
-    """Where contact begins, of a shape with a margin: that far out along the normal."""
+    """Where contact begins: that far out along the normal."""
     x, y, z = (at + margin * along for at, along in zip(point.point, point.normal, strict=True))
     return SurfacePoint(point.where, (x, y, z), point.normal) if margin else point
 
@@ -183,19 +184,24 @@ def size_trial(world: World) -> SizeTrial | None:
 
     Contact laws and options of engines are the world's own.
     """
-    partners: dict[str, str] = {}
-    for first, second in meeting_laws(world):  # others have no numbers with which to meet
-        partners.setdefault(first, second)
-        partners.setdefault(second, first)
-    distinct: dict[tuple[str, tuple[float, ...], float, str, bool], tuple[Shape, str, str]] = {}
+    partners: dict[str, tuple[str, float | None]] = {}
+    laws = meeting_laws(
+        world
+    )  # others have no numbers with which to meet; those with a margin of their own before others
+    for first, second in sorted(laws, key=lambda pair: laws[pair].margin is None):
+        margin = laws[first, second].margin
+        partners.setdefault(first, (second, margin))
+        partners.setdefault(second, (first, margin))
+    distinct: dict[tuple[str, tuple[float, ...], float, float | None, str, bool], tuple[Shape, str, str]] = {}
     for body in world.bodies:
         role = "child" if body.joint.parent is not None else "free" if body.joint.kind == "free" else "fixed"
         # an engine may hold a fixed body with a mass as a link, and one without as no more than a place
         weighs = role == "fixed" and body.inertial.mass > 0.0
         for shape in solid_shapes(body):
             if shape.material in partners:
-                key = (shape.kind, shape.size, shape.margin, role, weighs)
-                distinct.setdefault(key, (shape, role, partners[shape.material]))
+                partner, margin = partners[shape.material]
+                key = (shape.kind, shape.size, shape.margin, margin, role, weighs)
+                distinct.setdefault(key, (shape, role, partner))
     if not distinct:
         return None
     bodies: list[Body] = []
@@ -203,9 +209,10 @@ def size_trial(world: World) -> SizeTrial | None:
     excluded = []
     at = 0.0
     chosen = list(distinct.items())[:MOST_SHAPES]
-    for index, ((*_, weighs), (shape, role, partner)) in enumerate(chosen):
+    for index, ((*_, stated, _, weighs), (shape, role, partner)) in enumerate(chosen):
+        margin = shape.margin if stated is None else stated
         kind = shapes.SHAPES[shape.kind]
-        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + shape.margin + 1.0
+        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + margin + 1.0
         at += reach
         # a plane is solid below itself, without end: it lies under all other shapes
         place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
@@ -214,8 +221,8 @@ def size_trial(world: World) -> SizeTrial | None:
         made = _carrier(name, shape, role, place, weighs)
         excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
-        subject = f"{_told(shape)}, {role}"
-        probed.append((subject, name, ball, surface_points(shape), place))
+        subject = f"{_told(shape, margin)}, {role}"
+        probed.append((subject, name, ball, surface_points(shape, margin), place))
     contact = Contact(
         world.contact.friction_cone,
         world.contact.materials,
@@ -225,6 +232,11 @@ def size_trial(world: World) -> SizeTrial | None:
     )
     trial_world = World(f"{world.name}-sizes", tuple(bodies), contact, world.physics, engines=world.engines)
     return _states(trial_world, probed, len(distinct) - len(chosen))
+
+
+def _last(margin: float | None) -> float:
+    """Pairs with a large margin of their own come before others."""
+    return 1.0 if margin is None else -margin
 
 
 def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial:
@@ -246,13 +258,13 @@ def _states(world: World, probed: Sequence[_Probed], left_out: int) -> SizeTrial
     return SizeTrial(world, np.array(states), tuple(tests), shapes, left_out)
 
 
-def _told(shape: Shape) -> str:
-    """A shape's kind and size in a few words."""
+def _told(shape: Shape, margin: float) -> str:
+    """A shape's kind and size, and the distance at which it is felt, in a few words."""
     if shapes.SHAPES[shape.kind].points:
         radius = shapes.SHAPES[shape.kind].outer_radius(shape.size)
         return f"{shape.kind} of {len(shape.size) // 3} vertices within {radius:g} m"
     text = " × ".join(f"{value:g}" for value in shape.size)
-    felt = f", margin {shape.margin:g} m" if shape.margin else ""
+    felt = f", margin {margin:g} m" if margin else ""
     return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}{felt}"
 
 

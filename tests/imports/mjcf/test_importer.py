@@ -173,8 +173,60 @@ def test_margins_of_shapes_and_pairs(tmp_path):
     assert not lost(imported)
     (gap,) = [entry for entry in imported.accounts if entry.what.endswith("/@gap")]
     assert (gap.fate, gap.severity) == (Fate.LOST, Severity.INFORMATION)
-    other = read(written(tmp_path, MARGINS.replace('"a" margin="0.002"/>', '"a" margin="0.004"/>')))
-    assert [entry.what.rpartition("/")[2] for entry in lost(other)] == ["@margin"]
+    for margin in (0.004, 0.0):
+        path = written(tmp_path, MARGINS.replace('"a" margin="0.002"/>', f'"a" margin="{margin}"/>'))
+        assert not lost(read(path))
+        world = load(path).resolve()
+        _, a, b = (body.shapes[0].material for body in world.bodies)
+        stated = {(pair.first, pair.second): pair.margin for pair in world.contact.pairs if pair.margin is not None}
+        assert stated == {(min(a, b), max(a, b)): margin}
+
+
+FILTERED = """<mujoco><worldbody><geom name="g" type="plane" size="1 1 1" contype="0" conaffinity="0"/>
+<geom name="h" pos="0 0 -9" size="1"/>
+<body name="a" pos="0 0 9"><freejoint/><geom name="a1" size=".1"/><geom name="a2" size=".1" pos="1 0 0"/>
+<body name="b"><joint/><geom name="b1" size=".1"/><geom name="b2" size=".1" pos="1 0 0"/></body></body>
+<body name="c" pos="5 0 9"><freejoint/><geom name="c1" size=".1"/><geom name="c2" size=".1" pos="1 0 0"/></body>
+</worldbody><contact><exclude body1="a" body2="c"/><exclude body1="world" body2="c"/><pair geom1="a1" geom2="b2"/>
+<pair geom1="c1" geom2="a2" margin="0.01"/><pair geom1="g" geom2="c2"/></contact></mujoco>"""
+TOUCH = {"a1 b2", "a2 c1", "c2 g", "b1 c1", "b1 c2", "b2 c1", "b2 c2", "a1 h", "a2 h", "b1 h", "b2 h"}
+
+
+def test_pairs_of_geoms_touch_although_their_bodies_are_joined_or_excluded(tmp_path):
+    """All others of these bodies do not: what the compiler of the file would let touch, and no more."""
+    path = written(tmp_path, FILTERED)
+    assert not lost(read(path))
+    world = load(path).resolve()
+    allowed = CollisionFilter(world)
+    shapes = [(body.name, shape) for body in world.bodies for shape in body.shapes]
+    touching = {
+        " ".join(sorted((one.name, other.name)))
+        for (body, one), (second, other) in combinations(shapes, 2)
+        if allowed.may_touch(body, second) and allowed.may_materials_touch(one.material, other.material)
+    }
+    assert touching == TOUCH
+    (margin,) = [pair.margin for pair in world.contact.pairs if pair.margin is not None]
+    assert margin == 0.01
+
+
+LOOP = """<mujoco><option><flag filterparent="FLAG"/></option><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="a" pos="0 0 1"><freejoint/><geom size=".1"/><site name="in_a"/>
+<body name="b" pos="1 0 0"><joint/><geom size=".1"/><site name="in_b" pos="-1 0 0"/></body></body>
+<body name="c" pos="3 0 1"><freejoint/><geom size=".1" contype="0"/><site name="in_c" pos="-3 0 0"/></body>
+<site name="in_world" pos="0 0 1"/></worldbody><equality><connect site1="in_world" site2="in_a"/>
+<connect site1="in_a" site2="in_b"/><connect site1="in_a" site2="in_c"/></equality></mujoco>"""
+
+
+@pytest.mark.parametrize("flag", ["enable", "disable"])
+def test_what_a_loop_joins_touches_as_in_the_file(tmp_path, flag):
+    path = written(tmp_path, LOOP.replace("FLAG", flag))
+    assert not lost(read(path))
+    world = load(path).resolve()
+    allowed = CollisionFilter(world)
+    found = {pair for pair in combinations([body.name for body in world.bodies], 2) if allowed.may_touch(*pair)}
+    ground = world.bodies[0].name
+    joined = {("a", "b")} if flag == "disable" else set()
+    assert found == {(ground, "a"), (ground, "b"), (ground, "c"), ("a", "c"), ("b", "c")} | joined
 
 
 def test_what_a_class_gives_is_told_too(tmp_path):
