@@ -101,7 +101,7 @@ DISTANCE = {
 def test_points_lie_on_the_surface_and_normals_point_out_of_it(kind):
     """Against signed distances, written down apart."""
     shape = Shape("x", kind, SIZES[kind])
-    points = surface_points(shape)
+    points = surface_points(shape, 0.0)
     assert len(points) >= 2
     assert len({point.point for point in points}) == len(points)
     for one in points:

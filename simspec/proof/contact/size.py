@@ -185,10 +185,8 @@ def size_trial(world: World) -> SizeTrial | None:
     Contact laws and options of engines are the world's own.
     """
     partners: dict[str, tuple[str, float | None]] = {}
-    laws = meeting_laws(
-        world
-    )  # others have no numbers with which to meet; those with a margin of their own before others
-    for first, second in sorted(laws, key=lambda pair: laws[pair].margin is None):
+    laws = meeting_laws(world)  # others have no numbers with which to meet
+    for first, second in sorted(laws, key=lambda pair: _last(laws[pair].margin)):
         margin = laws[first, second].margin
         partners.setdefault(first, (second, margin))
         partners.setdefault(second, (first, margin))
