@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from simspec.errors import EngineError, Problem, SpecError
+from simspec.robot_files import NO_WORDS, RobotFiles
 
 if TYPE_CHECKING:
     from simspec.language.load import Spec
@@ -140,24 +142,29 @@ def load_spec(
     sets: list[str] | None = None,
     allow_outside: bool = False,
     *,
+    robot_files: RobotFiles = NO_WORDS,
+    check_effect: bool = True,
     strict: bool = False,
     as_json: bool = False,
     warn: bool = True,
     duration_of_model: str = "",
 ) -> Loaded:
     """Read and resolve a spec. Warnings are printed on standard error (with ``as_json`` the caller's answer holds them); with
-    ``strict`` they are raised. ``duration_of_model``: how long a model runs whose file does not say so; it is added to
+    ``strict`` they are raised. ``robot_files``: how files of other languages are read; that this has an effect is checked here
+    unless ``check_effect`` is false. ``duration_of_model``: how long a model runs whose file does not say so; it is added to
     ``sets``, and told on standard error."""
     from simspec.compiler import check_at_timestep, pairs_without_effect
     from simspec.language.load import load
     from simspec.resources import find_spec
 
-    sets = list(sets or ())
-    spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside)
+    sets, options = list(sets or ()), robot_files.options()
+    spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside, options=options)
+    if check_effect:
+        robot_files.check_effect(spec)
     if duration_of_model and spec.is_model_without_duration(sets):
         sets.append(f"physics.duration={duration_of_model}")
         print(f"{name} is a model without a duration: --set {sets[-1]}", file=sys.stderr)
-        spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside)
+        spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside, options=options)
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
@@ -257,11 +264,13 @@ def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
         raise EngineError(name, why)
 
 
-def source_of(name: str, sets: list[str] | None) -> dict[str, Any]:
+def source_of(name: str, sets: list[str] | None, robot_files: RobotFiles = NO_WORDS) -> dict[str, Any]:
     """Where a run's world came from, for its provenance."""
     import hashlib
 
     from simspec.resources import find_spec
 
     path = find_spec(name)
-    return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "sets": list(sets or ())}
+    read = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"file": path.name, "sha256": digest, "sets": list(sets or ()), **read}

@@ -24,15 +24,12 @@ from simspec.arguments import (
     SpecNames,
     Strict,
 )
-from simspec.cli_experiments import add_experiments
+from simspec.cli_experiments import add_experiments, add_reports
 from simspec.cli_files import add_audit, add_imports
 from simspec.commands.guard import command
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK
-
-PageFile = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default FOLDER/report.html).")
-]
+from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
 
 app = typer.Typer(
     name="simspec",
@@ -82,10 +79,12 @@ def new_command(
 
 @app.command("check")
 @command
+@reads_robot_files
 def check_command(
     specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
     engine: Engines = None,
     sets: Sets = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
@@ -98,7 +97,7 @@ def check_command(
     """
     from simspec.commands.check import check
 
-    return check(specs, engine, sets, allow_outside, strict, as_json)
+    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files)
 
 
 add_imports(app)
@@ -106,9 +105,11 @@ add_imports(app)
 
 @app.command("accept")
 @command
+@reads_robot_files
 def accept_command(
     spec: SpecName,
     engine: Engines = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
@@ -124,7 +125,7 @@ def accept_command(
     """
     from simspec.commands.accept import accept
 
-    return accept(spec, engine, allow_outside, as_json)
+    return accept(spec, engine, allow_outside, as_json, robot_files)
 
 
 @app.command("fmt")
@@ -176,6 +177,7 @@ def schema_command(
 
 @app.command("compile")
 @command
+@reads_robot_files
 def compile_command(
     specs: SpecNames = None,
     engine: Engines = None,
@@ -196,6 +198,7 @@ def compile_command(
     ] = False,
     sets: Sets = None,
     accept: Accepts = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
@@ -227,6 +230,7 @@ def compile_command(
         sets=sets,
         accept=accept,
         allow_outside=allow_outside,
+        robot_files=robot_files,
         strict=strict,
         as_json=as_json,
     )
@@ -234,6 +238,7 @@ def compile_command(
 
 @app.command("verify")
 @command
+@reads_robot_files
 def verify_command(
     spec: Annotated[str | None, typer.Argument(metavar="[SPEC]", help="A YAML file, or a library scenario.")] = None,
     engine: Engines = None,
@@ -256,6 +261,7 @@ def verify_command(
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Output folder (default generated/NAME).")] = None,
     sets: Sets = None,
     accept: Accepts = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     python: Pythons = None,
@@ -290,8 +296,9 @@ def verify_command(
         contact=contact,
         cache=not no_cache,
         out=out,
-        sets=accepted_sets(spec, sets, accept, allow_outside),
+        sets=accepted_sets(spec, sets, accept, allow_outside, robot_files),
         allow_outside=allow_outside,
+        robot_files=robot_files,
         strict=strict,
         python=python,
         deadline=deadline,
@@ -302,6 +309,7 @@ def verify_command(
 
 @app.command("run")
 @command
+@reads_robot_files
 def run_command(
     spec: SpecName,
     all_engines: arguments.AllEngines = False,
@@ -318,6 +326,7 @@ def run_command(
     fail_on_diff: arguments.FailOnDiff = None,
     sets: Sets = None,
     accept: Accepts = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     python: Pythons = None,
@@ -361,8 +370,9 @@ def run_command(
         prove=not no_verify,
         tolerance=tolerance,
         fail_on_diff=fail_on_diff,
-        sets=accepted_sets(spec, sets, accept, allow_outside),
+        sets=accepted_sets(spec, sets, accept, allow_outside, robot_files),
         allow_outside=allow_outside,
+        robot_files=robot_files,
         strict=strict,
         python=python,
         deadline=deadline,
@@ -375,58 +385,19 @@ def run_command(
 
 add_experiments(app)
 add_audit(app)
-
-
-@app.command("report")
-@command
-def report_command(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="FOLDER...", help="Folders of studies (runs/NAME), or of runs (runs/NAME/ENGINE)."),
-    ],
-    out: PageFile = None,
-    as_json: AsJson = False,
-) -> int:
-    """Write a report as one HTML page: verdict, certificate, tables, plots and playback. It loads nothing from elsewhere.
-
-    Without -o it is FOLDER/report.html.
-
-    \b
-    simspec report runs/arm
-    simspec report runs/arm runs/spheres-216 -o both.html
-    """
-    from simspec.commands.report import report
-
-    return report(folders, out, as_json)
-
-
-@app.command("view")
-@command
-def view_command(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a study (runs/NAME), or of a run.")],
-    out: PageFile = None,
-    as_json: AsJson = False,
-) -> int:
-    """Open the report of a study or a run in the browser; it is written first if it is not current.
-
-    Without a display, it is only written.
-
-    \b
-    simspec view runs/arm
-    """
-    from simspec.commands.view import view
-
-    return view(folder, out, as_json)
+add_reports(app)
 
 
 @app.command("diff")
 @command
+@reads_robot_files
 def diff_command(
     a: Annotated[str, typer.Argument(metavar="A", help="Folder of a run, or a spec.")],
     b: Annotated[str, typer.Argument(metavar="B", help="Another run, or another spec.")],
     tolerance: Annotated[
         float, typer.Option(metavar="METRE", min=0.0, help="Tolerance of positions (m) and angles (rad).")
     ] = 1e-3,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     as_json: AsJson = False,
 ) -> int:
@@ -438,7 +409,7 @@ def diff_command(
     """
     from simspec.commands.diff import diff
 
-    return diff(a, b, tolerance, allow_outside, as_json)
+    return diff(a, b, tolerance, allow_outside, as_json, robot_files)
 
 
 @app.command("engines")

@@ -23,14 +23,25 @@ from simspec.arguments import (
     SummaryFile,
 )
 from simspec.commands.guard import command
+from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
+
+PageFile = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default FOLDER/report.html).")
+]
 
 
 def add_experiments(app: typer.Typer) -> None:
     """Add these commands to the command line."""
-    app.command("sweep")(command(sweep_command))
+    app.command("sweep")(command(reads_robot_files(sweep_command)))
     app.command("study")(command(study_command))
     app.command("pages")(command(pages_command))
     app.command("explain")(command(explain_command))
+
+
+def add_reports(app: typer.Typer) -> None:
+    """Add the commands that show what runs came to."""
+    app.command("report")(command(report_command))
+    app.command("view")(command(view_command))
 
 
 def sweep_command(
@@ -57,6 +68,7 @@ def sweep_command(
     ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Wait while another sweep writes to the store.")] = False,
     sets: Sets = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     python: Pythons = None,
@@ -96,6 +108,7 @@ def sweep_command(
         wait=wait,
         sets=sets,
         allow_outside=allow_outside,
+        robot_files=robot_files,
         strict=strict,
         python=python,
         deadline=deadline,
@@ -228,3 +241,41 @@ def pages_command(
     from simspec.commands.pages import pages as fill_pages
 
     return fill_pages(pages, check=check, older=older, python=python, allow_outside=allow_outside, as_json=as_json)
+
+
+def report_command(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Folders of studies (runs/NAME), or of runs (runs/NAME/ENGINE)."),
+    ],
+    out: PageFile = None,
+    as_json: AsJson = False,
+) -> int:
+    """Write a report as one HTML page: verdict, certificate, tables, plots and playback. It loads nothing from elsewhere.
+
+    Without -o it is FOLDER/report.html.
+
+    \b
+    simspec report runs/arm
+    simspec report runs/arm runs/spheres-216 -o both.html
+    """
+    from simspec.commands.report import report
+
+    return report(folders, out, as_json)
+
+
+def view_command(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a study (runs/NAME), or of a run.")],
+    out: PageFile = None,
+    as_json: AsJson = False,
+) -> int:
+    """Open the report of a study or a run in the browser; it is written first if it is not current.
+
+    Without a display, it is only written.
+
+    \b
+    simspec view runs/arm
+    """
+    from simspec.commands.view import view
+
+    return view(folder, out, as_json)

@@ -20,17 +20,18 @@ from simspec.arguments import (
     SummaryFile,
 )
 from simspec.commands.guard import command
+from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
 
 
 def add_imports(app: typer.Typer) -> None:
     """Add the commands that read and write such files to the command line."""
-    app.command("import")(command(import_command))
-    app.command("export")(command(export_command))
+    app.command("import")(command(reads_robot_files(import_command)))
+    app.command("export")(command(reads_robot_files(export_command)))
 
 
 def add_audit(app: typer.Typer) -> None:
     """Add the command that compares what engines make of such files."""
-    app.command("audit")(command(audit_command))
+    app.command("audit")(command(reads_robot_files(audit_command)))
 
 
 def import_command(
@@ -43,26 +44,10 @@ def import_command(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE", help="Output file (default: standard output).")
     ] = None,
-    repair: Annotated[
-        list[str] | None, typer.Option("--repair", metavar="RULE", help="Repair defects of this kind; repeatable.")
-    ] = None,
-    package: Annotated[
-        list[str] | None, typer.Option("--package", metavar="NAME=DIR", help="Folder of a package; repeatable.")
-    ] = None,
-    package_path: Annotated[
-        list[str] | None,
-        typer.Option("--package-path", metavar="DIR", help="Folder in which packages are looked for; repeatable."),
-    ] = None,
-    arguments_of_file: Annotated[
-        list[str] | None, typer.Option("--arg", metavar="NAME=VALUE", help="Argument of a xacro file; repeatable.")
-    ] = None,
     meshes: Annotated[
         Path | None, typer.Option("--meshes", metavar="DIR", help="Copy the meshes to this folder, and name those.")
     ] = None,
-    self_collision: Annotated[
-        bool,
-        typer.Option("--self-collision/--no-self-collision", help="Whether bodies of the model may touch each other."),
-    ] = True,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 2, and write nothing, where something lost changes physics.")
@@ -85,12 +70,8 @@ def import_command(
     return import_file(
         file,
         out,
-        repair=repair or (),
-        package=package or (),
-        package_path=package_path or (),
-        arguments=arguments_of_file or (),
         meshes=meshes,
-        self_collision=self_collision,
+        robot_files=robot_files,
         allow_outside=allow_outside,
         strict=strict,
         as_json=as_json,
@@ -118,6 +99,7 @@ def export_command(
         bool, typer.Option("--check", help="Write nothing; exit with 1 if the folder is not current.")
     ] = False,
     sets: Sets = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     as_json: AsJson = False,
@@ -143,6 +125,7 @@ def export_command(
         explain=False,
         sets=sets,
         allow_outside=allow_outside,
+        robot_files=robot_files,
         strict=strict,
         as_json=as_json,
     )
@@ -160,13 +143,7 @@ def audit_command(
     no_verify: Annotated[
         bool, typer.Option("--no-verify", help="Do not compile the file and prove what engines hold of that.")
     ] = False,
-    package: Annotated[
-        list[str] | None, typer.Option("--package", metavar="NAME=DIR", help="Folder of a package. Repeatable.")
-    ] = None,
-    package_path: Annotated[
-        list[Path] | None,
-        typer.Option("--package-path", metavar="DIR", help="Folder with packages (package://NAME/). Repeatable."),
-    ] = None,
+    robot_files: RobotFiles = NO_WORDS,
     html: Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Also write a page.")] = None,
     allow_outside: Outside = False,
     python: Pythons = None,
@@ -199,8 +176,7 @@ def audit_command(
         pair=pair,
         details=details,
         verify=not no_verify,
-        package=package or [],
-        package_path=package_path or [],
+        robot_files=robot_files,
         page_file=html,
         allow_outside=allow_outside,
         python=python,

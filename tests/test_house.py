@@ -45,6 +45,7 @@ ORDER = (
     "attribution",
     "generated",
     "report",
+    "robot_files",
     "arguments",
     "commands",
     "cli_experiments",

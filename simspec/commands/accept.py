@@ -21,14 +21,17 @@ from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
 from simspec.resources import resource_folder
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import NotTaken, Selection, refusal
 from simspec.support.features import Feature
 from simspec.world.types import World
 
 
-def accept(spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool) -> int:
+def accept(
+    spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool, robot_files: RobotFiles = NO_WORDS
+) -> int:
     """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
-    loaded, world, *_ = load_spec(spec, None, allow_outside, as_json=as_json, warn=False)
+    loaded, world, *_ = load_spec(spec, None, allow_outside, robot_files=robot_files, as_json=as_json, warn=False)
     words = chosen_engines(engine)
     selection = engines_for_files(words) if words else engines_at_work(None, interpreters(None))
     return accept_world(loaded, world, selection, as_json)
@@ -39,7 +42,11 @@ EVERY = "all"
 
 
 def accepted_sets(
-    spec: str | None, sets: list[str] | None, words: list[str] | None, allow_outside: bool
+    spec: str | None,
+    sets: list[str] | None,
+    words: list[str] | None,
+    allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
 ) -> list[str] | None:
     """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them.
 
@@ -60,7 +67,7 @@ def accepted_sets(
         if word not in features and word != EVERY
     ]:
         raise SpecError(problems)
-    world = load_spec(spec, sets, allow_outside, warn=False).world
+    world = load_spec(spec, sets, allow_outside, robot_files=robot_files, warn=False).world
     entries: list[str] = []
     used = {EVERY}
     for name in engines():

@@ -10,7 +10,6 @@ from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
-from simspec.commands.importing import pairs
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.language.foreign import ImportOptions
@@ -20,6 +19,7 @@ from simspec.report.audit import audit_data, audit_sections, audit_suites, pair_
 from simspec.report.page.document import is_page, page
 from simspec.report.progress import progress
 from simspec.report.screen import say
+from simspec.robot_files import NO_WORDS, RobotFiles
 
 
 def audit(
@@ -29,8 +29,7 @@ def audit(
     pair: bool,
     details: bool,
     verify: bool,
-    package: Sequence[str] = (),
-    package_path: Sequence[Path],
+    robot_files: RobotFiles = NO_WORDS,
     page_file: Path | None,
     allow_outside: bool,
     python: list[str] | None,
@@ -40,11 +39,7 @@ def audit(
 ) -> int:
     """Audit files one after the other; 0 where no engine changes, drops or refuses anything in silence, 1 where one
     does, 3 where an engine died."""
-    options = ImportOptions(
-        packages=pairs(package, "--package", "NAME=DIR"),
-        package_path=tuple(str(path.resolve()) for path in package_path),
-        base=Path.cwd(),
-    )
+    options = robot_files.options()
     if pair:
         return _pair(files, options, allow_outside, as_json)
     pythons = interpreters(python, engine)

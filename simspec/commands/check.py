@@ -9,6 +9,7 @@ from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.report.screen import say
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.canonical import sha256
 
 
@@ -29,6 +30,7 @@ def check(
     allow_outside: bool,
     strict: bool,
     as_json: bool,
+    robot_files: RobotFiles = NO_WORDS,
 ) -> int:
     """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. Raises SpecError
     with the problems of all specs."""
@@ -37,7 +39,9 @@ def check(
     rows: list[Row] = []
     for name in specs:
         try:
-            spec, world, warnings, _ = load_spec(name, sets, allow_outside, strict=strict, as_json=as_json)
+            spec, world, warnings, _ = load_spec(
+                name, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
+            )
             if engine:
                 compile_world(world, names_alone(engine), spec.locate)
             else:

@@ -17,6 +17,7 @@ from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
 from simspec.report.screen import console, say
 from simspec.resources import find_spec
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
 
@@ -36,6 +37,7 @@ def compile_specs(
     sets: list[str] | None,
     accept: list[str] | None = None,
     allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
     strict: bool,
     as_json: bool,
     profile: str | None = None,
@@ -55,8 +57,9 @@ def compile_specs(
         # what is only looked at for being current was warned of when it was written
         spec, world, warnings, _ = load_spec(
             name,
-            accepted_sets(name, sets, accept, allow_outside),
+            accepted_sets(name, sets, accept, allow_outside, robot_files),
             allow_outside,
+            robot_files=robot_files,
             strict=strict,
             as_json=as_json,
             warn=not check or strict,

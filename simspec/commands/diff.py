@@ -16,18 +16,25 @@ from simspec.report import differences
 from simspec.report.plain import diff_data, plain, text
 from simspec.report.screen import console
 from simspec.report.session import show_diff
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.runner.store import load_run
 from simspec.world.types import World
 
 
-def diff(a: str, b: str, tolerance: float, allow_outside: bool, as_json: bool) -> int:
+def diff(
+    a: str, b: str, tolerance: float, allow_outside: bool, as_json: bool, robot_files: RobotFiles = NO_WORDS
+) -> int:
     """Compare the runs in two folders, or two specs."""
     if Path(a).is_dir() and Path(b).is_dir():
+        robot_files.check_effect()
         return diff_runs(Path(a), Path(b), tolerance, as_json)
     if Path(a).is_dir() or Path(b).is_dir():
         raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
-    worlds = [load_spec(name, None, allow_outside, warn=False).world for name in (a, b)]
-    return diff_specs(worlds[0], worlds[1], as_json)
+    one, other = (
+        load_spec(name, None, allow_outside, robot_files=robot_files, check_effect=False, warn=False) for name in (a, b)
+    )
+    robot_files.check_effect(one.spec, other.spec)
+    return diff_specs(one.world, other.world, as_json)
 
 
 def diff_code(diffs: Sequence[Diff]) -> int:

@@ -6,14 +6,13 @@ import importlib
 import importlib.util
 import re
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from simspec.arguments import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text
-from simspec.language.foreign import Imported, ImportOptions, is_foreign, suffixes
+from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems
 from simspec.language.sources import project_folder
@@ -24,6 +23,7 @@ from simspec.outputs.writing import write_file, write_folder
 from simspec.reading import read_bytes
 from simspec.report.imported import losses_table, repairs_table
 from simspec.report.screen import console, say
+from simspec.robot_files import RobotFiles
 
 DESCRIPTION: Final = re.compile(r"[a-z0-9_]+_description")
 """Names of modules of the package robot_descriptions."""
@@ -33,25 +33,15 @@ def import_file(
     file: str,
     out: Path | None,
     *,
-    repair: Sequence[str],
-    package: Sequence[str],
-    package_path: Sequence[str],
-    arguments: Sequence[str],
     meshes: Path | None,
-    self_collision: bool,
+    robot_files: RobotFiles,
     allow_outside: bool,
     strict: bool,
     as_json: bool,
 ) -> int:
     """Import ``file``, and print or write the spec. Raises SpecError with every problem."""
     path, more_packages = find_robot(file)
-    options = ImportOptions(
-        pairs(package, "--package", "NAME=DIR"),
-        (*package_path, *more_packages),
-        pairs(arguments, "--arg", "NAME=VALUE"),
-        tuple(repair),
-        self_collision=self_collision,
-    )
+    options = robot_files.options(*more_packages)
     if out is not None:
         demand([_not_over_the_source(out, path), file_problem(out, is_unchanged)])
     if meshes is not None:
@@ -90,18 +80,6 @@ def imported_of(spec: Spec) -> Imported:
     if imported is None:
         raise ValueError(f"{spec.name} is not imported")
     return imported
-
-
-def pairs(words: Sequence[str], option: str, form: str) -> dict[str, str]:
-    """Values by name of ``NAME=VALUE``. Raises SpecError for other words, and for a name that is there twice."""
-    said: dict[str, str] = {}
-    for word in words:
-        name, equals, value = word.partition("=")
-        if not name or not equals or name in said:
-            why = "given twice" if name in said else f"expected {form}"
-            raise SpecError([Problem(f"{option}: {why}", found=word)])
-        said[name] = value
-    return said
 
 
 def find_robot(name: str) -> tuple[Path, tuple[str, ...]]:

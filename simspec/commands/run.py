@@ -24,6 +24,7 @@ from simspec.report.session import show_run
 from simspec.report.terminal import show_not_taken
 from simspec.report.tested import skipped_suites, study_suites
 from simspec.resources import find_spec
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
 
@@ -41,6 +42,7 @@ def run(
     fail_on_diff: float | None,
     sets: list[str] | None,
     allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
     strict: bool,
     python: list[str] | None,
     deadline: float,
@@ -58,7 +60,13 @@ def run(
             allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
             raise SpecError([Problem("no engines selected", allowed=allowed)])
         loaded, world, warned, sets = load_spec(
-            spec, sets, allow_outside, strict=strict, as_json=as_json, duration_of_model=OF_A_MODEL
+            spec,
+            sets,
+            allow_outside,
+            robot_files=robot_files,
+            strict=strict,
+            as_json=as_json,
+            duration_of_model=OF_A_MODEL,
         )
         pythons = interpreters(python, engine)
         return run_world(
@@ -74,7 +82,7 @@ def run(
             fail_on_diff=fail_on_diff is not None,
             pythons=pythons,
             deadline=deadline,
-            source={**source_of(spec, sets), **_shown(loaded.data.record.show)},
+            source={**source_of(spec, sets, robot_files), **_shown(loaded.data.record.show)},
             page=page,
             as_json=as_json,
             warnings=warned,

@@ -37,6 +37,7 @@ from simspec.report.swept import sweep_suites
 from simspec.report.terminal import show_error, show_not_taken
 from simspec.report.tested import skipped_suites
 from simspec.resources import find_spec
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 
 RUNS, SWEEP_FOLDER = Path("runs"), "sweep"
@@ -57,6 +58,7 @@ def sweep(
     wait: bool,
     sets: list[str] | None,
     allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
     strict: bool,
     python: list[str] | None,
     deadline: float,
@@ -69,7 +71,9 @@ def sweep(
             [Problem("--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply")]
         )
     with reporting(reports, spec, as_json):
-        loaded, world, warned, _ = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        loaded, world, warned, _ = load_spec(
+            spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
+        )
         pythons = interpreters(python, engine)
         named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
         words = named or list(load_project().default_engines)
@@ -99,7 +103,7 @@ def sweep(
                 retry_failed=retry_failed,
                 pythons=pythons,
                 deadline=deadline,
-                source={**source_of(spec, sets), "show": list(loaded.data.record.show)},
+                source={**source_of(spec, sets, robot_files), "show": list(loaded.data.record.show)},
                 progress=tell,
                 wait=wait,
             )

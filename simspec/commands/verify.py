@@ -21,6 +21,7 @@ from simspec.report.progress import progress
 from simspec.report.screen import console
 from simspec.report.tested import certificate_suites, skipped_suites
 from simspec.resources import find_spec
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
 
@@ -44,6 +45,7 @@ def verify(
     out: Path | None,
     sets: list[str] | None,
     allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
     strict: bool,
     python: list[str] | None,
     deadline: float,
@@ -54,6 +56,8 @@ def verify(
     pythons = interpreters(python, engine)
     if (spec is None) != planted:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
+    if planted:
+        robot_files.check_effect()
     if planted and reports:
         raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
     selection = engines_at_work(chosen_engines(engine), pythons)
@@ -64,7 +68,9 @@ def verify(
     if spec is None:
         return self_test(selection.engines, pythons, as_json)
     with reporting(reports, spec, as_json):
-        loaded, world, warned, _ = load_spec(spec, sets, allow_outside, strict=strict, as_json=as_json)
+        loaded, world, warned, _ = load_spec(
+            spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
+        )
         check_targets(world, spec, out, contact)
         return verify_world(
             world,

@@ -10,7 +10,7 @@ import functools
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -86,6 +86,18 @@ class ImportOptions:
     """The folder that relative ``packages`` start from."""
     self_collision: bool = True
     """Whether bodies of the file's model may touch each other; False is said by the spec (``contact.self_collision``)."""
+
+    def together(self, more: ImportOptions) -> ImportOptions:
+        """What a placement says of its file, and what is said of all files (``more``, whose folders are absolute): rules of
+        both, the placement's folders first, the arguments of all files before its own."""
+        return replace(
+            self,
+            packages={**more.packages, **self.packages},
+            package_path=(*self.package_path, *more.package_path),
+            arguments={**self.arguments, **more.arguments},
+            repair=tuple(dict.fromkeys((*self.repair, *more.repair))),
+            self_collision=self.self_collision and more.self_collision,
+        )
 
     def key(self) -> str:
         """The same text for the same options."""

@@ -200,9 +200,10 @@ class Collector:
             hint = "remove it: this file is a spec"
             self._problem(source, (*place, "import"), "`import` is only for files of other languages", hint=hint)
             return None
-        options = self.options if said is None else _options(said, source.folder, self.project)
-        if options is None:
+        own = ImportOptions() if said is None else _options(said, source.folder, self.project)
+        if own is None:
             return None  # reported where it is read
+        options = own.together(self.options)
         key = (target, options.key())
         if key not in self._read:
             self._read[key] = None
