@@ -2,7 +2,7 @@
 
 Fields that a read-back declares unreadable are left out here and named in the certificate. Two things are not compared
 because they move nothing: colours, and turns that a shape's symmetry makes meaningless (any turn of a sphere, turns of a
-cylinder or a capsule about its axis, shifts of a plane within itself).
+cylinder or a capsule about its axis, half a turn of a box or an ellipsoid, shifts of a plane within itself).
 """
 
 from __future__ import annotations

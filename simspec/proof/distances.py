@@ -13,6 +13,8 @@ from simspec.world.types import Quaternion, Shape
 SMALL_SHARE = 1e-6
 """Share of the largest number of a list below which another is held to that share, not to itself: what is zero but for
 round-off must not fail, what is small must not hide."""
+HALF_TURNS: tuple[Quaternion, ...] = ((0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+"""By half a turn about its x, y and z axis; all leave a box and an ellipsoid as they are."""
 
 
 def distance(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> float:
@@ -76,7 +78,11 @@ def pose_difference(shape: Shape, other: Shape) -> tuple[float, float]:
     """Metres and radians between two shapes' poses, without what the shape's symmetry makes meaningless."""
     kind = SHAPES[shape.kind]
     if kind.round is not Round.AXIS:
-        turned = 0.0 if kind.round is Round.EVERY else turn_between(shape.pose.quaternion, other.pose.quaternion)
+        turned = 0.0
+        if kind.round is Round.NONE:
+            turns = (frames.IDENTITY, *(HALF_TURNS if kind.upside_down else ()))
+            own = shape.pose.quaternion
+            turned = min(turn_between(own, frames.multiply(other.pose.quaternion, turn)) for turn in turns)
         return distance(shape.pose.position, other.pose.position), turned
     axis, other_axis = (frames.rotate(member.pose.quaternion, (0.0, 0.0, 1.0)) for member in (shape, other))
     turned = distance(axis, other_axis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from simspec.control.native import natives
+from simspec.dialects.mujoco.apart import apart
 from simspec.dialects.mujoco.choices import (
     ACTUATOR,
     MATERIAL_CLASS,
@@ -28,7 +29,7 @@ def lower_body(
     body = row.body
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
     joints = tuple(_joint(joint, frame) for joint, frame in row.joints)
-    return body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites)
+    return apart(body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites))
 
 
 def _joint(joint: Joint, frame: Pose) -> tree.Joint:

@@ -12,6 +12,7 @@ from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target
+from simspec.dialects.mujoco.apart import sites_apart
 from simspec.dialects.mujoco.bodies import actuators, lower_body, restless_bodies
 from simspec.dialects.mujoco.choices import (
     COMPILER,
@@ -148,7 +149,7 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
-        sites = sites_of(world, offsets)
+        sites = sites_apart(sites_of(world, offsets))
         model = Model(
             world.name,
             COMPILER,
