@@ -20,6 +20,7 @@ from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf.chains import Chain
 from simspec.imports.urdf.contact import add_materials
 from simspec.imports.urdf.joints import Joint, read_joint
+from simspec.imports.urdf.locked import lock
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
@@ -143,6 +144,7 @@ class Robot:
                     self.draft.defect(element, f"two joints are called {name[:80]!r}", found=f"first at {first}")
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
+        lock(self.joints)
         self.all_read = len(self.joints) == len(elements)
         self._declare_world()
         if not self.links and not self.draft.problems:
