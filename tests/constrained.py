@@ -35,6 +35,28 @@ def closed_loop() -> World:
     return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.0, 0.0, 0.0)),))
 
 
+def linkage(*limits: tuple[float, float] | None) -> World:
+    """Three hinges about z in a plane, the last body pinned to the root's: it moves in one way. ``limits``: of the hinges."""
+    base = hinges()
+    bodies = [base.bodies[0]]
+    for index, body in enumerate(base.bodies[1:]):
+        bounds = limits[index] if index < len(limits) else None
+        moved = dataclasses.replace(
+            body.joint,
+            origin=Pose((0.3, 0.1 * index, 0.0)),
+            axis=(0.0, 0.0, 1.0),
+            position=(0.2 * index,),
+            velocity=(0.0,),
+            position_limits=bounds,
+        )
+        bodies.append(dataclasses.replace(body, joint=moved))
+    base = dataclasses.replace(base, bodies=tuple(bodies), name="linkage")
+    place = poses(base)
+    root, last = bodies[0].name, bodies[-1].name
+    point = frames.compose(frames.inverse(place[root]), frames.compose(place[last], Pose((0.2, 0.0, 0.0)))).position
+    return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.2, 0.0, 0.0)),))
+
+
 def violation(base: World, q: np.ndarray) -> float:
     """How far the constraints of :func:`follower` and :func:`closed_loop` are from holding in the state ``q`` (rad, m)."""
     (constraint,) = base.constraints

@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from simspec.dynamics import settling
 from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
 from simspec.world.forces import Force
@@ -196,10 +197,19 @@ class Oracle:
         if not self.world.constraints:
             return q
         q = q.copy()
-        generator = np.random.default_rng(SETTLING_SEED)
+        generator = np.random.default_rng(settling.SEED)
         for tree, _, at_q, _ in self._parts:
             if tree.held is not None:
-                q[at_q] = _settled(tree, q[at_q], start[at_q], generator)
+                q[at_q] = settling.settled(tree, q[at_q], start[at_q], generator)
+        return q
+
+    def inwards(self, q: np.ndarray) -> np.ndarray:
+        """A position (nq,) at which the constraints hold as at ``q``, with the joints that they are about as far inside their
+        limits as these let them be."""
+        q = q.copy()
+        for tree, _, at_q, _ in self._parts:
+            if tree.held is not None:
+                q[at_q] = settling.inwards(tree, q[at_q])
         return q
 
     def held_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -257,22 +267,3 @@ class Oracle:
             if count:
                 yield all_q, all_v
                 q, v = all_q[-1].copy(), all_v[-1].copy()
-
-
-SETTLING_SEED = 20_212
-ASTRAY = 0.3
-"""rad or m that a closed loop is first moved away from where it begins, along a direction in which it may move; halved until
-that leads somewhere."""
-HALVINGS = 6
-
-
-def _settled(tree: Tree, wanted: np.ndarray, start: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    if tree.held is not None and all(isinstance(held, Follow) for held in tree.held.constraints):
-        near = tree.settled(wanted)
-        return start if near is None else near
-    away = tree.held_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
-    for halving in range(HALVINGS):
-        near = tree.settled(tree.moved(start, away * ASTRAY / 2.0**halving))
-        if near is not None:
-            return near
-    return start

@@ -13,6 +13,7 @@ from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
+from simspec.proof.motionless import motionless
 from simspec.proof.touch.plan import nothing_to_try
 from simspec.world.kinematics import rubbing
 from simspec.world.types import VELOCITY_SIZE, World
@@ -59,6 +60,10 @@ def _rubs(world: World) -> str:
     return "" if len(rubbing(world)) else "no joint has dry friction"
 
 
+def _moves_or_rubs(world: World) -> str:
+    return _rubs(world) and motionless(world)
+
+
 PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L0", ""): _always,
     ("L1", ""): _always,
@@ -71,8 +76,8 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L4", ""): _always,
     ("L4", "collision matrix"): nothing_to_try,
     ("L5", ""): _contact,
-    ("L6", ""): _always,
-    ("L6", "motion"): _always,
+    ("L6", ""): _moves_or_rubs,
+    ("L6", "motion"): motionless,
     ("L6", SLIDING_CHECK): _rubs,
     ("L6", REST_CHECK): _rubs,
     ("L7", ""): _acts,

@@ -218,7 +218,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
             v[at_v] *= min(1.0, 0.2 * (high - low))
     if world.constraints:  # what is held together begins there, and moves so
         _couple(world, oracle, q, start)
-        q = oracle.settled(q, start)
+        q = oracle.inwards(oracle.settled(q, start))
         v = oracle.held_velocity(q, v)
     generator = np.random.default_rng(SEED + 100 + attempt)
     diagonal = np.zeros(oracle.nv)

@@ -34,6 +34,7 @@ from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
 from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
 from simspec.proof.motion import Motion, motion_checks
+from simspec.proof.motionless import motionless
 from simspec.proof.probes import (
     FEW_STATES,
     LARGE,
@@ -108,7 +109,7 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)
     meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)
-    moving = motion.plan(world, oracle) if "L6" in wanted else None
+    moving = motion.plan(world, oracle) if "L6" in wanted and not motionless(world) else None
     rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
     response = control.plan(world) if "L7" in wanted else None
     pushed = forces.plan(world, oracle) if "L7" in wanted else None

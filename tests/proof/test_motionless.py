@@ -1,0 +1,67 @@
+"""Where motion proofs begin in worlds with loops and narrow limits, and of which worlds none is asked for, with the reason."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.dynamics.oracle import Oracle
+from simspec.proof.expected import judge, left_out
+from simspec.proof.motion import FEWEST, plan
+from simspec.proof.motionless import motionless
+from simspec.proof.verify import verify
+from simspec.world.kinematics import initial_state, layout_of
+from tests import constrained, worlds
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
+ENGINES = ["dart", "pybullet"]
+
+
+@pytest.mark.parametrize("limits", [(0.0, 0.5), (0.0, 0.1), (0.2, 0.9)])
+def test_a_loop_that_begins_at_a_limit_is_moved_inside_along_its_constraints(limits):
+    world = constrained.linkage(limits)
+    assert motionless(world) == ""
+    oracle = Oracle(world)
+    motion = plan(world, oracle)
+    assert motion.steps >= FEWEST, motion.ends
+    assert constrained.violation(world, motion.q) < 1e-12
+    first = motion.q[layout_of(world).position[1]].item()
+    assert limits[0] + 0.1 * (limits[1] - limits[0]) < first < limits[1] - 0.1 * (limits[1] - limits[0])
+
+
+def test_what_is_inside_stays_where_it_is():
+    world = constrained.linkage((-1.0, 1.0))
+    start, _ = initial_state(world)
+    assert np.array_equal(Oracle(world).inwards(start), start)
+
+
+def test_a_joint_that_constraints_hold_at_its_limit_is_named():
+    """Three hinges with axes anyhow, of which a pin leaves none a motion."""
+    world = constrained.closed_loop()
+    assert motionless(world) == ""
+    joint = world.bodies[1].joint
+    (own,) = joint.position
+    body = dataclasses.replace(world.bodies[1], joint=dataclasses.replace(joint, position_limits=(own, own + 1.0)))
+    held = dataclasses.replace(world, bodies=(world.bodies[0], body, *world.bodies[2:]))
+    assert f"constraints hold joint {joint.name!r} at" in motionless(held)
+    assert left_out(held)["L6"] == motionless(held)
+
+
+def test_a_joint_of_one_position_is_not_asked_to_move_and_the_certificate_says_so():
+    base = worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 7))
+    joint = base.bodies[1].joint
+    (own,) = joint.position
+    body = dataclasses.replace(base.bodies[1], joint=dataclasses.replace(joint, position_limits=(own, own)))
+    world = dataclasses.replace(base, bodies=(base.bodies[0], body, *base.bodies[2:]))
+    for engine in ENGINES:
+        world = worlds.with_options(world, engine, accept=("joint.limits.position",))
+    proofs = verify(world, ENGINES).engines
+    for proof in proofs.values():
+        assert proof.valid, proof.checks
+        assert proof.not_compared["L6"] == motionless(world)
+        assert judge(world, proof.checks, proof.not_compared) == []
+    moving = dataclasses.replace(world, bodies=base.bodies)
+    assert any("does not apply" in line for line in judge(moving, proof.checks, proof.not_compared))
