@@ -9,13 +9,15 @@ from typing import Any, Final
 from simspec.imports.draft import names, plain
 from simspec.imports.usd.shapes import Shape
 from simspec.imports.usd.stage import Prim, Stage
-from simspec.language.foreign import Fate
+from simspec.language.foreign import Fate, Severity
 
 MATERIAL: Final = "PhysicsMaterialAPI"
 BINDINGS: Final = ("material:binding:physics", "material:binding")
 UNBOUND: Final = "unbound"
 """The material of shapes that have none."""
 FRICTION: Final = 0.5
+CONDIM: Final = "mjc:condim"
+"""Of a shape, beyond UsdPhysics: how many directions friction has there."""
 LEFT_TO_SOLVER: Final = "the file binds no material to these shapes, which UsdPhysics leaves to the solver"
 
 
@@ -68,6 +70,9 @@ class Materials:
         bounce = prim.real("physics:restitution", 0.0)
         if prim.has("physics:density"):
             prim.value("physics:density")
+        if not any(prim.real(CONDIM, 3.0) > 3.0 for prim in self.stage.used() if prim.has(CONDIM)):
+            for name in ("mjc:torsionalfriction", "mjc:rollingfriction"):
+                prim.set_aside(name, Fate.UNUSED, f"no shape has {CONDIM} above 3", Severity.INFORMATION)
         if sticking != sliding:
             prim.set_aside("physics:staticFriction", Fate.LOST, "friction is one number; `dynamicFriction` is carried")
         friction = prim.exactly("friction", (sliding,))[0]
@@ -115,7 +120,7 @@ def groups(stage: Stage, shapes: Mapping[str, str]) -> tuple[dict[str, Any], dic
     prims = [prim for prim in stage.used() if prim.tag == "PhysicsCollisionGroup"]
     called = dict(zip((prim.where for prim in prims), names([prim.called() for prim in prims]), strict=True))
     table: dict[str, set[str]] = {name: set() for name in called.values()}
-    member: dict[str, dict[str, str]] = {}
+    member: dict[str, dict[str, set[str]]] = {}
     for prim in prims:
         name = called[prim.where]
         prim.take()
@@ -124,7 +129,7 @@ def groups(stage: Stage, shapes: Mapping[str, str]) -> tuple[dict[str, Any], dic
         includes, excludes = (prim.targets(f"collection:colliders:{word}") for word in ("includes", "excludes"))
         for path, body in shapes.items():
             if _in(path, includes, rule) and not _in(path, excludes, "expandPrims"):
-                member.setdefault(body, {})[path] = name
+                member.setdefault(body, {}).setdefault(path, set()).add(name)
         others = prim.targets("physics:filteredGroups")
         merge = prim.token("physics:mergeGroup")
         if prim.flag("physics:invertFilteredGroups", False) or merge:
@@ -133,17 +138,22 @@ def groups(stage: Stage, shapes: Mapping[str, str]) -> tuple[dict[str, Any], dic
         for other in others:
             if other in called:
                 table[name].add(called[other])
+    # what ignores no group that has a shape is as if it were in none
+    held = {name for said in member.values() for names in said.values() for name in names}
+    acting = {name for name in held for other in held if other in table[name] or name in table[other]}
     of_body: dict[str, str] = {}
     for body, said in member.items():
-        whole = sum(name == body for name in shapes.values()) == len(said)
-        if whole and len(set(said.values())) == 1:
-            of_body[body] = next(iter(said.values()))
+        sets = {frozenset(said.get(path, set()) & acting) for path, holder in shapes.items() if holder == body}
+        if len(sets) == 1 and len(only := next(iter(sets))) <= 1:
+            of_body |= dict.fromkeys((body,), *only) if only else {}
             continue
         for path in said:
             stage.prims[path].set_aside(
                 "apiSchemas:PhysicsCollisionAPI", Fate.LOST, "shapes of one body are in several collision groups"
             )
-    words = {name: {"ignores": sorted(ignored)} for name, ignored in table.items() if ignored}
+    words = {
+        name: {"ignores": sorted(ignored & held)} for name, ignored in table.items() if name in held and ignored & held
+    }
     return words, {
         body: name for body, name in of_body.items() if name in words or any(name in one for one in table.values())
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from simspec.imports.usd.stage import Stage
+from simspec.imports.usd.stage import Prim, Stage
 from simspec.language.foreign import Fate, Severity
 
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
@@ -48,9 +48,35 @@ TYPES: Final = (
         APPEARANCE,
         "they do not collide, and simspec does not draw them",
     ),
+    _rule(
+        "MjcActuator|NewtonActuator",
+        "MjcActuator, NewtonActuator",
+        Fate.LOST,
+        INFORMATION,
+        "what drives a joint is `control` in a spec",
+    ),
+    _rule("OmniGraph.*|ComputeGraph.*", "graphs of programs", Fate.LOST, INFORMATION, "of other programs"),
     _rule("TetMesh", "TetMesh", Fate.LOST, PHYSICS, "deformable bodies are not supported"),
 )
 """Prims of these types are not read."""
+NEUTRAL: Final = (
+    _rule(
+        "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity|physxMaterial:compliantContact.*",
+        "damping, velocities and switches of zero",
+        Fate.UNUSED,
+        INFORMATION,
+        "of no effect, since it is zero",
+    ),
+)
+"""Attributes that UsdPhysics does not have, where their value is zero or false."""
+GYROSCOPIC: Final = Rule(
+    re.compile("physxRigidBody:enableGyroscopicForces"),
+    "",
+    Fate.UNUSED,
+    INFORMATION,
+    "every body has gyroscopic forces",
+)
+"""Where it is on."""
 ATTRIBUTES: Final = (
     _rule(
         "physics:approximation|apiSchemas:PhysicsMeshCollisionAPI",
@@ -82,25 +108,35 @@ ATTRIBUTES: Final = (
         "a mesh is its points",
     ),
     _rule(
-        "material:binding(:.*)?|inputs:.*|outputs:.*|info:.*|displayName",
+        "metallic|roughness|material:binding(:.*)?|inputs:.*|outputs:.*|info:.*|displayName",
         "`material:binding`, `inputs:…`, `outputs:…`",
         Fate.LOST,
         APPEARANCE,
         "a shape has one colour",
     ),
     _rule(
-        "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*",
-        "`ui:…`, `omni:…`, `semantic…`",
+        "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*|Fabric:.*|physics:engine"
+        "|physics:tensor:.*|physics:newton:articulation_index|mjcf:.*|warpSim:.*|TimeStepsPerSecond|state:.*:appliedForce",
+        "`ui:…`, `omni:…`, `semantic…`, `warpSim:…` and others",
         Fate.LOST,
         INFORMATION,
         "of other programs",
     ),
     _rule(
-        "physxScene:.*|newton:(max_solver_iterations|timeStepsPerSecond|.*[Ii]teration.*)|mjc:(option|compiler|flag):.*",
-        "`physxScene:…`, `mjc:option:…`",
+        "physxScene:.*|newton:(max_solver_iterations|timeStepsPerSecond|kamino:.*|.*[Ii]teration.*)|mjc:(option|compiler|flag):.*"
+        "|physx(Articulation|RigidBody):(solver.*|sleep.*|stabilization.*|maxDepenetrationVelocity|retainAccelerations)"
+        "|physxMaterial:improvePatchFriction",
+        "`physxScene:…`, `mjc:option:…`, `newton:kamino:…`, and others",
         Fate.LOST,
         INFORMATION,
         "settings of one engine's solver",
+    ),
+    _rule(
+        "mjc:sol(ref|imp|mix).*|physxLimit:.*:(stiffness|damping)",
+        "`mjc:solref`, `mjc:solimp`, stiffness and damping of limits",
+        Fate.LOST,
+        INFORMATION,
+        "how hard contact, constraints and limits are",
     ),
     _rule(
         "physx.*:.*|newton:.*|mjc:.*",
@@ -136,6 +172,19 @@ def settle(stage: Stage) -> None:
         for name in prim.attributes:
             if name in prim._taken or name in prim._fates:
                 continue
-            said = rule or next((one for one in ATTRIBUTES if one.pattern.fullmatch(name)), None)
+            said = (
+                rule or _neutral(prim, name) or next((one for one in ATTRIBUTES if one.pattern.fullmatch(name)), None)
+            )
             if said is not None and prim._own is True:
                 prim.set_aside(name, said.fate, said.reason, said.severity, said.hint)
+
+
+def _neutral(prim: Prim, name: str) -> Rule | None:
+    """The rule of an attribute whose value is zero, where that is as if it were not there."""
+    value = prim.told["attributes"].get(name, {}).get("value")
+    if value and GYROSCOPIC.pattern.fullmatch(name):
+        return GYROSCOPIC
+    numbers = value if isinstance(value, list) else [value]
+    if any(not isinstance(number, (bool, int, float)) or number for number in numbers):
+        return None
+    return next((one for one in NEUTRAL if one.pattern.fullmatch(name)), None)

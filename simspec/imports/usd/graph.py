@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from simspec.imports.usd.joints import Freedom, Joint
 from simspec.imports.usd.stage import Prim
@@ -37,7 +37,7 @@ def _turned(freedom: Freedom) -> Freedom:
     start = freedom.start
     if freedom.kind == "ball" and start:
         start = frames.conjugate((start[0], start[1], start[2], start[3]))
-    return Freedom(freedom.kind, (0.0 - x, 0.0 - y, 0.0 - z), freedom.word, freedom.data, start, freedom.name)
+    return replace(freedom, axis=(0.0 - x, 0.0 - y, 0.0 - z), start=start)
 
 
 def trees(bodies: list[Prim], joints: list[Joint], roots: list[Prim]) -> tuple[list[Link], list[Joint]]:

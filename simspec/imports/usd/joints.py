@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import angle, numbers, plain
+from simspec.imports.usd import beyond
+from simspec.imports.usd.beyond import Units
 from simspec.imports.usd.places import Places, quaternion
 from simspec.imports.usd.stage import OWN, Prim, Stage
 from simspec.language.foreign import Fate, Severity
@@ -26,6 +28,10 @@ TYPES: Final = {
 UNITS: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 SLIDES: Final = {f"trans{axis}": unit for axis, unit in UNITS.items()}
 TURNS: Final = {f"rot{axis}": unit for axis, unit in UNITS.items()}
+ANGLES: Final = "mjc:compiler:angle"
+"""Of a scene: the unit of angles in attributes that are beyond UsdPhysics."""
+UNBREAKABLE: Final = 1e30
+"""Units of force beyond which a joint does not break: files write the largest number of single precision."""
 START: Final = 1e-5
 """rad and m below which a joint stands at zero: places of bodies and frames have single precision."""
 
@@ -41,6 +47,9 @@ class Freedom:
     start: tuple[float, ...] = ()
     name: str = ""
     """As simspec wrote it; "" where it did not."""
+    instance: str = ""
+    """What drives and states of the axis are called."""
+    units: Units | None = None
 
 
 @dataclass
@@ -84,6 +93,8 @@ class JointReader:
         self.stage, self.places, self.body_of = stage, places, body_of
         self.of_force = stage.kilograms * stage.metres
         self.of_torque = stage.kilograms * stage.metres**2
+        angles = [prim.token(ANGLES) for prim in stage.used() if prim.has(ANGLES)]
+        self.degrees = "radian" not in angles
 
     def read(self, prim: Prim) -> Joint | None:
         """The joint of a prim; None for one that joins nothing. Raises SpecError for what is wrong."""
@@ -93,7 +104,7 @@ class JointReader:
             return None
         kind = TYPES[prim.tag]
         for name in ("physics:breakForce", "physics:breakTorque"):
-            if not math.isinf(prim.real(name, math.inf, infinite=True)):
+            if abs(prim.real(name, math.inf, infinite=True)) < UNBREAKABLE:
                 prim.set_aside(name, Fate.LOST, "joints of simspec do not break")
         first, in_first = self._side(prim, 0)
         second, in_second = self._side(prim, 1)
@@ -149,6 +160,9 @@ class JointReader:
 
     def _freedoms(self, prim: Prim, kind: str) -> list[Freedom] | None:
         """What a joint leaves free, in order; None where that is everything."""
+        if kind not in SCALAR_JOINTS:
+            for name in ("physics:axis", "physics:lowerLimit", "physics:upperLimit"):
+                prim.set_aside(name, Fate.UNUSED, "this kind of joint has none", Severity.INFORMATION)
         if kind == "fixed":
             return []
         if kind in SCALAR_JOINTS:
@@ -242,10 +256,16 @@ class JointReader:
             own = prim.own(own_word + name, 1)
             if own is not None and own[0]:
                 data[word] = plain(own[0])
-        if prim.has("physxJoint:armature") and "armature" not in data:
-            armature = prim.real("physxJoint:armature", 0.0) * (self.of_torque if turns else self.stage.kilograms)
-            if armature:
-                data["armature"] = plain(armature)
+        units = Units(
+            self.of_torque if turns else self.stage.kilograms, unit, self.of_torque if turns else self.of_force, turns
+        )
+        freedom.instance, freedom.units = drive, units
+        if (armature := beyond.armature(prim, units)) and "armature" not in data:
+            data["armature"] = plain(armature)
+        if not own_word:
+            beyond.passive(prim, data, units, self.degrees)
+        if speed := beyond.velocity(prim, drive, units):
+            data["velocity"] = plain(speed)
 
     def _drive(self, prim: Prim, freedom: Freedom, name: str) -> None:
         """A drive as a spring and a damper."""
@@ -403,8 +423,11 @@ def start_words(joint: Joint) -> None:
         if freedom.kind == "ball":
             if any(abs(value) >= START or (joint.said and value) for value in values[1:]):
                 freedom.data["position"] = {"quat": numbers(values)}
-        elif values and (abs(values[0]) >= START or (joint.said and values[0])):
-            freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
+        elif values:
+            if abs(values[0]) >= START or (joint.said and values[0]):
+                freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
+            if freedom.units is not None:
+                beyond.check_position(joint.prim, freedom.instance, freedom.units, values[0])
         speeds = joint.own(freedom, "velocity")
         if speeds is not None and len(speeds) == (3 if freedom.kind == "ball" else 1):
             freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from simspec.imports.table import Row
-from simspec.imports.usd.fates import ATTRIBUTES, TYPES
+from simspec.imports.usd.fates import ATTRIBUTES, NEUTRAL, TYPES
 
 RULES: Final = {
     "missing-files": "layers that are not there are left out",
@@ -59,6 +59,14 @@ _CARRIED: Final = (
     ("PhysicsJoint/@physics:lowerLimit", "`joint.limits.position`"),
     ("PhysicsJoint/@physics:upperLimit", "`joint.limits.position`"),
     ("PhysicsJoint/@physics:excludeFromArticulation", "a loop: `constraints`"),
+    ("PhysicsJoint/@physxJoint:armature", "`joint.armature`"),
+    ("PhysicsJoint/@newton:armature", "`joint.armature`"),
+    ("PhysicsJoint/@mjc:armature", "`joint.armature`"),
+    ("PhysicsJoint/@mjc:damping", "`joint.damping`"),
+    ("PhysicsJoint/@mjc:stiffness", "`joint.spring`"),
+    ("PhysicsJoint/@mjc:springref", "`joint.spring.rest`"),
+    ("PhysicsJoint/@mjc:frictionloss", "`joint.dry_friction`"),
+    ("PhysicsJoint/@state:…velocity", "`joint.velocity`"),
     ("PhysicsDriveAPI/@…stiffness", "`joint.spring`"),
     ("PhysicsDriveAPI/@…damping", "`joint.damping`"),
     ("PhysicsDriveAPI/@…targetPosition", "`joint.spring.rest`"),
@@ -74,6 +82,7 @@ def rows() -> list[Row]:
     carried = [Row(where, becomes) for where, becomes in _CARRIED]
     types = [Row(rule.shown, "", rule.fate, rule.severity, rule.reason, rule.hint) for rule in TYPES]
     attributes = [
-        Row(rule.shown.replace("`", ""), "", rule.fate, rule.severity, rule.reason, rule.hint) for rule in ATTRIBUTES
+        Row(rule.shown.replace("`", ""), "", rule.fate, rule.severity, rule.reason, rule.hint)
+        for rule in (*NEUTRAL, *ATTRIBUTES)
     ]
     return [*carried, *types, *attributes]
