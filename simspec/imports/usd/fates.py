@@ -116,7 +116,7 @@ ATTRIBUTES: Final = (
     ),
     _rule(
         "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*|Fabric:.*|physics:engine"
-        "|physics:tensor:.*|physics:newton:articulation_index|mjcf:.*|warpSim:.*|TimeStepsPerSecond|state:.*:appliedForce",
+        "|physics:tensor:.*|physics:newton:articulation_index|mjc[f]:.*|warpSim:.*|TimeStepsPerSecond|state:.*:appliedForce",
         "`ui:…`, `omni:…`, `semantic…`, `warpSim:…` and others",
         Fate.LOST,
         INFORMATION,

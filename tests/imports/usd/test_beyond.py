@@ -55,9 +55,7 @@ def test_what_acts_beside_a_drive_is_carried(tmp_path):
     assert joint.spring_rest == pytest.approx(math.radians(30.0))
     assert joint.velocity == pytest.approx((math.pi / 2.0,))
     assert lost(spec) == []
-    head = (
-        'def PhysicsScene "s" (prepend apiSchemas = ["MjcSceneAPI"]) { uniform token mjc:compiler:angle = "radian" }\n'
-    )
+    head = 'def PhysicsScene "s" {\n    uniform token mjc:compiler:angle = "radian"\n}\n'
     _, joint = hinge(tmp_path, "uniform double mjc:stiffness = 2", "uniform double mjc:springref = 0.3", head=head)
     assert joint.spring_rest == 0.3
 
