@@ -64,17 +64,18 @@ def axes(prim: Prim, chain: Several, joined: Joined, names: Sequence[str]) -> No
     stand(prim, joined, here, Pose((0.0, 0.0, 0.0), chain.turn))
     _origin(prim, origin)
     free = set(chain.words) | ({f"rot{axis}" for axis in AXES} if "rot" in chain.words else set())
+    limited = {word for word, joint in zip(chain.words, chain.joints, strict=True) if joint.position_limits is not None}
     for word in EVERY_AXIS:
-        if word not in free:
-            prim.apply(f"PhysicsLimitAPI:{word}")
-            for end, value in zip(("low", "high"), LOCKED, strict=True):
-                prim.say("float", f"limit:{word}:physics:{end}", value)
+        prim.apply(f"PhysicsLimitAPI:{word}")
+        if word in limited:
+            continue
+        for end, value in zip(("low", "high"), UNLIMITED if word in free else LOCKED, strict=True):
+            prim.say("float", f"limit:{word}:physics:{end}", value)
     for word, joint, name in zip(chain.words, chain.joints, names, strict=True):
         prim.own("string", f"{word}:name", name)
         if joint.kind in SCALAR_JOINTS:
             prim.own("double3", f"{word}:axis", readable(joint.axis))
             if joint.position_limits is not None:
-                prim.apply(f"PhysicsLimitAPI:{word}")
                 _limits(prim, joint, f"limit:{word}:physics:low", f"limit:{word}:physics:high", f"{word}:")
             _drive(prim, joint, word, f"{word}:")
             _ratings(prim, joint, f"{word}:")
