@@ -31,6 +31,8 @@ MARKS: Final = ("package.xml", "model.config")
 """Files by which a folder is known as a package."""
 NO_FILE: Final = ("no such file", "this path does not exist")
 """What :meth:`Files.find` says of a file that is not there."""
+MOST_ABOVE: Final = 4
+"""Folders above a file that are looked into."""
 MOST_FOLDERS: Final = 20_000
 """Folders that are looked at for one package."""
 
@@ -47,6 +49,11 @@ class Files:
     shown: str
     options: ImportOptions
     read: dict[Path, str] = field(default_factory=dict)
+    looks_above: bool = False
+    """Whether relative paths that lead nowhere are looked for in the folders above the file: what a program makes is written
+    somewhere, and its paths start there."""
+    above: dict[str, Path] = field(default_factory=dict)
+    """What was found so: the folder, by the path."""
 
     @functools.cached_property
     def roots(self) -> tuple[Path, ...]:
@@ -94,9 +101,25 @@ class Files:
         if self.roots and not any(resolved.is_relative_to(root) for root in self.roots):
             hint = "--allow-outside allows it; --package-path names a folder of packages"
             raise element.error("leaves the project folder", found=text, hint=hint)
+        if not is_file and beside is None and (other := self._above(text)) is not None:
+            return other
         if not is_file:
             raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")])
         return resolved
+
+    def _above(self, text: str) -> Path | None:
+        """The file of a relative path in the nearest folder above the file, none of them outside :attr:`roots`."""
+        if not self.looks_above or any(pattern.fullmatch(text) for pattern in (FIND, PACKAGE, SCHEME)):
+            return None
+        for folder in list(self.path.resolve().parent.parents)[:MOST_ABOVE]:
+            if self.roots and not any(folder.is_relative_to(root) for root in self.roots):
+                return None
+            found = (folder / text).resolve()
+            inside = not self.roots or any(found.is_relative_to(root) for root in self.roots)
+            if inside and found.is_file() and not Path(text).is_absolute():
+                self.above[text] = folder
+                return found
+        return None
 
     def _target(self, text: str, element: Element, beside: Path) -> Path:
         if match := FIND.fullmatch(text) or PACKAGE.fullmatch(text):

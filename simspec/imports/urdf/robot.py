@@ -25,7 +25,7 @@ from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positiv
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
-from simspec.imports.urdf.tree import UNDECLARED, WORLD, Tree, tree_of
+from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION
@@ -146,18 +146,21 @@ class Robot:
                 self.joints.append(joint)
         lock(self.joints)
         self.all_read = len(self.joints) == len(elements)
-        self._declare_world()
+        self._declare_missing()
         if not self.links and not self.draft.problems:
             raise self.root.error("a robot without links")
 
-    def _declare_world(self) -> None:
-        """Add the link `world` where joints lead from it, no link is called so, and the rule is asked for."""
-        joint = next((joint for joint in self.joints if joint.parent == WORLD), None)
-        if joint is None or WORLD in self.links or not self.draft.repairing(UNDECLARED):
-            return
-        element = Element("link", {"name": WORLD}, joint.element.location, "", self.root)
-        self.links[WORLD] = Link(element, _given([element], WORLD)[0])
-        self.draft.repaired(UNDECLARED, joint.element, "the joint leads from the world", ("model", "bodies"))
+    def _declare_missing(self) -> None:
+        """Add the links that joints lead from, and that the file does not have, where the rule is asked for."""
+        children = {joint.child for joint in self.joints}
+        for joint in self.joints:
+            name, rule = joint.parent, missing_rule(joint.parent)
+            if name in self.links or name in children or not self.draft.repairing(rule):
+                continue
+            element = Element("link", {"name": name}, joint.element.location, "", self.root)
+            self.links[name] = Link(element, _given([element], WORLD, *(link.name for link in self.links.values()))[0])
+            what = "the joint leads from the world" if name == WORLD else f"the link {name[:80]} is added, without mass"
+            self.draft.repaired(rule, joint.element, what, ("model", "bodies"))
 
     def _judge_meshes(self) -> None:
         """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""

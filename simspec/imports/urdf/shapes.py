@@ -228,6 +228,10 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
         _without(element, draft, error.problems[0])
         return None
     draft.meshes[text] = mesh.path
+    if text in draft.files.above:
+        kind.set_aside(
+            "filename", Fate.CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION
+        )
     return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
 
 

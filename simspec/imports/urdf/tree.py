@@ -15,7 +15,9 @@ WORLD: Final = "world"
 """The link that stands for the world, and the name that no body may have."""
 ROOTS: Final = "several-roots"
 UNDECLARED: Final = "undeclared-world"
+PARENTS: Final = "undeclared-parents"
 RULES: Final = {
+    PARENTS: "a link that joints lead from, and that there is not, is added without mass: a part of a robot by itself",
     ROOTS: "only the tree with most links is kept",
     UNDECLARED: "a joint whose parent is `world`, where there is no such link, leads from the world",
 }
@@ -44,10 +46,11 @@ def tree_of(root: Element, links: Mapping[str, Element], joints: Sequence[Joint]
     above: dict[str, Joint] = {}
     below: dict[str, list[Joint]] = {name: [] for name in links}
     broken = False
+    children = {joint.child for joint in joints}
     for joint in joints:
         unknown = [name for name in (joint.parent, joint.child) if name not in links]
         for name in unknown:
-            rule = UNDECLARED if name == WORLD and name == joint.parent else ""
+            rule = missing_rule(name) if name == joint.parent and name not in children else ""
             draft.defect(joint.element, f"there is no link {name[:80]!r}", rule, RULES.get(rule, ""), found=name)
         if joint.child in above:
             first = above[joint.child].element
@@ -69,6 +72,11 @@ def tree_of(root: Element, links: Mapping[str, Element], joints: Sequence[Joint]
     if len(trees) > 1:
         return _of_several(root, trees, links, above, below, draft)
     return Tree(roots[0], trees[0], above, below)
+
+
+def missing_rule(name: str) -> str:
+    """The rule that adds a link that joints lead from."""
+    return UNDECLARED if name == WORLD else PARENTS
 
 
 def _outwards(start: str, below: Mapping[str, Sequence[Joint]]) -> Iterator[str]:

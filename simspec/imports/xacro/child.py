@@ -129,7 +129,7 @@ class Program:
             text = self._ask(filename)
         except FileNotFoundError as error:
             xacro.filestack.pop()
-            raise xacro.XacroException(str(error), exc=error) from None
+            raise xacro.XacroException(exc=error) from None
         return self._parsed(text, self._texts - 1)
 
     def _parsed(self, text: str, number: int) -> Any:

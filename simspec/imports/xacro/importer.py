@@ -6,13 +6,15 @@ Elements of the expanded text remember the file and the line that they were writ
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element, parse
 from simspec.imports.files import Files
-from simspec.imports.urdf.robot import robot
+from simspec.imports.urdf.robot import RULES, robot
+from simspec.imports.urdf.tree import PARENTS, WORLD
 from simspec.imports.xacro.expansion import Expanded, expand
 from simspec.imports.xacro.limits import PLACE
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
@@ -34,6 +36,10 @@ class Xacro:
         """Whether the beginning of a file speaks of xacro."""
         return _XACRO.search(content) is not None
 
+    def rules(self) -> Mapping[str, str]:
+        """Rules of repair, with what they do: those of what it expands to."""
+        return RULES
+
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         """The robot as a model file. Raises SpecError with file and line, also for what the program does not end of."""
         files = Files(path, shown, options)
@@ -42,6 +48,9 @@ class Xacro:
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
         _check_kind(root, shown)
+        if PARENTS not in options.repair:
+            _check_whole(root, shown)
+        files.looks_above = True
         imported = robot(root, files, options)
         imported.accounts += [_warning(place, text) for place, text in expanded.warnings]
         imported.read.update(files.read)
@@ -81,6 +90,23 @@ def _check_kind(root: Element, shown: str) -> None:
     if not root.look("link"):
         hint = "import the file that includes it and places its macros"
         raise SpecError([Problem(f"{shown} is a library: it expands to no links", location=root.location, hint=hint)])
+
+
+def _check_whole(root: Element, shown: str) -> None:
+    """Refuse what is a part: all its links hang on links of the file that includes it."""
+    links = {link.attributes.get("name", "").strip() for link in root.look("link")}
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in root.look("joint")]
+    above = {child: parent for parent, child in ends}
+    missing = sorted({parent for parent in above.values() if parent not in links and parent not in above})
+    if not missing or missing == [WORLD] or not links <= above.keys():
+        return
+    message = f"{shown} is a part: its joints lead from {', '.join(missing[:4])}, which it does not have"
+    hint = f"import the file that includes it; simspec import --repair {PARENTS}: {RULES[PARENTS]}"
+    raise SpecError([Problem(message, location=root.location, hint=hint)])
+
+
+def _end(joint: Element, tag: str) -> str:
+    return next((part.attributes.get("link", "").strip() for part in joint.look(tag)), "")
 
 
 def _warning(place: Location, text: str) -> Account:

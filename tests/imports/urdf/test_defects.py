@@ -41,6 +41,11 @@ DEFECTS = {
         "there is no link 'world'",
         5,
     ),
+    "undeclared-parents": (
+        two_links(more='<joint name="w" type="fixed"><parent link="mast"/><child link="base"/></joint>'),
+        "there is no link 'mast'",
+        5,
+    ),
     "no-range": (two_links('<limit effort="1" velocity="1"/>', kind="revolute"), "with lower and upper", 4),
     "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
     "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),

@@ -12,6 +12,7 @@ from simspec.errors import SpecError
 from simspec.imports.xacro import expansion
 from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
+from tests.meshes.solids import box, stl
 
 NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 MASS = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -227,3 +228,43 @@ def test_the_process_has_no_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("SIMSPEC_SECRET", "hidden")
     result = imported(f'<link name="$(optenv SIMSPEC_SECRET shown)">{MASS}</link>', tmp_path)
     assert result.data["model"]["bodies"].keys() == {"shown"}
+
+
+def test_a_part_is_refused_by_name_and_stands_by_itself_on_request(tmp_path):
+    part = (
+        f'<link name="finger">{MASS}</link>'
+        '<joint name="bend" type="continuous"><parent link="palm"/><child link="finger"/></joint>'
+    )
+    text = refused(part, tmp_path)
+    assert "r.xacro is a part: its joints lead from palm" in text
+    assert "--repair undeclared-parents" in text
+    result = imported(part, tmp_path, repair=("undeclared-parents",))
+    assert result.data["model"]["bodies"]["palm"] == {"fixed": True}
+    assert [repair.rule for repair in result.repairs] == ["undeclared-parents"]
+    both = f'<link name="base">{MASS}</link>' + part
+    assert "there is no link 'palm'" in refused(both, tmp_path)
+    assert "have no parent" in refused(both, tmp_path, repair=("undeclared-parents",))
+
+
+def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_path):
+    shape = '<collision><geometry><mesh filename="./meshes/{}.stl"/></geometry></collision>'
+    (tmp_path / "xacro").mkdir()
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/box.stl").write_bytes(stl(*box(0.1, 0.2, 0.3)))
+    result = imported(f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path)
+    assert result.files == {"./meshes/box.stl": (tmp_path / "meshes/box.stl").resolve()}
+    (told,) = [account for account in result.accounts if account.what.endswith("@filename")]
+    assert (told.fate, "above the file" in told.reason) == (Fate.CARRIED, True)
+    assert load(tmp_path / "xacro/r.xacro", allow_outside=True).resolve().bodies[0].shapes
+    (tmp_path / "meshes/link.stl").symlink_to("/etc/passwd")
+    for name in ("gone", "link", "../../../../../etc/hostname"):
+        text = refused(
+            f'<link name="base">{MASS}{shape.format(name)}</link>', tmp_path / "xacro", project=tmp_path.resolve()
+        )
+        assert "no such file" in text or "leaves the project folder" in text
+    # not what the program is made of, nor above the project
+    text = refused('<xacro:include filename="meshes/box.stl"/>', tmp_path / "xacro", project=tmp_path)
+    assert "no such file" in text
+    assert "no such file" in refused(
+        f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path / "xacro"
+    )
